@@ -20,7 +20,8 @@ from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, SensorEndConfig
+from ffsm_mj.scenario.phase_config import PhaseConfig, SensorEndConfig
+from ffsm_mj.scenario.scenario import Scenario
 
 
 def build_phases(

@@ -39,8 +39,9 @@ from ffsm_mj.records.metadata import (
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.internal_error import internal_error
-from ffsm_mj.simulation.loop import Settings, Simulation
+from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.simulation.settings import Settings
 
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from ffsm_controllers import kinds
 
 from ffsm_mj.errors import Fault, unknown_name
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario
+from ffsm_mj.scenario.phase_config import PhaseConfig
+from ffsm_mj.scenario.scenario import Scenario
 
 _OWN = "ffsm_controllers"
 

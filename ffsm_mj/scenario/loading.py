@@ -15,9 +15,11 @@ from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, plugin_fault
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.scenario.contact_models import fault_of_ending
+from ffsm_mj.scenario.estimator_config import TruthConfig
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.grasps import capture_faults
-from ffsm_mj.scenario.scenario import PhaseConfig, Scenario, TruthConfig, located, timing_faults, with_contact_models
+from ffsm_mj.scenario.phase_config import PhaseConfig
+from ffsm_mj.scenario.scenario import Scenario, located, timing_faults, with_contact_models
 from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 

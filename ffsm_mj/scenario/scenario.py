@@ -2,130 +2,36 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
+from typing import Annotated, Any, Literal
 
-from ffsm_controllers import kinds
-from ffsm_controllers.estimators import estimators
-from ffsm_controllers.settled import SettledConfig
 from pydantic import (
-    ConfigDict,
     Field,
     NonNegativeFloat,
     PositiveFloat,
     SerializeAsAny,
-    ValidationInfo,
-    field_validator,
     model_validator,
 )
 
 from ffsm_mj.actuation.actuator_config import ActuatorConfig
-from ffsm_mj.config import Name, PartName, StrictModel
+from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.model.properties import Pose, Trees
-from ffsm_mj.model.strip import LimitsMode, Strippable
+from ffsm_mj.model.properties import Trees
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.contacts import ContactsConfig
+from ffsm_mj.scenario.estimator_config import EstimatorConfig, ToldAboveConfig, TruthConfig
 from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
+from ffsm_mj.scenario.model_config import ObjectConfig, RobotConfig
+from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.sensing.sensor_config import SensorConfig
-
-_KINDS = kinds()
-if TYPE_CHECKING:
-    ControllerConfig: TypeAlias = Any
-    OptionalController: TypeAlias = Any
-else:
-    ControllerConfig = Annotated[
-        Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
-        Field(discriminator="kind"),
-    ]
-    OptionalController = ControllerConfig | None
 
 # Ratios are compared with integers to a relative 1e-9; beyond this ratio that is half a period, and any would pass.
 _MOST_PERIODS = 5e8
 
 Axis = Literal["x", "y", "z"]
 JointValue = float | tuple[float, ...]
-
-
-class TruthConfig(StrictModel):
-    """Control laws see the true state."""
-
-    kind: Literal["truth"]
-
-
-class ToldAboveConfig(StrictModel):
-    """Impacts of which control laws are told."""
-
-    above_N_s: Annotated[float, Field(ge=0.0)]
-    """Least impulse, N s; of contacts that begin or end, stick or slip, nothing is told."""
-
-
-if TYPE_CHECKING:
-    EstimatorConfig: TypeAlias = Any
-else:
-    EstimatorConfig = Annotated[
-        Union[TruthConfig, *(cls.Config for cls in estimators().classes.values())],
-        Field(discriminator="kind"),
-    ]
-
-
-class SiteConfig(StrictModel):
-    """A site added to the robot's model, e.g. a tip at the end of a vendor's arm."""
-
-    body: Name
-    """Body of the robot to which the site is fixed, by its name in the file."""
-    pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Position in the body's frame, m."""
-
-
-class RobotConfig(StrictModel):
-    """The free-floating manipulator."""
-
-    mjcf: Name
-    """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
-    asset_folders: tuple[Name, ...] = ()
-    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
-    package_paths: tuple[Name, ...] = ()
-    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
-    strip: tuple[Strippable, ...] = ()
-    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
-    sites: dict[Name, SiteConfig] = {}
-    """Sites to add to the model by name; the file itself is not changed."""
-    limits: LimitsMode = "stop"
-    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
-
-
-class ObjectConfig(StrictModel):
-    """An object: floating, or fixed to the world."""
-
-    mjcf: Name
-    """MJCF or URDF file, relative to the scenario file that names it."""
-    asset_folders: tuple[Name, ...] = ()
-    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
-    package_paths: tuple[Name, ...] = ()
-    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
-    strip: tuple[Strippable, ...] = ()
-    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
-    limits: LimitsMode = "stop"
-    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
-    fixed: bool = False
-    """Fixed to the world: a wall, a docking port, a test rig. Its model has no joint; its impulses are external."""
-    pose: Pose | None = None
-    """Pose of the model's world frame in the scene; default: identity. Only with ``fixed: true``."""
-
-    @field_validator("pose")
-    @classmethod
-    def _only_where_fixed(cls, value: Pose | None, info: ValidationInfo) -> Pose | None:
-        if value is not None and info.data.get("fixed") is False:
-            raise ValueError("only with 'fixed: true'; a floating object starts where initial.joints says")
-        return value
-
-    @property
-    def fixed_at(self) -> Pose | None:
-        """Pose of a fixed object; None if it floats."""
-        return (self.pose or Pose()) if self.fixed else None
 
 
 class InitialConfig(StrictModel):
@@ -154,78 +60,6 @@ class TaskConfig(StrictModel):
         if len(self.target_m) != len(self.axes):
             raise ValueError(f"target_m has {len(self.target_m)} numbers for {len(self.axes)} axes")
         return self
-
-
-class SensorEndConfig(StrictModel):
-    """A phase ends at a control tick at which a valid measurement is beyond a bound."""
-
-    sensor: Name
-    """A sensor; of a vector its norm counts."""
-    above: float | None = None
-    """The phase ends above this value, in the unit of the sensor."""
-    below: float | None = None
-    """The phase ends below this value."""
-
-    @model_validator(mode="after")
-    def _has_one_bound(self) -> SensorEndConfig:
-        if (self.above is None) == (self.below is None):
-            raise ValueError("needs 'above' or 'below', one of the two")
-        return self
-
-
-class PhaseConfig(StrictModel):
-    """A phase of the task; it ends at an event, when the tip has settled, after a time, or with the run."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["controller"]}, {"required": ["controllers"]}]})
-
-    name: Name
-    until: Name | SensorEndConfig | None = None
-    """``impact``, ``contact_begins``, ``contact_ends``, ``contact_slips``, ``contact_sticks`` (of a contact with friction),
-    ``limit_impact``, ``limit_begins``, ``limit_ends`` (of a joint at a limit), ``capture``, ``release`` or a record of a
-    contact model: the first such event after the start of the phase; ``settled``: see that key; ``end``: the end of the
-    run; ``{sensor: NAME, above: VALUE}`` (or ``below``): a measurement."""
-    settled: SettledConfig | None = None
-    """With ``until: settled``: the phase ends when the tip has been near its target and slow for a time."""
-    for_s: PositiveFloat | None = None
-    """Duration in s; the phase ends at the first control tick at or after it, or before at the event of ``until``."""
-    arm: tuple[Name, ...] = ()
-    """Grasps that are armed during the phase; their bounds may already be met at its start."""
-    release: tuple[Name, ...] = ()
-    """Grasps that are released at the start of the phase."""
-    controller: SerializeAsAny[OptionalController] = None
-    """Control law, chosen by ``kind``."""
-    controllers: Annotated[dict[PartName, SerializeAsAny[ControllerConfig]], Field(min_length=1)] | None = None
-    """In place of ``controller``: several control laws at once by part of the robot, each with actuators of its own."""
-
-    @model_validator(mode="after")
-    def _is_consistent(self) -> PhaseConfig:
-        if self.controller is None and self.controllers is None:
-            raise ValueError("a phase needs 'controller: {kind: ...}', or 'controllers: {PART: {kind: ...}, ...}'")
-        if self.controller is not None and self.controllers is not None:
-            raise ValueError("has both 'controller' and 'controllers'; leave one of them out")
-        if self.until is None and self.for_s is None:
-            raise ValueError("a phase needs 'until' (impact, settled, end, ...) or 'for_s', or an event and 'for_s'")
-        if self.until == "settled" and self.settled is None:
-            raise ValueError("'until: settled' needs 'settled: {error_m: ..., speed_m_s: ..., for_s: ...}'")
-        if self.until != "settled" and self.settled is not None:
-            raise ValueError("'settled' has no effect without 'until: settled'; leave it out")
-        if self.until == "end" and self.for_s is not None:
-            raise ValueError("'for_s' has no effect with 'until: end'; leave one of them out")
-        return self
-
-    @property
-    def laws(self) -> dict[tuple[str, ...], Any]:
-        """Configurations of the control laws by their keys in the phase: ``controller``, or ``controllers`` and a part."""
-        if self.controllers is None:
-            return {("controller",): self.controller}
-        return {("controllers", part): law for part, law in self.controllers.items()}
-
-    @property
-    def kind(self) -> str:
-        """Kind of the control law; with several parts ``name: kind`` of each."""
-        if self.controllers is None:
-            return str(self.controller.kind)
-        return ", ".join(f"{part}: {law.kind}" for part, law in self.controllers.items())
 
 
 class ActuationConfig(StrictModel):

@@ -28,29 +28,12 @@ from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.simulation.settings import Settings
 from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.simulation.told_records import told_records
 
 MOST_EVENTS_PER_STEP = 1000
 _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Time grid of a run, and what the control law is told; see the scenario keys of the same names.
-
-    Attributes:
-        time_step_s: Integration step, s.
-        steps_per_tick: Steps in a control period.
-        ticks: Control periods in the run.
-        told_above_N_s: Least impulse of an impact of which the control law is told; -inf: it is told of all events of
-            contacts; None: of none.
-    """
-
-    time_step_s: float
-    steps_per_tick: int
-    ticks: int
-    told_above_N_s: float | None = -math.inf
 
 
 @dataclass

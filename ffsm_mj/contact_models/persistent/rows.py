@@ -27,7 +27,9 @@ from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
-from ffsm_mj.contact_models.persistent.point_groups import FaceGroup, GroupState, PointGroup, SinglePoint, Wrench
+from ffsm_mj.contact_models.persistent.face_group import FaceGroup
+from ffsm_mj.contact_models.persistent.point_groups import GroupState, PointGroup, Wrench
+from ffsm_mj.contact_models.persistent.single_point import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeJacobian, RelativeScrews
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import RATE

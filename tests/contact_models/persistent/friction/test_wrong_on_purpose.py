@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent import active_set, point_groups
+from ffsm_mj.contact_models.persistent import active_set, single_point
 from ffsm_mj.contact_models.persistent.friction import choice, stage
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -46,7 +46,7 @@ def freed_one_at_a_time(monkeypatch):
 
 def fixed_in_the_bodies(monkeypatch):
     """The rate of a row is that of a point fixed in each body, as from ``mj_jacDot``."""
-    group = point_groups.SingleState
+    group = single_point.SingleState
     right = group.tangential_rows
 
     def wrong(self, axes, J, gamma):

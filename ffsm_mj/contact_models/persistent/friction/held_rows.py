@@ -1,0 +1,134 @@
+"""Rows that points hold in given modes, and the forces that hold them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, solved
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE
+
+if TYPE_CHECKING:
+    from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+
+
+@dataclass(frozen=True, eq=False)
+class HeldRows:
+    """The rows held by points in given modes; it stays the same for a step.
+
+    Attributes:
+        count: Number of all rows, 3k.
+        rows: Indices of those held, ascending, (r,).
+        slides: Indices of sliding points with friction, (m,).
+    """
+
+    count: int
+    rows: IntArray
+    slides: IntArray
+
+    @classmethod
+    def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
+        """Determine the rows in a problem."""
+        rows = problem.held_rows(kinds)
+        slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
+        return cls(3 * len(kinds), rows, slides)
+
+    @cached_property
+    def along(self) -> FloatArray:
+        """Directions along which the forces of the rows act, (3k, r); without friction of sliding points."""
+        along = np.zeros((self.count, len(self.rows)))
+        along[self.rows, np.arange(len(self.rows))] = 1.0
+        return along
+
+    @cached_property
+    def columns(self) -> IntArray:
+        """Columns of the normal forces of the sliding points, (m,)."""
+        return np.searchsorted(self.rows, 3 * self.slides)
+
+
+Structures: TypeAlias = dict[bytes, HeldRows]
+"""Rows held by the same points in several modes, by the modes."""
+
+
+class HeldForces:
+    """The linear problem for the forces of held rows."""
+
+    def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
+        self._problem, self._structure = problem, structure
+        self._held_G = problem.G[structure.rows]
+        self._range = range_basis(self._held_G[:, structure.rows])
+        self._along = structure.along if len(structure.slides) else None
+
+    @property
+    def redundant(self) -> bool:
+        """Whether rows depend on each other."""
+        return self._range is not None
+
+    def springs(self, rows: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Forces of springs along other rows, under the displacement that gives the held ones theirs, N, (m,).
+
+        Args:
+            rows: Elements of G for the other rows and the held ones, 1/kg, (m, r).
+            forces: Forces (n, t1, t2) of all points, N, (k, 3).
+
+        Returns:
+            The forces, and the inverse masses of the other rows for motions that move held rows, 1/kg, (m,).
+        """
+        held = self._structure.rows
+        U = np.eye(len(held)) if self._range is None else self._range
+        along = rows @ U
+        responses = solved(U.T @ self._held_G[:, held] @ U, np.column_stack((U.T @ forces.ravel()[held], along.T)))
+        return along @ responses[:, 0], np.sum(along.T * responses[:, 1:], axis=0)
+
+    def is_regular(self, slips: FloatArray) -> bool:
+        """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
+        self.forces(slips)
+        system, U = self._system, self._range
+        return bool(np.linalg.slogdet(system if U is None else U.T.dot(system).dot(U))[0] > 0.0)
+
+    def forces(self, slips: FloatArray) -> FloatArray:
+        """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
+        structure = self._structure
+        right = -self._problem.b[structure.rows]
+        if self._along is None:  # forces act along the rows themselves
+            plain = np.zeros(structure.count)
+            plain[structure.rows] = self._solve(right)
+            return plain.reshape(-1, 3)
+        slides, columns = structure.slides, structure.columns
+        self._along = structure.along.copy()
+        friction = -self._problem.mu[slides, None] * slips[slides]
+        self._along[3 * slides + 1, columns], self._along[3 * slides + 2, columns] = friction[:, 0], friction[:, 1]
+        forces: FloatArray = self._along.dot(self._solve(right))
+        return forces.reshape(-1, 3)
+
+    @property
+    def _system(self) -> FloatArray:
+        """Accelerations of the held rows per unit forces of these, (r, r)."""
+        held: FloatArray = self._held_G
+        return held[:, self._structure.rows] if self._along is None else held.dot(self._along)
+
+    def _solve(self, right: FloatArray) -> FloatArray:
+        if not len(right):
+            return right
+        if self._range is None:
+            return solved(self._system, right)
+        U = self._range
+        return np.asarray(U.dot(solved(U.T.dot(self._system).dot(U), U.T.dot(right))))
+
+    def responses_to_turns(self, points: IntArray, across: FloatArray, normal_forces: FloatArray) -> FloatArray:
+        """Changes of all forces per rad by which the directions of slip of some points turn, (3k, m).
+
+        Args:
+            points: The points, (m,).
+            across: Unit vectors into which their directions turn, (m, 2).
+            normal_forces: Their normal forces, N, (m,).
+        """
+        along = self._structure.along if self._along is None else self._along
+        turned, columns = np.zeros((len(along), len(points))), np.arange(len(points))
+        friction = -(self._problem.mu[points] * normal_forces)[:, None] * across
+        turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
+        return np.asarray(turned + along.dot(self._solve(-self._held_G.dot(turned))))

@@ -1,0 +1,69 @@
+"""Configuration of the robot and of objects."""
+
+from __future__ import annotations
+
+from pydantic import (
+    ValidationInfo,
+    field_validator,
+)
+
+from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.model.properties import Pose
+from ffsm_mj.model.strip import LimitsMode, Strippable
+
+
+class SiteConfig(StrictModel):
+    """A site added to the robot's model, e.g. a tip at the end of a vendor's arm."""
+
+    body: Name
+    """Body of the robot to which the site is fixed, by its name in the file."""
+    pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Position in the body's frame, m."""
+
+
+class RobotConfig(StrictModel):
+    """The free-floating manipulator."""
+
+    mjcf: Name
+    """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
+    asset_folders: tuple[Name, ...] = ()
+    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
+    package_paths: tuple[Name, ...] = ()
+    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
+    strip: tuple[Strippable, ...] = ()
+    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
+    sites: dict[Name, SiteConfig] = {}
+    """Sites to add to the model by name; the file itself is not changed."""
+    limits: LimitsMode = "stop"
+    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
+
+
+class ObjectConfig(StrictModel):
+    """An object: floating, or fixed to the world."""
+
+    mjcf: Name
+    """MJCF or URDF file, relative to the scenario file that names it."""
+    asset_folders: tuple[Name, ...] = ()
+    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
+    package_paths: tuple[Name, ...] = ()
+    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
+    strip: tuple[Strippable, ...] = ()
+    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
+    limits: LimitsMode = "stop"
+    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
+    fixed: bool = False
+    """Fixed to the world: a wall, a docking port, a test rig. Its model has no joint; its impulses are external."""
+    pose: Pose | None = None
+    """Pose of the model's world frame in the scene; default: identity. Only with ``fixed: true``."""
+
+    @field_validator("pose")
+    @classmethod
+    def _only_where_fixed(cls, value: Pose | None, info: ValidationInfo) -> Pose | None:
+        if value is not None and info.data.get("fixed") is False:
+            raise ValueError("only with 'fixed: true'; a floating object starts where initial.joints says")
+        return value
+
+    @property
+    def fixed_at(self) -> Pose | None:
+        """Pose of a fixed object; None if it floats."""
+        return (self.pose or Pose()) if self.fixed else None
