@@ -34,8 +34,8 @@ def refuse_same_names(columns: Iterable[Columns], system: System) -> None:
 
 
 def _place(system: System, element: str) -> str:
-    """``file`` or ``file:line`` of an element by kind and full name."""
-    kind, _, full = element.partition(" ")
+    """``file`` or ``file:line`` of an element by kind and full name, or ``file`` by its full name."""
+    kind, _, full = element.partition(" ") if " " in element else ("", "", element)
     model, _, short = full.partition("/")
     files = system.files.get(model)
     if files is None:

@@ -233,6 +233,7 @@ class PreparedRun:
             *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
             *(f"  {line}" for line in rule_lines(assembly.contacts)),
             *_limited_joints(assembly.limits),
+            *_sensors(assembly),
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
@@ -245,6 +246,19 @@ class PreparedRun:
         return lines + [
             f"note: {note}" for note in (*self._notes(assembly), *mesh_notes(assembly.contacts, assembly.system))
         ]
+
+
+def _sensors(assembly: Assembly) -> list[str]:
+    """A heading with the estimator and a line for each sensor; none if there are no sensors."""
+    sampler = assembly.plant.sampler
+    if sampler is None:
+        return []
+    lines = [
+        f"    {each.name}: {each.model.kind}, every {each.interval_s:g} s"
+        + (f", {each.delay_s:g} s late" if each.delay_s else "")
+        for each in sampler.by_name.values()
+    ]
+    return [f"  sensors (estimator {assembly.scenario.estimator.kind})", *lines]
 
 
 def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:

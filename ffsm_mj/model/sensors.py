@@ -6,7 +6,7 @@ MuJoCo adds no noise, samples at the ends of steps only, and keeps delayed value
 
 from __future__ import annotations
 
-import re
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ import mujoco
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.source import authored
+from ffsm_mj.model.xml import Element, elements
 
 Shape = Literal["vector", "direction", "rotation"]
 
@@ -51,6 +52,14 @@ _UNITS = {
     "clock": "s",
 }
 """Unit of each kind of sensor that can be measured, by its MJCF element; joints have that of their axis."""
+_ELEMENTS = {
+    "jointactfrc": "jointactuatorfrc",
+    "tendonactfrc": "tendonactuatorfrc",
+    "geomdist": "distance",
+    "geomnormal": "normal",
+    "geomfromto": "fromto",
+}
+"""Elements of MJCF whose names differ from those of MuJoCo's types."""
 _DIRECTIONS = ("framexaxis", "frameyaxis", "framezaxis")
 _ROTATIONS = ("framequat", "ballquat")
 
@@ -118,13 +127,12 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sens
     for sensor in authored(files, vfs).sensors if left else ():
         if sensor.name not in left:
             continue
-        kind, name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower(), f"{model}/{sensor.name}"
+        type_name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower()
+        kind, name = _ELEMENTS.get(type_name, type_name), f"{model}/{sensor.name}"
         if kind not in _UNITS:
-            line = re.search(r"line ([1-9]\d*)", sensor.info or "")
-            place = f"{files.place}:{line[1]}" if line else files.place
             faults.append(
-                f"{place}: sensor {sensor.name!r} is a <{kind}>, which cannot be measured; remove it, or use "
-                f"'strip: [sensors]'; known are {', '.join(_UNITS)}"
+                f"{_place(files, kind, sensor)}: sensor {sensor.name!r} is a <{kind}>, which cannot be measured; "
+                f"remove it, or use 'strip: [sensors]'; known are {', '.join(_UNITS)}"
             )
             continue
         every, phase = map(float, sensor.interval)
@@ -141,6 +149,18 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sens
             "MuJoCo ignores or refuses them without nsample"
         )
     return found
+
+
+def _place(files: ModelFiles, kind: str, sensor: Any) -> str:
+    """``file:line`` of a sensor, in an included file too; the main file if it is not found."""
+    found: list[Element] = []
+    for name, content in files.files.items():
+        with suppress(InputError):  # a mesh
+            found += elements(content, files.label + name)
+    found = [each for each in found if each.tag == kind and "sensor" in each.parents]
+    named = [each for each in found if each.attributes.get("name") == sensor.name]
+    unnamed = [each for each in found if "name" not in each.attributes and sensor.objname in ("", *each.attributes.values())]
+    return (*(each.place for each in (*named, *unnamed)), files.place)[0]
 
 
 def unit_of_sensor(spec: Any, kind: str, element: str) -> str:

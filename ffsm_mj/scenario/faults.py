@@ -78,7 +78,8 @@ def _fault(item: Any, names: KindNames) -> Fault:
         context = item["ctx"]
         return Fault(_unknown_kind(context["tag"], context["expected_tags"], path, names), (*path, "kind"))
     if kind == "union_tag_not_found":
-        return Fault("needs a 'kind'; allowed: " + ", ".join(sorted(names.controllers)) if _is_law(path) else message, path)
+        allowed = names.controllers if _is_law(path) else names.estimators if path == ("estimator",) else ()
+        return Fault("needs a 'kind'; allowed: " + ", ".join(sorted(allowed)) if allowed else message, path)
     if kind == "missing":
         return Fault("is missing", path)
     for technical, plain in _PLAIN_WORDS:

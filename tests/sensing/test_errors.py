@@ -144,6 +144,18 @@ def test_an_unknown_kind_is_refused_with_its_line(tmp_path):
         run(pushing(tmp_path, robot=arm('<insidesite name="s" site="imu" objtype="body" objname="hand"/>')))
 
 
+def test_an_unknown_kind_in_an_included_file_is_named_there(tmp_path):
+    robot = arm('<jointpos joint="j1"/>').replace("</mujoco>", '<include file="more.xml"/></mujoco>')
+    kinds = '<jointactuatorfrc joint="j1"/>\n<jointlimitfrc name="s" joint="j1"/>\n<user dim="2"/>'
+    (tmp_path / "more.xml").write_text(f"<mujocoinclude><sensor>\n{kinds}\n</sensor></mujocoinclude>")
+    with pytest.raises(InputError) as refused:
+        run(pushing(tmp_path, robot=robot.replace('name="j1" axis', 'name="j1" range="-1 1" limited="true" axis')))
+    assert [line.split(",")[0].rpartition("/")[2] for line in refused.value.lines] == [
+        "more.xml:3: sensor 's' is a <jointlimitfrc>",
+        "more.xml:4: sensor 'user' is a <user>",
+    ]
+
+
 def test_a_delay_without_a_buffer_counts(tmp_path):
     made = sensor(tmp_path, '<gyro name="s" site="imu" interval="0.02 -0.005" delay="0.1" cutoff="3" noise="0.1"/>')
     assert isinstance(made.model, ModelSensor)

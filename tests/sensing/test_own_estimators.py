@@ -115,6 +115,8 @@ def test_a_class_with_settings_has_them_checked(tmp_path):
     assert "\nestimator: {kind: shifted, at_m: 0.3}\n" in recipe.scenario_yaml
     with pytest.raises(InputError, match=r"estimator\.at_m: is missing"):
         ffsm_mj.prepare(scenario(tmp_path, estimator={"kind": "shifted"}), estimators={"shifted": Shifted})
+    with pytest.raises(InputError, match=r"estimator: needs a 'kind'; allowed: direct, mekf, mine, truth"):
+        ffsm_mj.prepare(scenario(tmp_path, estimator={"kid": "mine"}), estimators={"mine": Frozen})
     with pytest.raises(InputError, match="estimators: 'direct' is the name of an existing kind"):
         ffsm_mj.prepare(scenario(tmp_path), estimators={"direct": Frozen})
     with pytest.raises(InputError, match="estimators: 'mine' is no class with the methods start, update, telemetry"):

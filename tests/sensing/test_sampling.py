@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
@@ -115,3 +116,16 @@ def test_a_touch_sensor_has_the_force_that_accelerates_what_it_touches(tmp_path)
     assert touch[0] == 0.0  # nothing pushes before the first command
     gained = 0.01 / 3.0 * (touch[1:-2] + 4.0 * touch[2:-1] + touch[3:])
     assert np.allclose(gained, momentum[3:] - momentum[1:-2], rtol=1e-5)
+
+
+def test_a_check_lists_sensors_and_the_estimator(tmp_path):
+    lines = ffsm_mj.prepare(pushing(tmp_path, estimator={"kind": "direct"}), controllers={"listen": Listener}).describe()
+    start = lines.index("  sensors (estimator direct)")
+    assert lines[start + 1] == "    robot/encoder: jointpos, every 0.01 s"
+    assert "    robot/camera: framepos, every 0.1 s, 0.1 s late" in lines[start:]
+
+
+def test_names_that_are_one_in_the_log_are_refused_with_the_file(tmp_path):
+    robot = arm('<gyro name="a-b" site="imu"/><gyro name="a_b" site="imu"/>')
+    with pytest.raises(InputError, match=r"/robot\.xml: 'robot/a-b' and 'robot/a_b' are both logged as sensor\.robot_a_b"):
+        run(pushing(tmp_path, robot=robot))
