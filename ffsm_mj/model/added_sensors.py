@@ -47,12 +47,14 @@ class AddedSensor:
     relative_to: str = ""
 
 
-def add_sensors(scene: Any, sensors: Iterable[AddedSensor]) -> dict[str, ModelSensor]:
+def add_sensors(scene: Any, sensors: Iterable[AddedSensor], *, grasped: bool = False) -> dict[str, ModelSensor]:
     """Add sensors to the specification of a scene; returns them by name.
 
     Args:
         scene: The scene, with all models attached.
         sensors: The sensors.
+        grasped: A grasp is closed in this scene: sensors of joints that it removes, which the scene without it has, are not
+            added, like those of a file.
 
     Raises:
         ScenarioFaults: There is no such site, body or joint.
@@ -60,13 +62,16 @@ def add_sensors(scene: Any, sensors: Iterable[AddedSensor]) -> dict[str, ModelSe
     found, faults = {}, []
     for sensor in sensors:
         try:
+            measured = _element(scene, sensor, "of")
             made = scene.add_sensor(name=sensor.name, type=getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}"))
-            made.objtype, made.objname = _element(scene, sensor, "of")
+            made.objtype, made.objname = measured
             if sensor.relative_to:
                 made.reftype, made.refname = _element(scene, sensor, "relative_to")
             name = made.objname
             found[sensor.name] = ModelSensor(sensor.name, sensor.kind, unit_of_sensor(scene, sensor.kind, name))
         except LookupError as error:
+            if grasped and sensor.kind in _OF_JOINTS:
+                continue
             faults.append(Fault(str(error.args[0]), ("sensors", sensor.name, error.args[1])))
     if faults:
         raise ScenarioFaults(faults)

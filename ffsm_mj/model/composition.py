@@ -62,7 +62,7 @@ def compile_system(
     # The compiler also issues Python warnings, whose filters are global.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         parts, faults = _attach(scene, files, grasp, vfs, warned, conservative=conservative)
-        added = add_sensors(scene, sensors)
+        added = add_sensors(scene, sensors, grasped=grasp is not None)
         model = compile_scene(scene, files, vfs)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files, conservative=conservative)

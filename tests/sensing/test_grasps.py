@@ -12,7 +12,8 @@ import ffsm_mj
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
-from tests.contact_models.grasp.scenes import OFF, grasping, stone
+from tests.contact_models.grasp.scenes import FLAT_ARM, FLAT_TARGET, OFF, TOUCH, grasping, stone
+from tests.scenes import scene
 
 SENSORS = {
     "wrist": {"kind": "force", "of": "grip", "interval_s": 0.0073},
@@ -93,3 +94,30 @@ def test_the_load_is_that_of_the_grasp(measured):
     load = np.column_stack([measured[f"contact.capture_force_{x}_N"] for x in "xyz"])[calm]
     assert np.linalg.norm(load, axis=1).min() > 0.1
     assert np.allclose(np.linalg.norm(sample, axis=1), np.linalg.norm(load, axis=1), rtol=0.02)
+
+
+def test_a_joint_that_the_grasp_removes_is_not_measured_while_it_is_closed(tmp_path):
+    """Slides of the object, by a sensor of the scenario: NaN and not valid from the capture to the release."""
+    robot = FLAT_ARM.replace("</mujoco>", '<actuator><motor name="elbow" joint="elbow"/></actuator></mujoco>')
+    path = scene(
+        tmp_path,
+        robot,
+        {"target": FLAT_TARGET},
+        duration_s=0.3,
+        initial={"joints": {"target/x": 1.08}, "rates": {"target/x": -0.3}},
+        contacts={"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
+        captures={"grasp": {"robot_site": "grip", "object_site": "handle", "when": TOUCH}},
+        sensors={"slide": {"kind": "jointpos", "of": "target/x"}},
+        phases=[
+            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "hold", "for_s": 0.05, "controller": OFF},
+            {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
+        ],
+    )
+    run = ffsm_mj.run(path)
+    (capture,) = run.captures
+    held = (run.time > capture.time_s) & (run.time <= capture.release_s)
+    assert 10 < held.sum() < 100
+    assert np.array_equal(np.isnan(run["sensor.slide_true_m"]), held)
+    assert np.array_equal(run["sensor.slide_valid"] == 0.0, held)
+    assert replay_log(run.log).agrees
