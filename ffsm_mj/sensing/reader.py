@@ -35,16 +35,13 @@ class SensorReader:
         """
         self._model, self._data, self._motion, self._bodies_of = motion.model, motion.data, motion, bodies_of
         ids = [mujoco.mj_name2id(motion.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor.name) for sensor in sensors]
-        starts = [int(motion.model.sensor_adr[i]) for i in ids]
         ends = list(np.cumsum([sensor.size for sensor in sensors]))
         self.parts = [slice(end - sensor.size, end) for end, sensor in zip(ends, sensors, strict=True)]
-        order = [
-            np.arange(start, start + sensor.size) % max(1, motion.model.nsensordata)
-            for start, sensor in zip(starts, sensors, strict=True)
-        ]
-        self._order = np.concatenate(order) if order else np.zeros(0, dtype=np.intp)
-        # A sensor of a joint that a closed grasp has removed: nothing to measure.
-        self._gone = [part for part, i in zip(self.parts, ids, strict=True) if i < 0]
+        self._values = np.full(int(ends[-1]) if ends else 0, np.nan)
+        # A sensor of a joint that a closed grasp has removed has no id: there is nothing to measure.
+        found = [(part, int(motion.model.sensor_adr[i])) for part, i in zip(self.parts, ids, strict=True) if i >= 0]
+        self._there = np.array([k for part, _ in found for k in range(part.start, part.stop)], dtype=np.intp)
+        self._order = np.array([start + k for part, start in found for k in range(part.stop - part.start)], dtype=np.intp)
         touching = [k for k, sensor in enumerate(sensors) if sensor.model.kind == "touch"]
         self._touch = [(self.parts[k], int(motion.model.sensor_objid[ids[k]])) for k in touching]
         self._needs_forces = any(sensor.model.kind in ("force", "torque") for sensor in sensors)
@@ -62,9 +59,8 @@ class SensorReader:
             mujoco.mj_sensorPos(self._model, self._data)
             mujoco.mj_sensorVel(self._model, self._data)
             mujoco.mj_sensorAcc(self._model, self._data)
-        values: FloatArray = self._data.sensordata[self._order]
-        for part in self._gone:
-            values[part] = np.nan
+        values: FloatArray = self._values.copy()
+        values[self._there] = self._data.sensordata[self._order]
         for part, site in self._touch:
             values[part] = sum(self._normal_force(contact, site) for contact in contacts)
         return values
