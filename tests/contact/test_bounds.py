@@ -62,6 +62,7 @@ def test_tolerance_of_a_step_does_not_depend_on_the_number_of_steps(long):
         assert broken(leaking(short, BOTH_WAYS, leak)) == [("linear momentum", "robot")]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("at", [1, 99, 100, 101, 1234, 2999, 3000])
 @pytest.mark.parametrize(
     ("key", "name"), [("momentum.objects_L_z_N_m_s", "angular momentum"), ("energy.objects_J", "energy")]

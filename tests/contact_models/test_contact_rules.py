@@ -108,6 +108,7 @@ def names_of(run):
     return [key.removeprefix("contact.").removesuffix("_mode") for key in run.keys if key.endswith("_mode")]
 
 
+@pytest.mark.long
 def test_a_replay_agrees_and_starts_again_after_any_gap(fallen):
     """Of the pairs of a rule, columns say only how many are closed; records say which."""
     assert replay_log(fallen.log).agrees

@@ -86,6 +86,7 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scenario", "period_s"),
     # At 20 ms one pulse of the 50 N thrusters exceeds the momentum that is left: they would fire at every tick.

@@ -234,6 +234,7 @@ def test_a_feature_ends_where_the_foot_leaves_it(tmp_path):
     assert state.gap == pytest.approx(math.hypot(0.01, math.sqrt(0.05**2 - 0.02**2)) - 0.05, abs=1e-15)
 
 
+@pytest.mark.long
 def test_a_ball_keeps_a_feature_over_the_edge_of_a_face_of_several_facets(tmp_path):
     """The top of a mesh is two facets tilted by 1e-5 rad, level within its precision and thus one face with one plane.
 

@@ -270,6 +270,7 @@ def test_what_is_held_is_hit(tmp_path):
         assert np.abs(after - before).max() > 1e-3  # the robot feels it at once
 
 
+@pytest.mark.long
 def test_the_held_object_hits_the_base(tmp_path):
     """A pair of the robot and what it holds: not that of the hand, which is one rigid body with it, but that of the hull."""
     pairs = [

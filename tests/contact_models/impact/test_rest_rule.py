@@ -102,6 +102,7 @@ def bouncing(folder, restitution, **impact):
     )
 
 
+@pytest.mark.long
 def test_the_limit_of_a_bouncing_ball(tmp_path):
     """t* = sqrt(2 h / g) (1 + e) / (1 - e) = 8.57895 s; the rule ends it at most one rest interval / (1 - e) before."""
     fall = np.sqrt(2.0 / 9.81)

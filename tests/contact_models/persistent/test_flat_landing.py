@@ -62,6 +62,7 @@ def test_with_an_accuracy_every_check_passes(scenario):
     assert [check for check in again.checks() if not check.passes] == []
 
 
+@pytest.mark.long
 def test_at_a_fixed_step_only_truncation_is_left(scenario):
     """At 2 ms the second pass is 9e-8 J off; half the step leaves a twentieth of that."""
     run = ffsm_mj.run(scenario)

@@ -92,6 +92,7 @@ def test_without_the_rule_a_rocking_block_chatters_on(tmp_path):
     assert run.time[-1] < 0.95
 
 
+@pytest.mark.long
 def test_a_ball_slides_over_a_corner(tmp_path):
     """From a face over an edge to the corner and beyond, pressed all the way; each change is at the bound of its feature."""
     block = f"""<mujoco>{HEAD}<worldbody><geom name="block" type="box" size="0.2 0.2 0.2"/></worldbody></mujoco>"""

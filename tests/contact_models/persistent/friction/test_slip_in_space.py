@@ -13,7 +13,7 @@ from tests.contact_models.persistent.friction.reading import at, final, good, he
 from tests.contact_models.persistent.friction.scenes import block, load, on_slab, sphere
 from tests.scenes import ball
 
-LONG_STEPS = [pytest.param(step, marks=pytest.mark.long) for step in (1e-3, 5e-4)]
+LONG_STEPS = [1e-3, 5e-4]
 
 U0 = np.array((1.3, 0.5))
 STOP_S = 2.0 * np.linalg.norm(U0) / (7.0 * 0.2)
@@ -24,7 +24,8 @@ def curving(folder, step):
     return sphere(folder, mu=0.2, velocity=(0.7, -0.4, 0), spin=(0.9, -0.6, 2), step=step, duration=2.4)
 
 
-@pytest.mark.parametrize("step", [1e-2, *(pytest.param(step, marks=pytest.mark.long) for step in (8e-3, 4e-3)), *LONG_STEPS])
+@pytest.mark.long
+@pytest.mark.parametrize("step", [1e-2, 8e-3, 4e-3, *LONG_STEPS])
 def test_a_sphere_slides_along_a_parabola(tmp_path, step):
     """Coulomb friction keeps its direction: u0 (1 - t / t*), t* = 2 |u0| / (7 mu g); all by closed form.
 
@@ -62,7 +63,8 @@ ERRORS = {4e-3: 1.7e-10, 2e-3: 1.2e-11, 1e-3: 1.3e-12, 5e-4: 1.7e-13}
 """Errors of the rates at 0.6 s by step, of a prototype with the same stages."""
 
 
-@pytest.mark.parametrize("step", [4e-3, pytest.param(2e-3, marks=pytest.mark.long), *LONG_STEPS])
+@pytest.mark.long
+@pytest.mark.parametrize("step", [4e-3, 2e-3, *LONG_STEPS])
 def test_a_foot_breaks_away_along_a_curve(tmp_path, step):
     """It slips where (0.4 + 0.5 t)^2 + 0.36 t^4 = 0.25, and then turns; reference by Radau IIA to 1e-12."""
     run = good(ffsm_mj.run(pulled(tmp_path, step)))
@@ -100,7 +102,8 @@ SPIN_ERRORS = {4e-3: 7.7e-10, 2e-3: 3.9e-11, 1e-3: 2.4e-12, 5e-4: 1e-12}
 """Errors of pose and rates by step, of a prototype with the same stages."""
 
 
-@pytest.mark.parametrize("step", [4e-3, pytest.param(2e-3, marks=pytest.mark.long), *LONG_STEPS])
+@pytest.mark.long
+@pytest.mark.parametrize("step", [4e-3, 2e-3, *LONG_STEPS])
 def test_a_block_slides_and_spins_on_four_corners(tmp_path, step):
     """Equal springs at the corners, against a reduced model of three coordinates by DOP853."""
     run = good(ffsm_mj.run(spinning(tmp_path, step, 0.4)))
