@@ -38,15 +38,13 @@ def _stacked(subject: Subject, panels: list[Panel]) -> Figure:
 def sensor_columns(subject: Subject) -> dict[str, list[tuple[Signal, str]]]:
     """Columns of each sensor: the signal of each component, and the key of its true value."""
     found: dict[str, list[tuple[Signal, str]]] = {}
-    keys = set(subject.run.keys)
-    for signal in subject.run.log.header.layout.signals:
-        if signal.group != "sensor" or not signal.element:
-            continue
-        own = identifier(signal.element)
-        rest = signal.name.removeprefix(own)
-        true = f"sensor.{own}_true{rest}"
-        if true in keys:
-            found.setdefault(signal.element, []).append((signal, true))
+    signals = {each.name: each for each in subject.run.log.header.layout.signals if each.group == "sensor"}
+    for name in subject.system.sensors:
+        true = f"{identifier(name)}_true"
+        for key in [key for key in signals if key == true or key.startswith(f"{true}_")]:
+            measured = signals.get(identifier(name) + key.removeprefix(true))
+            if measured is not None:
+                found.setdefault(name, []).append((measured, f"sensor.{key}"))
     return found
 
 
