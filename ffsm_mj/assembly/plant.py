@@ -20,7 +20,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
-from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, control_timing
+from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.state_signals import StateSignals
@@ -65,7 +65,7 @@ def _delayed_control(scenario: Scenario, scene: Scene, actuation: Actuation) -> 
     """Timing of control; None if every command acts at once."""
     system, given = scene.system, {name: config.delay_s for name, config in scenario.actuators.items()}
     own = {system.resolve("actuator", name): delay for name, delay in given.items()}
-    delays = control_timing(actuation.names, system.actuator_delays_s, scenario.actuation.delay_s, own)
+    delays = command_delays_s(actuation.names, system.actuator_delays_s, scenario.actuation.delay_s, own)
     timing = ControlTiming(delays, scenario.actuation.control_jitter_s, scenario.control_period_s, scenario.seed)
     return None if timing.is_ideal else DelayedControl(timing, scene, actuation)
 

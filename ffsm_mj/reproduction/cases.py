@@ -84,9 +84,9 @@ def run_cases(cases: Iterable[Case], report: Callable[[int, int], None] | None) 
             for done, _ in enumerate(as_completed(running), 1):
                 tell(done, len(cases))
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
             for worker in set(active_children()) - others:
                 worker.kill()  # a run takes SIGTERM for its own end and the worker would begin the next one
+            pool.shutdown(cancel_futures=True)  # waits: the interpreter's exit must not meet the pool's thread still closing
             raise
     return {case: future.result() for future, case in running.items()}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -82,10 +83,7 @@ class SensorReader:
             yield
             return
         before = external.copy()
-        for body, point, force, torque in wrenches:
-            here = self._motion.bodies[body]
-            external[here, :3] += force
-            external[here, 3:] += torque + cross(point - self._data.xipos[here], force)
+        apply_wrenches(self._motion, self._data, wrenches)
         try:
             yield
         finally:
@@ -115,3 +113,11 @@ class SensorReader:
         if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             return (x / a) ** 2 + (y / b) ** 2 + (z / c) ** 2 <= 1.0
         return abs(x) <= a and abs(y) <= b and abs(z) <= c
+
+
+def apply_wrenches(motion: Motion, data: Any, wrenches: Sequence[Wrench]) -> None:
+    """Add wrenches on bodies of the logged system to the external forces in data of a motion's model."""
+    for body, point, force, torque in wrenches:
+        here = motion.bodies[body]
+        data.xfrc_applied[here, :3] += force
+        data.xfrc_applied[here, 3:] += torque + cross(point - data.xipos[here], force)

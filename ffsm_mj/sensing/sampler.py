@@ -17,7 +17,7 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.sensing.batch import Batch
 from ffsm_mj.sensing.measurement import Measurement
-from ffsm_mj.sensing.reader import SensorReader
+from ffsm_mj.sensing.reader import SensorReader, apply_wrenches
 from ffsm_mj.sensing.samples import SAME_TIME_S, Measured, Sample, Samples
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.sensing.signals import SensorColumns
@@ -218,10 +218,7 @@ def impulses_through(motion: Motion, jump: FloatArray, wrenches: Sequence[Wrench
         for dof, own in enumerate(motion.dofs):
             if own >= 0:  # the object's base joint is gone while it is held
                 still.qacc[own] = jump[dof]
-        for body, point, force, torque in wrenches:
-            here = motion.bodies[body]
-            still.xfrc_applied[here, :3] += force
-            still.xfrc_applied[here, 3:] += torque + np.cross(point - still.xipos[here], force)
+        apply_wrenches(motion, still, wrenches)
         mujoco.mj_rnePostConstraint(model, still)
         mujoco.mj_sensorAcc(model, still)
         return np.array(still.sensordata)

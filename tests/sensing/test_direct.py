@@ -27,6 +27,12 @@ def camera(*kinds, **config):
     return {kind: {"kind": kind, "of": "b/b", "relative_to": "wrist", **config} for kind in kinds}
 
 
+def watching(folder, sensors, estimator):
+    """The arm moves without contact beside a tumbling box, and all its own joints are measured."""
+    free = {"phases": HOLD, "contacts": {"rules": []}, "initial": TUMBLING}
+    return pushing(folder, robot=arm(ENCODERS + BASE), sensors=sensors, estimator=estimator, **free)
+
+
 def worst(made, part):
     """Largest error of the estimate over some columns."""
     keys = [key for key in made.log.header.layout.keys if key.startswith("estimate.error_") and part in key]
@@ -53,34 +59,15 @@ def test_a_late_camera_on_a_moving_arm_finds_a_tumbling_box(tmp_path, delay_s):
 
     RK4 in sub-steps of 0.05 rad over 0.1 rad: 2 (0.05)^5 / 120 is 5e-9 of a turn; ours is smaller, as the body is no needle.
     """
-    seen = run(
-        pushing(
-            tmp_path,
-            robot=arm(ENCODERS + BASE),
-            phases=HOLD,
-            contacts={"rules": []},
-            sensors=camera("framepos", "framequat", "framelinvel", "frameangvel", interval_s=0.05, delay_s=delay_s),
-            initial=TUMBLING,
-            estimator=DIRECT,
-        )
-    )
+    sensors = camera("framepos", "framequat", "framelinvel", "frameangvel", interval_s=0.05, delay_s=delay_s)
+    seen = run(watching(tmp_path, sensors, DIRECT))
     assert worst(seen, "b_free") < 5e-9
 
 
 def test_rates_from_differences(tmp_path):
     """Position and attitude alone at 20 Hz: the mean rate over an interval lags by 25 ms, accelerating with 0.1."""
     sensors = camera("framepos", "framequat", interval_s=0.05)
-    found = run(
-        pushing(
-            tmp_path,
-            robot=arm(ENCODERS + BASE),
-            phases=HOLD,
-            contacts={"rules": []},
-            sensors=sensors,
-            initial=TUMBLING,
-            estimator={"kind": "direct", "rate_filter_s": 0.0},
-        )
-    )
+    found = run(watching(tmp_path, sensors, {"kind": "direct", "rate_filter_s": 0.0}))
     assert 1e-5 < worst(found, "v_b_free_w") < 0.01
     assert worst(found, "q_b_free_x") < 1e-9  # it moves uniformly
 

@@ -52,12 +52,12 @@ def frame_of(model: Any, kind: int, number: int) -> Frame:
     if kind == _XBODY:
         return Frame(number, np.zeros(3), np.eye(3))
     if kind == _BODY:
-        return Frame(number, model.body_ipos[number].copy(), _axes(model.body_iquat[number]))
+        return Frame(number, model.body_ipos[number].copy(), axes_of(model.body_iquat[number]))
     name = _FIXED.get(kind)
     if name is None:
         return Frame(0, np.zeros(3), np.eye(3))
     body = int(getattr(model, f"{name}_bodyid")[number])
-    return Frame(body, getattr(model, f"{name}_pos")[number].copy(), _axes(getattr(model, f"{name}_quat")[number]))
+    return Frame(body, getattr(model, f"{name}_pos")[number].copy(), axes_of(getattr(model, f"{name}_quat")[number]))
 
 
 def root_frame(model: Any, frame: Frame) -> int | None:
@@ -67,7 +67,8 @@ def root_frame(model: Any, frame: Frame) -> int | None:
     return joint if free else None
 
 
-def _axes(quaternion: FloatArray) -> FloatArray:
+def axes_of(quaternion: FloatArray) -> FloatArray:
+    """Axes of a frame as columns, (3, 3), from its quaternion, (4,), of any length."""
     matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
+    mujoco.mju_quat2Mat(matrix, quaternion / np.linalg.norm(quaternion))
     return matrix.reshape(3, 3)

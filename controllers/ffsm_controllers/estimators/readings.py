@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_controllers.estimators.frames import Frame, frame_of, root_frame
+from ffsm_controllers.estimators.frames import Frame, axes_of, frame_of, root_frame
 from ffsm_mj.controller_protocol import Fault, FloatArray, Measurement, ScenarioFaults, Sensor, System
 
 ORDER = ("attitude", "position", "twist")
@@ -170,14 +170,14 @@ def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference:
 
     def write_position(value: FloatArray, data: Any) -> None:
         origin, axes = reference.pose(data)
-        data.qpos[place] = origin + axes @ value - _axes(data.qpos[attitude]) @ frame.offset
+        data.qpos[place] = origin + axes @ value - axes_of(data.qpos[attitude]) @ frame.offset
 
     def write_attitude(value: FloatArray, data: Any) -> None:
         _, axes = reference.pose(data)
-        data.qpos[attitude] = _quaternion(axes @ _axes(value) @ frame.axes.T)
+        data.qpos[attitude] = _quaternion(axes @ axes_of(value) @ frame.axes.T)
 
     def write_velocity(value: FloatArray, data: Any) -> None:
-        body = _axes(data.qpos[attitude])
+        body = axes_of(data.qpos[attitude])
         lever = body @ frame.offset
         if kind == "velocimeter":
             point = body @ frame.axes @ value
@@ -193,7 +193,7 @@ def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference:
             return
         _, axes = reference.pose(data)
         _, turning = reference.twist(model, data)
-        data.qvel[angular] = _axes(data.qpos[attitude]).T @ (turning + axes @ value)
+        data.qvel[angular] = axes_of(data.qpos[attitude]).T @ (turning + axes @ value)
 
     return {
         "framepos": Reading(name, "position", place, linear, write_position),
@@ -203,12 +203,6 @@ def _of_floating_body(model: Any, name: str, kind: str, frame: Frame, reference:
         "frameangvel": Reading(name, "twist", nothing, angular, write_angular),
         "gyro": Reading(name, "twist", nothing, angular, write_angular),
     }.get(kind)
-
-
-def _axes(quaternion: FloatArray) -> FloatArray:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion / np.linalg.norm(quaternion))
-    return matrix.reshape(3, 3)
 
 
 def _quaternion(axes: FloatArray) -> FloatArray:
