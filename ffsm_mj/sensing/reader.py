@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,77 +16,136 @@ from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.sensing.sensor import Sensor
 
 _DISABLED = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+_STAGES = {
+    int(mujoco.mjtStage.mjSTAGE_POS): mujoco.mj_sensorPos,
+    int(mujoco.mjtStage.mjSTAGE_VEL): mujoco.mj_sensorVel,
+    int(mujoco.mjtStage.mjSTAGE_ACC): mujoco.mj_sensorAcc,
+}
+
+
+class _Evaluation(NamedTuple):
+    """What the values of some groups of sensors take.
+
+    Attributes:
+        stages: Functions of MuJoCo that evaluate them, in order.
+        accelerations: Whether accelerations of bodies and forces between them are needed.
+        forces: Whether forces of contact models are needed there.
+        touch: Values of touch sensors and their sites.
+    """
+
+    stages: tuple[Callable[[Any, Any], None], ...]
+    accelerations: bool
+    forces: bool
+    touch: tuple[tuple[slice, int], ...]
 
 
 class SensorReader:
-    """Evaluates all sensors of the model of a motion.
+    """Evaluates sensors of the model of a motion, of some groups at a time.
 
     Forces and torques at a site are those that the body of the site passes on to its parent, from the accelerations of all
     bodies beyond and the contact forces on them. A touch sensor adds the normal forces whose points are inside its site.
+
+    Attributes:
+        parts: Values of each group among those of all.
     """
 
-    def __init__(self, sensors: Sequence[Sensor], motion: Motion, bodies_of: dict[str, tuple[int, int]]) -> None:
+    def __init__(self, groups: Sequence[Sequence[Sensor]], motion: Motion, bodies_of: dict[str, tuple[int, int]]) -> None:
         """Bind to a motion.
 
         Args:
-            sensors: The sensors, in the order of the values.
+            groups: Groups of sensors, in the order of the values.
             motion: The motion; while an object is grasped, its model has the same sensors in another order.
             bodies_of: Bodies of the two geoms of each pair by its name, ids in the logged system.
         """
         self._model, self._data, self._motion, self._bodies_of = motion.model, motion.data, motion, bodies_of
-        ids = [mujoco.mj_name2id(motion.model, mujoco.mjtObj.mjOBJ_SENSOR, sensor.name) for sensor in sensors]
-        ends = list(np.cumsum([sensor.size for sensor in sensors]))
-        self.parts = [slice(end - sensor.size, end) for end, sensor in zip(ends, sensors, strict=True)]
-        self._values = np.full(int(ends[-1]) if ends else 0, np.nan)
-        # A sensor of a joint that a closed grasp has removed has no id: there is nothing to measure.
-        found = [(part, int(motion.model.sensor_adr[i])) for part, i in zip(self.parts, ids, strict=True) if i >= 0]
-        self._there = np.array([k for part, _ in found for k in range(part.start, part.stop)], dtype=np.intp)
-        self._order = np.array([start + k for part, start in found for k in range(part.stop - part.start)], dtype=np.intp)
-        touching = [k for k, sensor in enumerate(sensors) if sensor.model.kind == "touch"]
-        self._touch = [(self.parts[k], int(motion.model.sensor_objid[ids[k]])) for k in touching]
-        self._needs_forces = any(sensor.model.kind in ("force", "torque") for sensor in sensors)
+        self._options, self._groups = motion.model.opt, tuple(tuple(group) for group in groups)
+        self.parts: list[slice] = []
+        self._own: dict[str, slice] = {}
+        there: list[int] = []
+        order: list[int] = []
+        end = 0
+        for group in self._groups:
+            start = end
+            for sensor in group:
+                self._own[sensor.name] = slice(end, end + sensor.size)
+                # A sensor of a joint that a closed grasp has removed has no id: there is nothing to measure.
+                if (number := self._id(sensor)) >= 0:
+                    there += range(end, end + sensor.size)
+                    address = int(motion.model.sensor_adr[number])
+                    order += range(address, address + sensor.size)
+                end += sensor.size
+            self.parts.append(slice(start, end))
+        self._missing = np.full(end, np.nan) if len(there) < end else None
+        self._there, self._order = np.array(there, dtype=np.intp), np.array(order, dtype=np.intp)
+        self._evaluations: dict[tuple[int, ...], _Evaluation] = {}
 
-    def read(self, wrenches: Sequence[Wrench], contacts: Sequence[ActiveContact]) -> FloatArray:
-        """Values of all sensors at the state in the motion's data, one after another, (sum of sizes,).
+    def _id(self, sensor: Sensor) -> int:
+        return int(mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_SENSOR, sensor.name))
+
+    def read(
+        self,
+        due: tuple[int, ...],
+        wrenches: Callable[[], Sequence[Wrench]],
+        contacts: Callable[[], Sequence[ActiveContact]],
+    ) -> FloatArray:
+        """Values at the state in the motion's data, (sum of sizes,); those of groups that are not due may be old.
 
         Args:
+            due: Groups to evaluate.
             wrenches: Forces of contact models on bodies, ids in the logged system.
             contacts: Closed contacts.
         """
-        with self._enabled(), self._pushed(wrenches):
-            if self._needs_forces:
-                mujoco.mj_rnePostConstraint(self._model, self._data)
-            mujoco.mj_sensorPos(self._model, self._data)
-            mujoco.mj_sensorVel(self._model, self._data)
-            mujoco.mj_sensorAcc(self._model, self._data)
-        values: FloatArray = self._values.copy()
-        values[self._there] = self._data.sensordata[self._order]
-        for part, site in self._touch:
-            values[part] = sum(self._normal_force(contact, site) for contact in contacts)
+        found = self._evaluations.get(due)
+        if found is None:
+            found = self._evaluations[due] = self._evaluation(due)
+        # Sensors are off while steps are integrated.
+        self._options.disableflags &= ~_DISABLED
+        try:
+            self._evaluate(found, wrenches() if found.forces else ())
+        finally:
+            self._options.disableflags |= _DISABLED
+        values: FloatArray = self._data.sensordata[self._order]
+        if self._missing is not None:
+            whole = self._missing.copy()
+            whole[self._there] = values
+            values = whole
+        if found.touch:
+            closed = contacts()
+            for part, site in found.touch:
+                values[part] = sum(self._normal_force(contact, site) for contact in closed)
         return values
 
-    @contextmanager
-    def _enabled(self) -> Iterator[None]:
-        """Sensors are off while steps are integrated."""
-        self._model.opt.disableflags &= ~_DISABLED
-        try:
-            yield
-        finally:
-            self._model.opt.disableflags |= _DISABLED
+    def _evaluation(self, due: tuple[int, ...]) -> _Evaluation:
+        """What the values of some groups take."""
+        found = [(sensor, self._id(sensor)) for g in due for sensor in self._groups[g]]
+        there = [(sensor, number) for sensor, number in found if number >= 0]
+        needed = {int(self._model.sensor_needstage[number]) for _, number in there}
+        touch = [
+            (self._own[sensor.name], int(self._model.sensor_objid[number]))
+            for sensor, number in there
+            if sensor.model.kind == "touch"
+        ]
+        return _Evaluation(
+            tuple(evaluate for stage, evaluate in _STAGES.items() if stage in needed),
+            int(mujoco.mjtStage.mjSTAGE_ACC) in needed,
+            any(sensor.sums for sensor, _ in there),
+            tuple(touch),
+        )
 
-    @contextmanager
-    def _pushed(self, wrenches: Sequence[Wrench]) -> Iterator[None]:
-        """Wrenches as external forces, where interface forces are computed from."""
-        external = self._data.xfrc_applied
-        if not (wrenches and self._needs_forces):
-            yield
-            return
-        before = external.copy()
-        apply_wrenches(self._motion, self._data, wrenches)
+    def _evaluate(self, found: _Evaluation, wrenches: Sequence[Wrench]) -> None:
+        """Evaluate sensors with wrenches as external forces, where forces between bodies are computed from."""
+        model, data = self._model, self._data
+        external = data.xfrc_applied.copy() if wrenches else None
         try:
-            yield
+            if external is not None:
+                apply_wrenches(self._motion, data, wrenches)
+            if found.accelerations:
+                mujoco.mj_rnePostConstraint(model, data)
+            for evaluate in found.stages:
+                evaluate(model, data)
         finally:
-            external[:] = before
+            if external is not None:
+                data.xfrc_applied[:] = external
 
     def _normal_force(self, contact: ActiveContact, site: int) -> float:
         """Normal force of a contact if it acts inside a site on the body of the site, N."""

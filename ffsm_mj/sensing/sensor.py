@@ -66,6 +66,11 @@ class Sensor:
         """Full name."""
         return self.model.name
 
+    @property
+    def sums(self) -> bool:
+        """Whether it measures forces or torques, and so also impulses and means between samples."""
+        return self.model.kind in ("force", "torque")
+
 
 def sensors_of(
     system: System, configs: Mapping[str, SensorConfig], control_period_s: float, duration_s: float

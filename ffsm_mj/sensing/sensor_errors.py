@@ -8,8 +8,10 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.sensing.noise import NoiseStream, RandomWalk
+from ffsm_mj.sensing.noise import BLOCK, NoiseStream, RandomWalk
 from ffsm_mj.sensing.sensor import Sensor
+
+_IDENTITY = np.array((1.0, 0.0, 0.0, 0.0))
 
 
 class SensorErrors:
@@ -18,6 +20,7 @@ class SensorErrors:
     Attributes:
         noise: White noise.
         is_elementwise: Whether each component has an error of its own, the same in distribution at every sample.
+        turns_by_noise: Whether it measures an orientation, off by a rotation of its own at every sample.
     """
 
     def __init__(self, sensor: Sensor, seed: int) -> None:
@@ -33,6 +36,7 @@ class SensorErrors:
         self._jitter = NoiseStream(seed, f"{sensor.name}/delay_jitter", 1)
         self.is_elementwise = sensor.model.shape == "vector" and not self._turns and sensor.walk == 0.0
         self._adds = sensor.noise > 0.0 or sensor.walk > 0.0 or bool(sensor.bias.any())
+        self.turns_by_noise = self._adds and sensor.model.shape == "rotation" and sensor.walk == 0.0
 
     def measured(self, value: FloatArray, sample: int) -> FloatArray:
         """What the sensor measures of a true value, (size,), at its sample of this number."""
@@ -60,6 +64,13 @@ class SensorErrors:
             return sensor.delay_s + sensor.delay_jitter_s * float(self._jitter.uniform(sample)[0])
         return sensor.delay_s
 
+    def turns(self, block: int) -> FloatArray:
+        """Rotations by which the samples of a block are off, unit quaternions, (BLOCK, 4)."""
+        turns = np.tile(_IDENTITY, (BLOCK, 1))
+        for k, turn in enumerate(turns):
+            mujoco.mju_quatIntegrate(turn, self._added(BLOCK * block + k), 1.0)
+        return turns
+
     def _added(self, sample: int) -> FloatArray:
         """Bias and noise of a sample, (errors,)."""
         sensor, added = self._sensor, self._sensor.bias
@@ -80,7 +91,7 @@ class SensorErrors:
 
 
 def _quaternion(rotation: FloatArray) -> FloatArray:
-    quaternion = np.array((1.0, 0.0, 0.0, 0.0))
+    quaternion = _IDENTITY.copy()
     mujoco.mju_quatIntegrate(quaternion, rotation, 1.0)
     return quaternion
 

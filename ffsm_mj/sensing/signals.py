@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.records.signals import Signal, identifier
-from ffsm_mj.sensing.samples import Sample
+from ffsm_mj.sensing.group import SensorGroup
 from ffsm_mj.sensing.sensor import Sensor
 
 _SUFFIXES = {
@@ -30,26 +30,42 @@ class SensorColumns:
         values: Their values, (number of signals,); NaN before the first arrival.
     """
 
-    def __init__(self, sensors: Sequence[Sensor]) -> None:
-        """Nothing has arrived."""
+    def __init__(self, sensors: Sequence[Sensor], groups: Sequence[SensorGroup]) -> None:
+        """Nothing has arrived.
+
+        Args:
+            sensors: The sensors, in the order of the columns.
+            groups: The same in groups.
+        """
         found = [tuple(_signals(sensor)) for sensor in sensors]
         ends = np.cumsum([len(each) for each in found]).tolist()
-        self._parts = [slice(end - len(each), end) for end, each in zip(ends, found, strict=True)]
+        pairs = zip(sensors, ends, found, strict=True)
+        self._parts = {sensor.name: slice(end - len(each), end) for sensor, end, each in pairs}
+        self._places = [self._columns_of(group) for group in groups]
         self.signals = tuple(signal for each in found for signal in each)
         self.values = np.full(len(self.signals), np.nan)
 
-    def show(self, i: int, sample: Sample) -> None:
-        """Show the newest sample of a sensor."""
-        values, start, stop = self.values, self._parts[i].start, self._parts[i].stop
-        size = len(sample.value)
-        values[start : start + size], values[start + size : start + 2 * size] = sample.value, sample.true
-        values[start + 2 * size], values[start + 2 * size + 1] = sample.time_s, sample.valid
-        if len(sample.impulse):
-            values[stop - 6 : stop - 3], values[stop - 3 : stop] = sample.impulse, sample.mean
+    def _columns_of(self, group: SensorGroup) -> IntArray:
+        """Column of each number of a sample of a group."""
+        layout, columns = group.layout, np.empty(group.layout.size, dtype=np.intp)
+        for k, sensor in enumerate(group.sensors):
+            part, size = self._parts[sensor.name], sensor.size
+            own = np.arange(part.start, part.stop)
+            columns[layout.values][layout.parts[k]] = own[:size]
+            columns[layout.true][layout.parts[k]] = own[size : 2 * size]
+            columns[layout.times.start + k], columns[layout.valid.start + k] = own[2 * size : 2 * size + 2]
+            if k in layout.cells:
+                impulse, mean = layout.sums(k)
+                columns[impulse], columns[mean] = own[-6:-3], own[-3:]
+        return columns
 
-    def take_over(self, i: int, logged: FloatArray) -> None:
+    def show(self, group: int, sample: FloatArray) -> None:
+        """Show the newest sample of a group."""
+        self.values[self._places[group]] = sample
+
+    def take_over(self, name: str, logged: FloatArray) -> None:
         """Show of a sensor what a row of a log has, (number of signals,)."""
-        self.values[self._parts[i]] = logged[self._parts[i]]
+        self.values[self._parts[name]] = logged[self._parts[name]]
 
     def forget(self, _logged: FloatArray) -> None:
         """Show nothing, where a replay begins: at the start nothing has arrived, after a gap it is not known."""

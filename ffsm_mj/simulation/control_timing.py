@@ -17,8 +17,8 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, LoggedEvent, Scene
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.records.effort_change import EFFORT_CHANGE, EffortChange
+from ffsm_mj.sensing.group import SAME_TIME_S
 from ffsm_mj.sensing.noise import NoiseStream
-from ffsm_mj.sensing.samples import SAME_TIME_S
 
 ARRIVAL, LATE_TICK = "command arrives", "late tick"
 

@@ -16,7 +16,8 @@ from ffsm_mj.controller_protocol import ControllerContext, Measurement, Sensor, 
 from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.sensing.samples import Measured, Samples
+from ffsm_mj.sensing.group import SensorGroup
+from ffsm_mj.sensing.measured import Measured, places_of
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.sensing.sensor_config import SensorConfig
 from tests.scenes import HEAD, box
@@ -84,14 +85,15 @@ class Truth:
         for joint, twist, place in zip(self.joints, TWISTS, ((0, 0, 0), (2.0, 0.3, -0.2)), strict=True):
             self.data.qpos[joint.qpos] = (*place, 1.0, 0.0, 0.0, 0.0)
             self.data.qvel[joint.dofs] = twist
-        self._samples = [Samples(sensor, seed) for sensor in sensors.values()]
+        self._groups = [SensorGroup([sensor], seed) for sensor in sensors.values()]
+        self._places = places_of(self._groups)
         densities = process["acceleration_density"], process["angular_acceleration_density"]
         self._push = np.repeat(densities, 3)
 
     def begin(self) -> None:
         """Take the samples of the beginning."""
-        for samples in self._samples:
-            samples.begin()
+        for group in self._groups:
+            group.begin()
         self._sample(0.0)
 
     def advance(self, time_s: float) -> None:
@@ -108,18 +110,16 @@ class Truth:
     def _sample(self, time_s: float) -> None:
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
         mujoco.mj_forward(self.model, self.data)
-        for samples in self._samples:
-            while samples.next_s <= time_s + 1e-9:
-                true = self.data.sensor(samples.sensor.name).data.copy()
-                samples.take(true, samples.errors.measured(true, samples.number), True)
+        for group in self._groups:
+            while group.next_s <= time_s + 1e-9:
+                group.take(self.data.sensor(group.sensors[0].name).data)
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
 
     def measured(self, time_s: float) -> dict[str, Measurement]:
         """Newest samples that have arrived."""
-        for samples in self._samples:
-            samples.arrive(time_s)
-        shown = {samples.sensor.name: samples.shown or samples.sensor.size for samples in self._samples}
-        return dict(Measured(shown, time_s))
+        for group in self._groups:
+            group.arrive(time_s)
+        return dict(Measured(self._places, tuple(group.shown for group in self._groups), time_s))
 
 
 def moved(system: System, data: Any, error: np.ndarray) -> Any:

@@ -10,9 +10,9 @@ import pytest
 
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model.sensors import ModelSensor
-from ffsm_mj.sensing.batch import Batch
+from ffsm_mj.sensing.group import SensorGroup
+from ffsm_mj.sensing.group_errors import GroupErrors
 from ffsm_mj.sensing.noise import NoiseStream, RandomWalk
-from ffsm_mj.sensing.samples import Samples
 from ffsm_mj.sensing.sensor import Sensor, sensors_of
 from ffsm_mj.sensing.sensor_config import SensorConfig
 from ffsm_mj.sensing.sensor_errors import SensorErrors
@@ -103,18 +103,18 @@ def test_an_orientation_is_turned_by_its_noise(tmp_path):
 
 def test_samples_that_overtake_and_samples_that_never_arrive(tmp_path):
     """With a jitter of ten intervals the newest sample is shown, however late older ones come; with dropout 1 none is."""
-    late = Samples(sensor(tmp_path, interval_s=0.01, delay_jitter_s=0.1), 0)
+    late = SensorGroup([sensor(tmp_path, interval_s=0.01, delay_jitter_s=0.1)], 0)
     times = []
     for tick in range(200):
-        late.take(np.full(3, float(tick)), np.full(3, float(tick)), True)
+        late.take(np.full(3, float(tick)))
         late.arrive(0.01 * tick)
-        times.append(late.shown.time_s if late.shown is not None else 0.0)
+        times.append(late.shown[late.layout.times.start] if late.shown is not None else 0.0)
     seen = np.array(times[20:])
     assert (np.diff(seen) >= 0.0).all()
     assert (np.diff(seen) == 0.0).any()
     assert (np.diff(seen) > 0.015).any()
-    lost = Samples(sensor(tmp_path, dropout=1.0), 0)
-    lost.take(np.zeros(3), np.zeros(3), True)
+    lost = SensorGroup([sensor(tmp_path, dropout=1.0)], 0)
+    lost.take(np.zeros(3))
     assert not lost.arrive(9.0)
     assert lost.shown is None
 
@@ -162,8 +162,8 @@ def test_a_delay_without_a_buffer_counts(tmp_path):
     assert (made.interval_s, made.first_s, made.delay_s, made.high, made.noise) == (0.02, 0.015, 0.1, 3.0, 0.1)
 
 
-def test_a_batch_measures_what_each_sensor_measures(tmp_path):
-    """Bit for bit, with every error, in one batch and alone, at samples of different numbers too."""
+def test_a_group_measures_what_each_sensor_measures(tmp_path):
+    """Bit for bit, with every error, together and alone, in any order of the samples."""
     configs = [
         {"noise": 0.1, "bias": [0.1, 0.2, 0.3]},
         {"quantum": 0.125, "scale_error": 0.01},
@@ -172,22 +172,9 @@ def test_a_batch_measures_what_each_sensor_measures(tmp_path):
         {"range": [-0.5, 0.5], "noise_density": 0.01},
     ]
     made = [sensor(tmp_path, **config) for config in configs]
-    for shift in (0, 1):
-        samples = [Samples(each, 4) for each in made]
-        for each in samples[:2]:
-            each.number += 300 * shift
-        batch = Batch(samples, [slice(3 * i, 3 * i + 3) for i in range(len(made))])
-        for k in range(300):
-            true = np.sin(np.arange(3.0 * len(made)) + k)
-            alone = (
-                [
-                    SensorErrors(each.sensor, 4).measured(part, each.number)
-                    for each, part in zip(samples, np.split(true, len(made)), strict=True)
-                ]
-                if k % 50 == 0
-                else None
-            )
-            together = batch.measured(true)
-            assert alone is None or np.array_equal(together, np.concatenate(alone))
-            for each in samples:
-                each.take(true[:3], true[:3], True)
+    together = GroupErrors(made, 4, [slice(3 * i, 3 * i + 3) for i in range(len(made))])
+    for number in (0, 1, 255, 256, 300, 3):
+        true = np.sin(np.arange(3.0 * len(made)) + number)
+        parts = zip(made, np.split(true, len(made)), strict=True)
+        alone = [SensorErrors(each, 4).measured(part, number) for each, part in parts]
+        assert np.array_equal(together.measured(true, number), np.concatenate(alone))

@@ -1,0 +1,125 @@
+"""Sensors that are sampled together: their samples are taken, delayed and shown as one array."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Sequence
+from heapq import heappop, heappush
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.sensing.group_errors import GroupErrors
+from ffsm_mj.sensing.sample_layout import SampleLayout
+from ffsm_mj.sensing.sensor import Sensor
+
+SAME_TIME_S = 1e-9
+"""Times within this of each other are one: products of steps and sums of delays differ by rounding."""
+
+
+class SensorGroup:
+    """Sensors with one clock and one delay, or a single sensor whose samples are lost or late at random.
+
+    Attributes:
+        sensors: The sensors.
+        layout: Places in a sample.
+        number: Number of the next sample, from 0.
+        next_s: Time of the next sample.
+        arrival_s: Time of the next arrival; infinite if nothing is under way.
+        shown: Newest sample that has arrived, laid out as in ``layout``; None before the first.
+    """
+
+    def __init__(self, sensors: Sequence[Sensor], seed: int) -> None:
+        """Before the first sample; ``seed`` is that of the run."""
+        self.sensors, self.layout = tuple(sensors), SampleLayout(sensors)
+        self._errors = GroupErrors(sensors, seed, self.layout.parts)
+        self._first_s, self._interval_s = sensors[0].first_s, sensors[0].interval_s
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a run."""
+        self._begin(0)
+        self._unknown: dict[int, tuple[int, float]] = {}
+
+    def begin_after_gap(self, time_s: float) -> None:
+        """Begin at a time in a log: samples up to it are not known, nor a mean over an interval from before."""
+        self._begin(max(0, math.floor((time_s + SAME_TIME_S - self._first_s) / self._interval_s) + 1))
+        self._unknown = {}
+        for k, sensor in enumerate(self.sensors):
+            first_known = self.number + (k in self.layout.cells)
+            last_unknown_s = self._first_s + (first_known - 1) * self._interval_s
+            if first_known:
+                self._unknown[k] = first_known, last_unknown_s + sensor.delay_s + sensor.delay_jitter_s
+
+    def _begin(self, number: int) -> None:
+        self.number, self._shown_number = number, -1
+        self.next_s = self._first_s + number * self._interval_s
+        self.shown: FloatArray | None = None
+        self.arrival_s = math.inf
+        self._under_way: list[tuple[float, int, FloatArray]] = []
+        count = len(self.layout.summed)
+        self._impulses, self._last = np.zeros(count), np.full(count, np.nan)
+
+    def add_impulses(self, impulses: FloatArray) -> None:
+        """Add impulses through force sensors and angular impulses through torque sensors, in their order, (3 n,)."""
+        self._impulses = self._impulses + impulses
+
+    def take(self, true: FloatArray, hidden: Collection[int] = ()) -> None:
+        """Take the next sample.
+
+        Args:
+            true: True values of the sensors one after another, (size,); NaN where there is nothing to measure.
+            hidden: Sensors, by their place in the group, whose target is not in view.
+        """
+        layout, number, time_s = self.layout, self.number, self.next_s
+        sample = np.empty(layout.size)
+        sample[layout.values] = self._errors.measured(true, number)
+        sample[layout.true] = true
+        sample[layout.times] = time_s
+        sample[layout.valid] = 1.0
+        if math.isnan(true.dot(true)):
+            sample[layout.valid] = [not np.isnan(true[part]).any() for part in layout.parts]
+        for k in hidden:
+            sample[layout.valid.start + k] = 0.0
+        if len(layout.summed):
+            forces = true[layout.summed]
+            sample[layout.impulses] = self._impulses
+            sample[layout.means] = 0.5 * (self._last + forces) + self._impulses / self._interval_s
+            self._impulses, self._last = np.zeros(len(forces)), forces
+        sample.setflags(write=False)  # control laws see parts of it
+        if (after_s := self._errors.arrival_s(number)) < math.inf:
+            heappush(self._under_way, (time_s + after_s, number, sample))
+            self.arrival_s = self._under_way[0][0]
+        self.number = number + 1
+        self.next_s = self._first_s + self.number * self._interval_s
+
+    def arrive(self, time_s: float) -> bool:
+        """Let everything arrive that is due at a time; returns whether another sample is shown: the newest."""
+        under_way, before = self._under_way, self.shown
+        while self.arrival_s <= time_s + SAME_TIME_S:
+            _, number, sample = heappop(under_way)
+            self.arrival_s = under_way[0][0] if under_way else math.inf
+            if number > self._shown_number:
+                self.shown, self._shown_number = sample, number
+        return self.shown is not before
+
+    def may_show_unknown(self, time_s: float) -> list[str]:
+        """Names of sensors whose newest arrived sample may be one that is not known; to be asked at each row after a gap."""
+        names = []
+        for k, (first_known, until_s) in tuple(self._unknown.items()):
+            known = self._shown_number >= first_known
+            if known or time_s >= until_s:  # the last of them has arrived, at this row at the latest
+                del self._unknown[k]
+            if not known:
+                names.append(self.sensors[k].name)
+        return names
+
+
+def groups_of(sensors: Iterable[Sensor], seed: int) -> tuple[SensorGroup, ...]:
+    """Groups of sensors whose samples are taken and arrive at the same times."""
+    found: dict[tuple[float, float, float, str], list[Sensor]] = {}
+    for sensor in sensors:
+        at_random = sensor.dropout > 0.0 or sensor.delay_jitter_s > 0.0
+        key = sensor.first_s, sensor.interval_s, sensor.delay_s, sensor.name if at_random else ""
+        found.setdefault(key, []).append(sensor)
+    return tuple(SensorGroup(each, seed) for each in found.values())
