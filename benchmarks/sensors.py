@@ -1,6 +1,6 @@
 """Cost of sensors: a free arm with ten sensors at 100 Hz against one without, at ticks of 1 ms.
 
-``uv run --extra fast python benchmarks/sensors.py``: ratios of process time, the best of several interleaved runs. Ten sensors
+``uv run --extra fast python benchmarks/sensors.py``: ratios of process time, the best of several interleaved runs. Sensors
 that are sampled once show what their columns in the log and the clock cost at every tick; the rest is that of samples.
 """
 

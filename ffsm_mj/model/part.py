@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.actuator_delays import actuator_delays_s
 from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.joint_limits import empty_ranges
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sensors import Sensors, sensors_of_model
 from ffsm_mj.model.sites import add_sites
-from ffsm_mj.model.source import load_spec
+from ffsm_mj.model.source import load_with_timing
 from ffsm_mj.model.strip import strip
 
 
@@ -50,7 +49,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         InputError: MuJoCo refuses the model, a joint has an empty range, or a sensor cannot be measured.
         ScenarioFaults: A site or a property is impossible.
     """
-    spec = load_spec(files, vfs)
+    spec, timing = load_with_timing(files, vfs)
     notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
     if spec.compiler.settotalmass > 0.0:
         notes.append(
@@ -61,5 +60,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
-    sensors = sensors_of_model(spec, name, files, vfs)
-    return Part(spec, notes + sensors.notes, overridden, warnings, sensors, actuator_delays_s(spec, name, files, vfs))
+    sensors = sensors_of_model(spec, name, files, timing.sensors)
+    left = {actuator.name for actuator in spec.actuators}
+    delays_s = {f"{name}/{each}": delay for each, delay in timing.actuator_delays_s.items() if each in left}
+    return Part(spec, notes + sensors.notes, overridden, warnings, sensors, delays_s)

@@ -6,6 +6,7 @@ MuJoCo adds no noise, samples at the ends of steps only, and keeps delayed value
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -14,7 +15,7 @@ import mujoco
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.source import authored
+from ffsm_mj.model.timing import SensorTiming
 from ffsm_mj.model.xml import Element, elements
 
 Shape = Literal["vector", "direction", "rotation"]
@@ -109,24 +110,22 @@ class Sensors:
     notes: list[str]
 
 
-def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sensors:
+def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Mapping[str, SensorTiming]) -> Sensors:
     """Read the sensors of a model.
 
     Args:
         spec: Specification of the model, which may lack some of the sensors of its file; all its elements have names.
         model: Its name in the scene.
         files: Its files.
-        vfs: MuJoCo's virtual files.
+        timing: Timing of its sensors by their names in the file.
 
     Raises:
         InputError: A sensor of a kind that cannot be measured.
     """
-    found, left = Sensors({}, []), {sensor.name for sensor in spec.sensors}
+    found = Sensors({}, [])
     faults: list[str] = []
     without: list[str] = []
-    for sensor in authored(files, vfs).sensors if left else ():
-        if sensor.name not in left:
-            continue
+    for sensor in spec.sensors:
         type_name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower()
         kind, name = _ELEMENTS.get(type_name, type_name), f"{model}/{sensor.name}"
         if kind not in _UNITS:
@@ -135,11 +134,11 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, vfs: Any) -> Sens
                 f"remove it, or use 'strip: [sensors]'; known are {', '.join(_UNITS)}"
             )
             continue
-        every, phase = map(float, sensor.interval)
-        first = phase % every if every > 0.0 else 0.0
-        settings = float(sensor.noise), float(sensor.cutoff), every, first, float(sensor.delay)
+        own = timing[sensor.name]
+        first = own.phase_s % own.interval_s if own.interval_s > 0.0 else 0.0
+        settings = float(sensor.noise), own.cutoff, own.interval_s, first, own.delay_s
         found.by_name[name] = ModelSensor(name, kind, unit_of_sensor(spec, kind, sensor.objname), *settings)
-        if (every or sensor.delay) and not sensor.nsample:
+        if (own.interval_s or own.delay_s) and not own.buffered:
             without.append(repr(name))
     if faults:
         raise InputError(faults)

@@ -15,6 +15,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.packages import SCHEME
+from ffsm_mj.model.timing import Timing, take_timing
 from ffsm_mj.model.xml import elements
 
 REFUSALS = (ValueError, RuntimeError, MemoryError)
@@ -31,6 +32,11 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     Raises:
         InputError: MuJoCo cannot parse it.
     """
+    return load_with_timing(files, vfs)[0]
+
+
+def load_with_timing(files: ModelFiles, vfs: Any) -> tuple[Any, Timing]:
+    """Parse a model as :func:`load_spec` does; returns also the timing in the file, which MuJoCo is not given."""
     spec = parse_spec(files, vfs)
     for mesh in spec.meshes:  # with the scheme, MuJoCo searches for the base name only
         mesh.file = mesh.file.removeprefix(SCHEME)
@@ -39,18 +45,7 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
     if files.urdf:
         _complete_urdf(spec, floats=files.pose is None)
     _name_all(spec)
-    for sensor in spec.sensors:  # MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it
-        sensor.interval, sensor.delay, sensor.nsample, sensor.cutoff = [0.0, 0.0], 0.0, 0, 0.0
-    for actuator in spec.actuators:
-        actuator.delay, actuator.nsample = 0.0, 0
-    return spec
-
-
-def authored(files: ModelFiles, vfs: Any) -> Any:
-    """Specification as the model file has it, with names: timing and cutoffs too, which :func:`load_spec` sets to zero."""
-    spec = parse_spec(files, vfs)
-    _name_all(spec)
-    return spec
+    return spec, take_timing(spec)
 
 
 def parse_spec(files: ModelFiles, vfs: Any) -> Any:
