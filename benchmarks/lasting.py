@@ -56,7 +56,6 @@ PADS = {
     CORNERS: f'type="box" size="{THICK_M} 0.1 0.1"',
 }
 PARTS: dict[str, list[tuple[Any, str]]] = {
-    "contacts, for the control law": [(EventDrivenIntegrator, "contacts")],
     "contacts, for the log": [(ContactReport, "_write_values")],
     "watch for other contacts": [(ContactWatch, "look")],
     "whether something begins or ends": [(PersistentContactModel, "due")],
@@ -67,7 +66,7 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
 }
 FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(ActiveContactSet, "push")]}
 GAPS: dict[str, list[tuple[Any, str]]] = {"of these: gap, normal, point": [(PointOnFace, "at")]}
-TICK: dict[str, list[tuple[Any, str]]] = {"the whole tick": [(Simulation, name) for name in ("_decide", "_record", "_step")]}
+TICK: dict[str, list[tuple[Any, str]]] = {"the whole tick": [(Simulation, name) for name in ("_evaluate_controller", "_record", "_step")]}
 BOX = f"""<mujoco>{HEAD}<worldbody><body name="box"><inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
 <freejoint name="free"/>
 <geom name="box" type="box" size="{HALF_M} {HALF_M} {HALF_M}" mass="0"/></body></worldbody></mujoco>"""

@@ -156,7 +156,7 @@ class Observation(NamedTuple):
     data: Any
     events: tuple[Any, ...] = ()
     at_tick: bool = True
-    contacts: tuple[ActiveContact, ...] = ()
+    contacts: Sequence[ActiveContact] = ()
     free: Any = None
     grasp: str = ""
     measured: Mapping[str, Measurement] = MappingProxyType({})

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, overload
 
 import numpy as np
 
@@ -36,3 +37,36 @@ class ActiveContact(NamedTuple):
     friction_N: FloatArray = _NONE
     slip_m_s: FloatArray = _NONE
     friction_use: float = 0.0
+
+
+class ActiveContacts(Sequence[ActiveContact]):
+    """Closed pairs as a control law sees them, computed when they are first read: most laws do not read them."""
+
+    def __init__(self, compute: Callable[[], tuple[ActiveContact, ...]]) -> None:
+        """Store the function that computes the contacts at the present state."""
+        self._compute = compute
+        self._found: tuple[ActiveContact, ...] | None = None
+
+    def found(self) -> tuple[ActiveContact, ...]:
+        """Compute the contacts, if they are not known yet; whoever changes the state or the efforts calls this before."""
+        if self._found is None:
+            self._found = self._compute()
+        return self._found
+
+    def __len__(self) -> int:
+        """Number of closed pairs."""
+        return len(self.found())
+
+    @overload
+    def __getitem__(self, index: int) -> ActiveContact: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ActiveContact, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> ActiveContact | tuple[ActiveContact, ...]:
+        """One or several of them."""
+        return self.found()[index]
+
+    def __repr__(self) -> str:
+        """The contacts as a tuple."""
+        return repr(self.found())

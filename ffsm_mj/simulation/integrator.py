@@ -109,13 +109,14 @@ class EventDrivenIntegrator:
         """Columns of all contact models."""
         return [columns for contact_model in self.contact_models for columns in contact_model.columns]
 
+    @property
+    def pushed(self) -> bool:
+        """Whether a contact model that applies forces is active."""
+        return bool(self._active)
+
     def contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts at the state in ``data``, with forces under its efforts."""
-        return (
-            tuple(contact for contact_model in self._active for contact in contact_model.active_contacts())
-            if self._active
-            else ()
-        )
+        return tuple(contact for contact_model in self._active for contact in contact_model.active_contacts())
 
     def wrenches(self) -> tuple[Wrench, ...]:
         """Forces of the active contact models on bodies of the logged system, at the state and efforts in ``data``."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+import weakref
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.events import ControllerReport, Outcome, OutcomeRecord, RunEnded
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.internal_error import internal_error
@@ -164,7 +166,8 @@ class Simulation:
         for tick in range(settings.ticks):
             now = tick * period
             if self._is_on_time(now, tick):
-                self._decide(self._observed(now, self._pending_records, self._plant.integrator.contacts(), at_tick=True))
+                self._evaluate_controller(now, self._pending_records, at_tick=True)
+                self._report_phases()
             self._record(now)
             report(now)
             poll()
@@ -192,33 +195,38 @@ class Simulation:
             self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
         self._recorder.pass_on()
 
-    def _observed(self, time_s: float, events: tuple[Any, ...], contacts: tuple[Any, ...], at_tick: bool) -> Observation:
-        """Observation for the controller."""
-        free, motion = self._plant.data, self._plant.integrator.motion
-        shown = motion.data if motion.grasp else free
-        sampler = self._plant.sampler
-        measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
-        return Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp, measured)
-
-    def _decide(self, observation: Observation) -> None:
-        """Evaluate the controller, and record a phase that begins."""
-        self._evaluate_controller(observation)
-        self._report_phases()
-
-    def _evaluate_controller(self, observation: Observation) -> None:
+    def _evaluate_controller(self, time_s: float, events: tuple[Any, ...], *, at_tick: bool) -> None:
         """Evaluate the controller and apply its command within the actuator limits."""
         self._command.clear()
         self._pending_records = ()
         try:
-            self._controller.control(observation, self._command)
-            self._send(observation.time_s)
+            self._control(time_s, events, at_tick=at_tick)
+            self._send(time_s)
             if self._command.requests:
                 self._forward_requests()
+        except RunEnded:
+            raise
         except Exception as error:
             reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
-            message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
+            message = f"{self._controller.in_charge} at t = {time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
         self._done.ticks += 1
+
+    def _control(self, time_s: float, events: tuple[Any, ...], *, at_tick: bool) -> None:
+        """Let the controller write its command."""
+        free, integrator, sampler = self._plant.data, self._plant.integrator, self._plant.sampler
+        motion = integrator.motion
+        shown = motion.data if motion.grasp else free
+        measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
+        contacts = ActiveContacts(integrator.contacts) if integrator.pushed else ()
+        observation = Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp, measured)
+        self._controller.control(observation, self._command)
+        if isinstance(contacts, ActiveContacts):
+            kept = weakref.ref(contacts)
+            del observation, contacts
+            # A controller that keeps an observation may read its contacts later, under other efforts.
+            if (unread := kept()) is not None:
+                unread.found()
 
     def _send(self, time_s: float) -> None:
         """Send the command to the actuators."""
@@ -303,13 +311,11 @@ class Simulation:
         told = told_records(effect.records, self._settings.told_above_N_s)
         triggers_control = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
         end, events = effect.end, (*self._pending_records, *told)
-        contacts = self._plant.integrator.contacts() if triggers_control else ()
-        observation = self._observed(time_s, events, contacts, at_tick=effect.is_tick)
         try:
             if not triggers_control:
                 self._pending_records = events
             elif end is None or end.outcome == Outcome.COMPLETED:
-                self._evaluate_controller(observation)
+                self._evaluate_controller(time_s, events, at_tick=effect.is_tick)
         finally:
             efforts = self._plant.actuation.by_name()
             for record in effect.records:
@@ -318,5 +324,5 @@ class Simulation:
         self._plant.integrator.after_event(time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:
-                self._record(observation.time_s)
+                self._record(time_s)
             raise end
