@@ -125,6 +125,7 @@ class FrictionalRows(PointRows):
     Attributes:
         axes: Normal and tangents of each point, world axes, (k, 3, 3).
         qvel: Generalised velocity, (nv,).
+        held: Linear problems for the forces that hold some of the rows; see ``friction/held_rows.py``.
     """
 
     def __init__(
@@ -139,6 +140,7 @@ class FrictionalRows(PointRows):
         """Store the rows of some groups of points."""
         super().__init__(groups, J, gamma, response)
         self.axes, self.qvel = axes, qvel
+        self.held: dict[tuple[bytes, bytes], Any] = {}
 
     @cached_property
     def slips(self) -> FloatArray:

@@ -38,6 +38,11 @@ class HeldRows:
         return cls(3 * len(kinds), rows, slides)
 
     @cached_property
+    def key(self) -> bytes:
+        """What tells the rows held apart from others of the same points in the same modes."""
+        return self.rows.tobytes()
+
+    @cached_property
     def along(self) -> FloatArray:
         """Directions along which the forces of the rows act, (3k, r); without friction of sliding points."""
         along = np.zeros((self.count, len(self.rows)))
@@ -55,10 +60,11 @@ Structures: TypeAlias = dict[bytes, HeldRows]
 
 
 class HeldForces:
-    """The linear problem for the forces of held rows."""
+    """The linear problem for the forces of held rows, at one state; under several efforts there."""
 
     def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None:
-        self._problem, self._structure = problem, structure
+        """Take the matrix of a problem, and the rows."""
+        self._mu, self._structure = problem.mu, structure
         self._held_G = problem.G[structure.rows]
         self._range = range_basis(self._held_G[:, structure.rows])
         self._along = structure.along if len(structure.slides) else None
@@ -86,24 +92,36 @@ class HeldForces:
 
     def is_regular(self, slips: FloatArray) -> bool:
         """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
-        self.forces(slips)
+        self.turn_to(slips)
         system, U = self._system, self._range
         return bool(np.linalg.slogdet(system if U is None else U.T.dot(system).dot(U))[0] > 0.0)
 
-    def forces(self, slips: FloatArray) -> FloatArray:
-        """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
+    def turn_to(self, slips: FloatArray) -> None:
+        """Set the directions of slip, (k, 2)."""
         structure = self._structure
-        right = -self._problem.b[structure.rows]
         if self._along is None:  # forces act along the rows themselves
-            plain = np.zeros(structure.count)
-            plain[structure.rows] = self._solve(right)
-            return plain.reshape(-1, 3)
+            return
         slides, columns = structure.slides, structure.columns
         self._along = structure.along.copy()
-        friction = -self._problem.mu[slides, None] * slips[slides]
+        friction = -self._mu[slides, None] * slips[slides]
         self._along[3 * slides + 1, columns], self._along[3 * slides + 2, columns] = friction[:, 0], friction[:, 1]
-        forces: FloatArray = self._along.dot(self._solve(right))
-        return forces.reshape(-1, 3)
+
+    def forces(self, b: FloatArray, slips: FloatArray) -> FloatArray:
+        """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3).
+
+        Args:
+            b: Accelerations without contact forces, m/s^2, (3k,).
+            slips: The directions, (k, 2).
+        """
+        structure = self._structure
+        self.turn_to(slips)
+        held = self._solve(-b[structure.rows])
+        if self._along is not None:
+            forces: FloatArray = self._along.dot(held)
+            return forces.reshape(-1, 3)
+        plain = np.zeros(structure.count)
+        plain[structure.rows] = held
+        return plain.reshape(-1, 3)
 
     @property
     def _system(self) -> FloatArray:
@@ -129,6 +147,10 @@ class HeldForces:
         """
         along = self._structure.along if self._along is None else self._along
         turned, columns = np.zeros((len(along), len(points))), np.arange(len(points))
-        friction = -(self._problem.mu[points] * normal_forces)[:, None] * across
+        friction = -(self._mu[points] * normal_forces)[:, None] * across
         turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
         return np.asarray(turned + along.dot(self._solve(-self._held_G.dot(turned))))
+
+
+HeldProblems: TypeAlias = dict[tuple[bytes, bytes], HeldForces]
+"""Linear problems of the same points at one state, by the modes and the rows held."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 from typing import Any
@@ -197,7 +197,8 @@ class FrictionModes:
         if self._kinds != dict(zip(contact_points, values, strict=True)):
             return False
         self.released = self.struck = False
-        self._of = {points: replace(modes, structures={}) for points, modes in self._of.items()}
+        for modes in self._of.values():
+            modes.structures.clear()
         return True
 
     def move(self) -> None:

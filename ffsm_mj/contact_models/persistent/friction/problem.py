@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldRows, Structures
+from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldProblems, HeldRows, Structures
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, STICK
 from ffsm_mj.tolerances import CANCELLED, RANK
 
@@ -61,7 +61,14 @@ class FrictionProblem:
         movable_normals: Points at which a normal force can move anything, (k,).
     """
 
-    def __init__(self, G: FloatArray, b: FloatArray, mu: FloatArray, structures: Structures | None = None) -> None:
+    def __init__(
+        self,
+        G: FloatArray,
+        b: FloatArray,
+        mu: FloatArray,
+        structures: Structures | None = None,
+        held: HeldProblems | None = None,
+    ) -> None:
         """Set up the problem.
 
         Args:
@@ -69,10 +76,11 @@ class FrictionProblem:
             b: See the attributes.
             mu: See the attributes.
             structures: Structures of modes found before in the same (sub-)step, for the same points; more are added.
+            held: Linear problems found before with the same G; more are added.
         """
         self.G, self.b, self.mu = G, b, mu
         self._structures: Structures = {} if structures is None else structures
-        self._held: dict[bytes, HeldForces] = {}
+        self._held: HeldProblems = {} if held is None else held
         self._forces: dict[tuple[bytes, bytes], FloatArray] = {}
         self.inverse_mass: FloatArray = G.diagonal()[::3]
 
@@ -104,10 +112,11 @@ class FrictionProblem:
 
     def _held_in(self, kinds: IntArray) -> HeldForces:
         """The linear problem in given modes."""
-        key = kinds.tobytes()
+        structure = self.structure(kinds)
+        key = kinds.tobytes(), structure.key
         found = self._held.get(key)
         if found is None:
-            found = self._held[key] = HeldForces(self, self.structure(kinds))
+            found = self._held[key] = HeldForces(self, structure)
         return found
 
     def redundant(self, kinds: IntArray) -> bool:
@@ -124,7 +133,7 @@ class FrictionProblem:
         key = kinds.tobytes(), slips.tobytes()
         found = self._forces.get(key)
         if found is None:
-            found = self._forces[key] = self._held_in(kinds).forces(slips)
+            found = self._forces[key] = self._held_in(kinds).forces(self.b, slips)
         return found
 
     def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
@@ -147,20 +156,20 @@ class FrictionProblem:
         held, free, slips = self._held_in(kinds), velocity.free, slips.copy()
         estimate = slips.copy()
         angles = np.arctan2(slips[free, 1], slips[free, 0])
-        forces, before = held.forces(slips), np.inf
+        forces, before = held.forces(self.b, slips), np.inf
         for _ in range(_TURNS):
             step = self._turn(held, forces, slips[free], velocity)
             largest = float(np.abs(step).max(initial=0.0))
             angles = angles + step * min(1.0, _LARGEST_TURN / max(largest, _LARGEST_TURN))
             slips[free] = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-            forces = held.forces(slips)
+            forces = held.forces(self.b, slips)
             if largest <= _TURNED or (largest < _NEARLY and largest >= 0.5 * before):  # rounding of a slow slip
                 break
             before = largest
         else:
             # No such direction: a point stops within the stage. The stage keeps the sense of its friction instead.
             slips = estimate
-            forces = held.forces(slips)
+            forces = held.forces(self.b, slips)
         return forces, slips
 
     def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
@@ -173,7 +182,7 @@ class FrictionProblem:
             forces: Forces in these modes, N, (k, 3).
         """
         held = self._held_in(kinds)
-        held.forces(slips)
+        held.turn_to(slips)
         across = np.stack((-slips[points, 1], slips[points, 0]), axis=1)
         return held.responses_to_turns(points, across, forces[points, 0]).reshape(-1, 3, len(points))
 

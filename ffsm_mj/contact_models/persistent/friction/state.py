@@ -34,4 +34,5 @@ class FrictionState(NamedTuple):
         """Set up the problem; see the attributes."""
         b = rows.response.dot(force)
         b += rows.gamma
-        return cls(contact_points, rows, force, modes, FrictionProblem(rows.G, b, modes.mu, modes.structures))
+        problem = FrictionProblem(rows.G, b, modes.mu, modes.structures, rows.held)
+        return cls(contact_points, rows, force, modes, problem)
