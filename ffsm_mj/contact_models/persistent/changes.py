@@ -69,6 +69,8 @@ class ContactChanges:
         if begins:
             return CONTACT_BEGINS, begins
         leaving, beyond = closed.leaving(), closed.pairs_outside_feature()
+        if not leaving and not beyond and all(closed.by_pair.values()):
+            return self._slips_or_sticks()
         lost = [pair for pair in beyond if not self._features_now(pair)]
         ends = [
             pair for pair, contact_points in closed.by_pair.items() if set(contact_points).issubset(leaving) or pair in lost

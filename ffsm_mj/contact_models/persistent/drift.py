@@ -84,7 +84,8 @@ def drift_of(closed: ActiveContactSet) -> tuple[Sequence[float], Sequence[float]
     rows = closed.decide().rows
     if not isinstance(rows, FrictionalRows):
         return rows.gaps, rows.rates, _NO_SLIP
-    return rows.gaps, rows.rates, rows.slips[closed.modes.of(closed.contact_points).drifts]
+    modes = closed.modes.of(closed.contact_points)
+    return rows.gaps, rows.rates, rows.slips if modes.all_drift else rows.slips[modes.drifts]
 
 
 def closed_rows(closed: ActiveContactSet) -> ClosedRows:

@@ -128,9 +128,9 @@ class ContactReport:
         if not closed.by_pair and self._is_blank:
             return
         self._values[:, :_IMPULSE], self._residual[0] = _NOTHING[:_IMPULSE], 0.0
-        self.friction.write({})
         self._is_blank = not closed.by_pair
         if not closed.contact_points:
+            self.friction.write({})
             return
         decision = closed.decide()
         forces, contact_points = decision.forces, decision.contact_points
@@ -152,6 +152,8 @@ class ContactReport:
             self._values[self._rules[rule], :_IMPULSE] = _row_of(each, pressing)
         if isinstance(decision, FrictionalDecision):
             self._write_friction(decision, by_rule)
+        else:
+            self.friction.write({})
 
     def _write_friction(
         self, decision: FrictionalDecision, by_rule: Mapping[str, Sequence[tuple[ContactPair, Resultant]]]

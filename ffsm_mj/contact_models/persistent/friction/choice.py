@@ -104,7 +104,7 @@ class ModeChoice:
         """
         states = self._states
         if not states.released:
-            if (states.kinds >= 0).all() and not (states.slides & (states.kinds == STICK)).any():
+            if min(states.kinds.tolist()) >= 0 and not (states.slides.any() and (states.slides & (states.kinds == STICK)).any()):
                 kept = self.evaluate(states.kinds, self._directions(states.kinds))
                 if kept.valid:
                     return kept

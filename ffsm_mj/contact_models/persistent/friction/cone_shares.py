@@ -9,6 +9,8 @@ nonsmooth version of Newton's method*, 1993).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
@@ -55,7 +57,8 @@ def shares_in_cones(problem: FrictionProblem, forces: FloatArray, sticks: IntArr
 
 def depth(forces: FloatArray, mu: FloatArray) -> float:
     """Least of mu lam_n - |lam_t| of some points, N."""
-    return float((mu * forces[:, 0] - np.hypot(forces[:, 1], forces[:, 2])).min())
+    each = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
+    return min([limit * normal - math.hypot(*across) for limit, (normal, *across) in each])
 
 
 def least_in_cones(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> FloatArray:

@@ -59,20 +59,14 @@ class FrictionalDecision:
     def rounding(self) -> FloatArray:
         """Rounding of the accelerations of each point, m/s^2, (k,): a share of the largest term."""
         rows = self.rows
-        k = len(self.contact_points)
-        terms = np.abs(rows.response * self.here.force).reshape(k, -1).max(axis=1, initial=0.0)
-        terms = np.maximum(terms, np.abs(rows.gamma).reshape(k, 3).max(axis=1))
-        return np.asarray(ACCELERATION_M_S2 + ACCELERATION * np.maximum(terms, rows.scales))
-
-    @cached_property
-    def slips(self) -> FloatArray:
-        """Slip velocities, world axes, m/s, (k, 3)."""
-        return self.rows.across(self.rows.slips)
+        terms = np.abs(rows.response * self.here.force).reshape(len(self.contact_points), -1).max(axis=1, initial=0.0)
+        each = zip(terms.tolist(), np.abs(rows.gamma).reshape(-1, 3).tolist(), rows.scales, strict=True)
+        return np.array([ACCELERATION_M_S2 + ACCELERATION * max(term, *rates, scale) for term, rates, scale in each])
 
     @cached_property
     def _choice(self) -> ModeChoice:
         modes, slips = self.here.modes, self.rows.slips
-        if modes.straight.any():
+        if modes.any_straight:
             slips = np.where(modes.straight[:, None], self._speeds[:, None] * self._at_start, slips)
         states = PointStates(slips, self._slides, modes.kinds, self._at_start, self.rounding, self._released)
         return ModeChoice(self.problem, states)
@@ -85,16 +79,18 @@ class FrictionalDecision:
     @cached_property
     def _speeds(self) -> FloatArray:
         """Slip speeds, along the kept direction for points that go straight on to their stop, m/s, (k,)."""
-        u, straight = self.rows.slips, self.here.modes.straight
-        speeds = np.hypot(u[:, 0], u[:, 1])
-        return np.where(straight, np.maximum(np.sum(u * self._at_start, axis=1), 0.0), speeds) if straight.any() else speeds
+        u, modes = self.rows.slips, self.here.modes
+        speeds: FloatArray = np.hypot(u[:, 0], u[:, 1])
+        if not modes.any_straight:
+            return speeds
+        return np.where(modes.straight, np.maximum(np.sum(u * self._at_start, axis=1), 0.0), speeds)
 
     @cached_property
     def _slides(self) -> BoolArray:
         """Points that slip, (k,)."""
         modes = self.here.modes
-        if not self._struck and float(self._speeds.max(initial=0.0)) <= modes.drift_m_s:
-            return np.zeros(len(self._speeds), dtype=np.bool_)
+        if not self._struck and max(self._speeds.tolist()) <= modes.drift_m_s:
+            return modes.nowhere
         slides = sliding(
             self._speeds,
             modes.kinds,
@@ -159,7 +155,7 @@ class FrictionalDecision:
     @cached_property
     def of_pairs(self) -> FrictionOfPairs:
         """Friction of the pairs with mu > 0 that carry force."""
-        return FrictionOfPairs(self.contact_points, self.problem, self.solution, self.friction, self.slips)
+        return FrictionOfPairs(self.contact_points, self.rows, self.problem, self.solution, self.friction)
 
     @property
     def held_forces(self) -> FloatArray:
@@ -178,12 +174,14 @@ class FrictionalDecision:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``."""
-        rates = zip(self.contact_points, self.solution.accelerations[:, 0].tolist(), self.rounding.tolist(), strict=True)
+        opening = self.solution.accelerations[:, 0].tolist()
+        rates = zip(self.contact_points, opening, self.rounding.tolist(), strict=True)
         return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])
 
     def keep_modes(self) -> None:
         """Make the modes chosen those of the next step."""
-        self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self._slides)
+        if not self._modes.keep_still(self.contact_points, self.kinds):
+            self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self._slides)
 
     @cached_property
     def _in_present_modes(self) -> tuple[Solution, float]:

@@ -89,13 +89,32 @@ class PointModes:
         """Whether any point slides with friction."""
         return bool(self.slides.any())
 
+    @cached_property
+    def any_straight(self) -> bool:
+        """Whether any point goes straight on to its stop."""
+        return bool(self.straight.any())
+
+    @cached_property
+    def all_drift(self) -> bool:
+        """Whether the slip of every point is drift."""
+        return bool(self.drifts.all())
+
+    @cached_property
+    def nowhere(self) -> BoolArray:
+        """False for each point, (k,)."""
+        return np.zeros(len(self.kinds), dtype=np.bool_)
+
+    @cached_property
+    def _directed(self) -> bool:
+        return bool(self.directions.any())
+
     def start_directions(self, axes: FloatArray) -> FloatArray:
         """Directions of slip at the start of the step along the tangents, (k, 2).
 
         Args:
             axes: Normal and tangents of each point, (k, 3, 3).
         """
-        if not self.directions.any():
+        if not self._directed:
             return self.no_slips
         return unit_slips(np.einsum("kij,kj->ki", axes[:, 1:], self.directions))
 
@@ -162,8 +181,6 @@ class FrictionModes:
             slips: Slip speeds, m/s, (k,).
             slides: Points that slip already; others only begin to slide, (k,).
         """
-        if self._keep_still(contact_points, kinds):
-            return
         before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
         self.released, self.struck, self._straight = False, False, {}
         self.forget_structures()
@@ -189,7 +206,7 @@ class FrictionModes:
                 if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
                     self._straight[contact] = slip
 
-    def _keep_still(self, contact_points: Sequence[ContactPoint], kinds: IntArray) -> bool:
+    def keep_still(self, contact_points: Sequence[ContactPoint], kinds: IntArray) -> bool:
         """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so."""
         values = kinds.tolist()
         if SLIDE in values or self._largest_slip or self.beginning:

@@ -14,7 +14,7 @@ from ffsm_mj.contact_models.persistent.friction.choice import Solution
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, limit_ratios, wedged
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
 
 
 class PairFriction(NamedTuple):
@@ -49,36 +49,36 @@ class FrictionOfPairs:
     def __init__(
         self,
         contact_points: Sequence[ContactPoint],
+        rows: FrictionalRows,
         problem: FrictionProblem,
         solution: Solution,
         friction: FloatArray,
-        slips: FloatArray,
     ) -> None:
         """Sum over the points of each pair.
 
         Args:
             contact_points: All closed contact points.
+            rows: Their rows.
             problem: Their problem.
             solution: Its solution.
             friction: Friction forces, world axes, N, (k, 3).
-            slips: Slip velocities, world axes, m/s, (k, 3).
         """
-        self._problem, self._solution, self._kinds = problem, solution, solution.kinds.tolist()
+        self._rows, self._problem, self._solution, self._kinds = rows, problem, solution, solution.kinds.tolist()
         self._sticks: IntArray = (solution.kinds == STICK).nonzero()[0]
         self._points: dict[UnilateralConstraint, list[int]] = {}
         for i, (contact, kind) in enumerate(zip(contact_points, self._kinds, strict=True)):
             if kind != CLOSED and contact.pair.mu > 0.0:
                 self._points.setdefault(contact.pair, []).append(i)
         self._ratios = limit_ratios(solution.forces, problem.mu)
-        self.by_pair = {pair: self._of_points(mine, friction, slips) for pair, mine in self._points.items()}
+        self.by_pair = {pair: self._of_points(mine, friction) for pair, mine in self._points.items()}
 
-    def _of_points(self, mine: list[int], friction: FloatArray, slips: FloatArray) -> PairFriction:
+    def _of_points(self, mine: list[int], friction: FloatArray) -> PairFriction:
         force = friction[mine].sum(axis=0)
         sliding = [i for i in mine if self._kinds[i] == SLIDE]
         if not sliding:
             return PairFriction(False, force, np.zeros(3), self._use(mine))
-        speeds = np.linalg.norm(slips[sliding], axis=1)
-        return PairFriction(True, force, slips[sliding[int(np.argmax(speeds))]], 1.0)
+        slips = self._rows.across(self._rows.slips)[sliding]
+        return PairFriction(True, force, slips[int(np.argmax(np.linalg.norm(slips, axis=1)))], 1.0)
 
     def _use(self, mine: list[int]) -> float:
         """Share of the friction limit that the sticking points of a pair use.

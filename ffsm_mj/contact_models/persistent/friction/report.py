@@ -73,10 +73,10 @@ class FrictionReport:
         """Write the columns for the pairs that carry force, by rule."""
         self._values[:, :_SLIP] = 0.0
         for rule, pairs in by_rule.items():
-            force = np.sum([pair.force for pair in pairs], axis=0)
-            size = sum(math.hypot(*pair.force.tolist()) for pair in pairs)
-            use, speed = max(pair.use for pair in pairs), max(pair.slip_speed for pair in pairs)
-            self._values[self._rules[rule], :_SLIP] = size, *force.tolist(), use, speed
+            forces = [pair.force.tolist() for pair in pairs]
+            size, force = sum([math.hypot(*each) for each in forces]), [*map(sum, zip(*forces, strict=True))]
+            use, speed = max([pair.use for pair in pairs]), max([pair.slip_speed for pair in pairs])
+            self._values[self._rules[rule], :_SLIP] = size, *force, use, speed
 
     def slip(self, rule: str) -> float:
         """Slip distance of a rule since t = 0, m."""
