@@ -56,6 +56,12 @@ class PointStates(NamedTuple):
     rounding: FloatArray
     released: bool
 
+    @property
+    def fit(self) -> bool:
+        """Whether the present modes fit the slips: every point has a mode, and none that sticks slips."""
+        known = min(self.kinds.tolist()) >= 0
+        return known and not (self.slides.any() and bool((self.slides & (self.kinds == STICK)).any()))
+
 
 class Solution(NamedTuple):
     """Forces in given modes at one state.
@@ -104,7 +110,7 @@ class ModeChoice:
         """
         states = self._states
         if not states.released:
-            if min(states.kinds.tolist()) >= 0 and not (states.slides.any() and (states.slides & (states.kinds == STICK)).any()):
+            if states.fit:
                 kept = self.evaluate(states.kinds, self._directions(states.kinds))
                 if kept.valid:
                     return kept

@@ -58,7 +58,7 @@ def shares_in_cones(problem: FrictionProblem, forces: FloatArray, sticks: IntArr
 def depth(forces: FloatArray, mu: FloatArray) -> float:
     """Least of mu lam_n - |lam_t| of some points, N."""
     each = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
-    return min([limit * normal - math.hypot(*across) for limit, (normal, *across) in each])
+    return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in each]))
 
 
 def least_in_cones(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> FloatArray:
