@@ -28,6 +28,7 @@ from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.simulation.progress import EventDue
 
 HIT_S, HELD_S, AFTER_S = 7.77, 4.0, 1.0
 GOALS = {"plain": 1.2, "compiled": 1.3}
@@ -71,7 +72,7 @@ def measured(prepared: PreparedRun) -> Cost:
     blocks: list[tuple[float, bool]] = []
     events: list[tuple[str, float]] = []
     began = in_blocks = 0.0
-    record, act, after, pass_on = Simulation._record, Simulation._act, Simulation._after_event, Recorder.pass_on
+    record, act, after, pass_on = Simulation._record, Simulation._act, Simulation._settle, Recorder.pass_on
 
     def noted(self: Simulation, time_s: float) -> None:
         record(self, time_s)
@@ -91,12 +92,12 @@ def measured(prepared: PreparedRun) -> Cost:
         began = time.perf_counter()
         act(self, *args)
 
-    def done(self: Simulation, effect, time_s: float) -> None:
-        events.extend((type(each).__name__, 1e3 * (time.perf_counter() - began)) for each in effect.records)
-        after(self, effect, time_s)
+    def done(self: Simulation, due: EventDue, commanded: bool = False) -> None:
+        events.extend((type(each).__name__, 1e3 * (time.perf_counter() - began)) for each in due.records)
+        after(self, due, commanded)
 
     with (
-        patch.multiple(Simulation, _record=noted, _act=acting, _after_event=done),
+        patch.multiple(Simulation, _record=noted, _act=acting, _settle=done),
         patch.object(Recorder, "pass_on", passing),
     ):
         run = simulate(prepared.assemble())

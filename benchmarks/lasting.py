@@ -66,9 +66,7 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
 }
 FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(ActiveContactSet, "push")]}
 GAPS: dict[str, list[tuple[Any, str]]] = {"of these: gap, normal, point": [(PointOnFace, "at")]}
-TICK: dict[str, list[tuple[Any, str]]] = {
-    "the whole tick": [(Simulation, name) for name in ("_evaluate_controller", "_record", "_step")]
-}
+TICK: dict[str, list[tuple[Any, str]]] = {"the whole tick": [(Simulation, "_tick"), (Simulation, "_step")]}
 BOX = f"""<mujoco>{HEAD}<worldbody><body name="box"><inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
 <freejoint name="free"/>
 <geom name="box" type="box" size="{HALF_M} {HALF_M} {HALF_M}" mass="0"/></body></worldbody></mujoco>"""

@@ -1,9 +1,10 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``load_run(path)`` reads one back from its log,
-``compare(a, b)`` tells two of them apart; ``prepare(scenario)`` gives a recipe that runs again and again;
-``Campaign`` and ``sweep`` run a scenario many times into one table; ``impact`` resolves single collisions on any MuJoCo
-model. Everything is imported on first use, so that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
+``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``Simulator(scenario)`` does so step by step,
+in a loop of the caller's own; ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart;
+``prepare(scenario)`` gives a recipe that runs again and again; ``Campaign`` and ``sweep`` run a scenario many times into one
+table; ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that
+``import ffsm_mj`` and ``ffsm --help`` cost nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ffsm_mj.analysis.run import compare as compare
     from ffsm_mj.assembly.prepare import prepare as prepare
     from ffsm_mj.assembly.prepare import run as run
+    from ffsm_mj.assembly.simulator import Simulator as Simulator
     from ffsm_mj.campaign.campaign import Campaign as Campaign
     from ffsm_mj.campaign.sweep import sweep as sweep
     from ffsm_mj.report.run import Run as Run
@@ -26,13 +28,14 @@ _LAZY = {
     "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
+    "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
     "load_run": ("ffsm_mj.report.run", "load_run"),
     "Run": ("ffsm_mj.report.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
 }
 
-__all__ = ["Campaign", "Run", "compare", "impact", "load_run", "prepare", "run", "sweep"]
+__all__ = ["Campaign", "Run", "Simulator", "compare", "impact", "load_run", "prepare", "run", "sweep"]
 
 
 def __getattr__(name: str) -> Any:

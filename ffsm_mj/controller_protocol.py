@@ -61,6 +61,7 @@ __all__ = [
     "Estimator",
     "Fault",
     "FloatArray",
+    "GivenCommand",
     "ImpactRecord",
     "IntArray",
     "Joint",
@@ -195,6 +196,30 @@ class Command:
         self.powered[actuators] = True
 
 
+@dataclass(frozen=True)
+class GivenCommand:
+    """Command of the program that steps a simulation, in place of that of the control laws.
+
+    Attributes:
+        command: Efforts, which actuators are powered, and requests.
+        actuators: Actuators that it commands, (nu,); the control laws command the others.
+    """
+
+    command: Command
+    actuators: npt.NDArray[np.bool_]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it commands every actuator: no control law is evaluated."""
+        return bool(self.actuators.all())
+
+    def write(self, command: Command) -> None:
+        """Write it into a command, over what control laws have written there."""
+        np.copyto(command.effort, self.command.effort, where=self.actuators)
+        np.copyto(command.powered, self.command.powered, where=self.actuators)
+        command.requests.update(self.command.requests)
+
+
 class Controller(Protocol):
     """A control law. The class, or each instance, declares what it reports; the instance carries its state."""
 
@@ -296,6 +321,9 @@ class TaskController(Protocol):
 
     columns: tuple[Columns, ...]
     """Reports of the phases' controllers after the last call, NaN in the columns of other phases; the phase's position."""
+
+    given: GivenCommand | None
+    """Command of the program that steps the simulation; None: the controllers of the phases command everything."""
 
     @property
     def in_charge(self) -> str:

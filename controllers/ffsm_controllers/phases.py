@@ -19,6 +19,7 @@ from ffsm_mj.controller_protocol import (
     Controller,
     ControllerError,
     ControllerReport,
+    GivenCommand,
     Observation,
     PhaseRecord,
     Signal,
@@ -90,6 +91,8 @@ class PhaseMachine:
 
     Attributes:
         phases: The phases in their order.
+        given: Command of the program that steps the simulation: phases begin and end, and their controllers are asked only
+            for actuators that it leaves to them.
     """
 
     def __init__(self, phases: Sequence[Phase]) -> None:
@@ -107,6 +110,7 @@ class PhaseMachine:
             Columns(tuple(signals.values()), live=self.telemetry),
             Columns((index,), live=self._live_index),
         )
+        self.given: GivenCommand | None = None
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
@@ -122,7 +126,7 @@ class PhaseMachine:
         return f"phase {phase.name!r}, {part}" if part else f"phase {phase.name!r} ({phase.kind})"
 
     def control(self, observation: Observation, command: Command) -> None:
-        """Change phase where it is due, then ask its controller."""
+        """Change phase where it is due, then ask its controller, unless a given command leaves it nothing to command."""
         if self.phase_index < 0:
             self._begin(0, observation, "start")
         reason = self._ended(observation)
@@ -130,11 +134,20 @@ class PhaseMachine:
             self._begin(self.phase_index + 1, observation, reason)
         if observation.grasp != self._grasp:
             self._take_over(observation)
-        controller = self.phases[self.phase_index].law(self._grasp)
-        controller.control(observation, command)
+        if self.given is None:
+            self._ask(observation, command)
+        else:
+            if not self.given.is_complete:
+                self._ask(observation, command)
+            self.given.write(command)
         if self._requests:
             command.requests.update(self._requests)
             self._requests.clear()
+
+    def _ask(self, observation: Observation, command: Command) -> None:
+        """Let the controller of the phase command, and take its telemetry."""
+        controller = self.phases[self.phase_index].law(self._grasp)
+        controller.control(observation, command)
         if controller.telemetry_signals:
             report = controller.telemetry()
             if len(report) != len(controller.telemetry_signals):

@@ -8,6 +8,7 @@ from typing import NamedTuple, overload
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import ControllerError
 
 _NONE = np.zeros(3)
 _NONE.flags.writeable = False
@@ -44,14 +45,26 @@ class ActiveContacts(Sequence[ActiveContact]):
 
     def __init__(self, compute: Callable[[], tuple[ActiveContact, ...]]) -> None:
         """Store the function that computes the contacts at the present state."""
-        self._compute = compute
+        self._compute: Callable[[], tuple[ActiveContact, ...]] | None = compute
         self._found: tuple[ActiveContact, ...] | None = None
 
     def found(self) -> tuple[ActiveContact, ...]:
-        """Compute the contacts, if they are not known yet; whoever changes the state or the efforts calls this before."""
+        """Compute the contacts, if they are not known yet.
+
+        Raises:
+            ControllerError: They are those of the past, and were not read then.
+        """
         if self._found is None:
+            if self._compute is None:
+                raise ControllerError(
+                    "contacts of an earlier observation were not read then: keep tuple(observation.contacts)"
+                )
             self._found = self._compute()
         return self._found
+
+    def expire(self) -> None:
+        """The state or the efforts change: contacts that were not read are not known any more."""
+        self._compute = None
 
     def __len__(self) -> int:
         """Number of closed pairs."""

@@ -3,46 +3,39 @@
 At a control tick the controller computes the efforts from the current state, a row is recorded, and the plant is integrated
 step by step with constant efforts. An event inside a step ends the step there and is applied; the rest of the step follows,
 so that rows stay on the time grid. The loop knows nothing of phases or control laws.
+
+The loop advances from decision to decision, at a control tick or at an event: a run does so to its end, and a program that
+steps a simulation sees the state before each decision.
 """
 
 from __future__ import annotations
 
 import math
 import time
-import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import replace
 from typing import Any
-
-import mujoco
 
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
-from ffsm_mj.controller_protocol import Command, Observation, TaskController
-from ffsm_mj.errors import ControllerError, LogWriteError, UnsupportedContactError, described, raised_at, unknown_name
+from ffsm_mj.controller_protocol import Observation, TaskController
+from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.records.active_contact import ActiveContacts
-from ffsm_mj.records.events import ControllerReport, Outcome, OutcomeRecord, RunEnded
-from ffsm_mj.sensing.measurement import Measurement
+from ffsm_mj.records.effort_change import EffortChange
+from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
+from ffsm_mj.simulation.ending import last_reports, outcome_of
+from ffsm_mj.simulation.evaluation import Evaluation
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.plant import Plant
+from ffsm_mj.simulation.progress import EventDue, Progress
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.settings import Settings
 from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.simulation.told_records import told_records
 
 MOST_EVENTS_PER_STEP = 1000
-_NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
-
-
-@dataclass
-class _Progress:
-    time_s: float = 0.0
-    steps: int = 0
-    ticks: int = 0
 
 
 class Simulation:
@@ -50,6 +43,9 @@ class Simulation:
 
     Attributes:
         error: Exception of a control law or an unexpected one that ended the run, with its traceback; None otherwise.
+        interrupted: Called at each step and during event localisation; True ends the run.
+        report: Called with the simulation time at each tick; an exception that it raises is not an outcome of the run.
+        progress: How far the run has come.
     """
 
     def __init__(
@@ -64,46 +60,98 @@ class Simulation:
         """Store the parts; ``watch`` reports overlaps that no contact model handles."""
         self._plant, self._watch, self._controller, self._rows = plant, watch, controller, rows
         self._recorder, self._settings = recorder, settings
-        self._command = Command.off(int(plant.system.mj.nu))
-        self._done = _Progress()
+        self._evaluation = Evaluation(plant, controller)
+        self.progress = Progress()
         self._warnings: list[str] = []
-        self._pending_records: tuple[Any, ...] = ()
-        self._callback_error: Exception | None = None
+        self._wall_s = 0.0
+        self._ended: tuple[Outcome, str] | None = None
+        self._observed: Observation | None = None
+        self._report_error: Exception | None = None
         self.error: Exception | None = None
+        self.interrupted: Callable[[], bool] = bool
+        self.report: Callable[[float], object] | None = None
 
-    def run(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> OutcomeRecord:
-        """Simulate to the end of the run.
-
-        Args:
-            interrupted: Called at each step and during event localisation; True ends the run.
-            report: Called with the simulation time at each tick.
+    def run(self) -> OutcomeRecord:
+        """Simulate from the start to the end of the run.
 
         Returns:
             The outcome, without software versions. Exceptions become outcomes too, except those raised by ``report``.
         """
-        started = time.perf_counter()
-
-        def tell(time_s: float) -> None:
-            try:
-                report(time_s)
-            except Exception as error:
-                self._callback_error = error
-                raise
-
         with collected_warnings(self._warnings):
-            ended = self._outcome_of(lambda: self._loop(interrupted, tell))
-            finished = self._outcome_of(self._finish)
+            self.begin()
+            while self._ended is None:
+                self.advance()
+            return self.finish()
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the run ended; None while it lasts."""
+        return self._ended[0] if self._ended is not None else None
+
+    @property
+    def message(self) -> str:
+        """Message of a run that has ended without being completed; else empty."""
+        return self._ended[1] if self._ended is not None else ""
+
+    def begin(self) -> None:
+        """Begin: the decision of the first control tick is due."""
+        self._guarded(self._begin)
+
+    def _begin(self) -> None:
+        self._plant.integrator.interrupt_by(self._poll)
+        if self._plant.sampler is not None:
+            self._plant.sampler.begin()
+
+    def advance(self, *, to_event: bool = False, commanded: bool = False) -> None:
+        """Take the decision that is due, and simulate to the next one or to the end of the run.
+
+        Args:
+            to_event: Stop at an event before the next control tick: the state is that after it, its decision is due.
+            commanded: A command was given: the controller is evaluated even at an event that does not trigger it.
+        """
+        started = time.perf_counter()
+        try:
+            with collected_warnings(self._warnings):
+                self._guarded(lambda: self._advance(to_event, commanded))
+        finally:
+            self._wall_s += time.perf_counter() - started
+
+    def observation(self) -> Observation:
+        """What the controller sees at the decision that is due, or at the end of the run."""
+        progress = self.progress
+        if progress.due is not None:
+            return progress.due.observation
+        if self._ended is not None:  # the state may be beyond what contacts can be computed for
+            return self._evaluation.observed(progress.time_s, at_tick=False)
+        if self._observed is None:
+            self._observed = self._evaluation.observed(self._tick_time_s, at_tick=True)
+        return self._observed
+
+    def finish(self) -> OutcomeRecord:
+        """Write what remains; a run that has not reached its end was interrupted.
+
+        Returns:
+            The outcome, without software versions.
+        """
+        ended = self._ended or (Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
+        self._ended = None
+        with collected_warnings(self._warnings):
+            self._guarded(self._finish)
+        finished = self._ended or (Outcome.COMPLETED, "")
         # The first cause is the outcome, except that a failed write of the log is always reported.
         completed = ended[0] == Outcome.COMPLETED or finished[0] == Outcome.WRITE_FAILED
         outcome, message = finished if completed else ended
-        outcome, message, reports = self._with_reports(outcome, message)
+        reports, error, failure = last_reports(self._controller)
+        if error is not None and outcome == Outcome.COMPLETED:
+            self.error, outcome, message = error, Outcome.CONTROLLER_FAILED, failure
+        self._ended = outcome, message
         return OutcomeRecord(
             outcome=outcome.value,
             message=message,
-            end_s=self._done.time_s,
-            steps=self._done.steps,
-            wall_s=time.perf_counter() - started,
-            controller_ticks=self._done.ticks,
+            end_s=self.progress.time_s,
+            steps=self.progress.steps,
+            wall_s=self._wall_s,
+            controller_ticks=self.progress.evaluations,
             reports=reports,
             **self._sub_steps(),
         )
@@ -113,69 +161,77 @@ class Simulation:
         control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
-    def _outcome_of(self, part: Callable[[], None]) -> tuple[Outcome, str]:
-        """Execute a part of the run; returns its outcome and message."""
+    def _guarded(self, part: Callable[[], None]) -> None:
+        """Execute a part of the run; what ends it becomes its outcome."""
         try:
             part()
-        except RunEnded as end:
-            if end.outcome == Outcome.CONTROLLER_FAILED and isinstance(end.__cause__, Exception):
-                self.error = end.__cause__
-            return end.outcome, end.message if end.outcome != Outcome.COMPLETED else ""
-        except KeyboardInterrupt:
-            return Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
-        except LogWriteError as error:
-            return Outcome.WRITE_FAILED, str(error)
-        except mujoco.FatalError as error:
-            return Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
-        except Exception as error:
-            if error is self._callback_error:
+        except (Exception, KeyboardInterrupt) as error:
+            if error is self._report_error:
                 raise
-            return self._failed(error)
-        return Outcome.COMPLETED, ""
+            if isinstance(error, RunEnded) and error.outcome == Outcome.CONTROLLER_FAILED:
+                self.error = error.__cause__ if isinstance(error.__cause__, Exception) else None
+            self._ended = outcome_of(error) or self._failed(error)
 
-    def _failed(self, error: Exception) -> tuple[Outcome, str]:
+    def _failed(self, error: BaseException) -> tuple[Outcome, str]:
         """Log an unexpected exception with its traceback."""
+        assert isinstance(error, Exception)
         self.error = self.error or error
-        record = internal_error(error, self._done.time_s, self._done.steps)
+        record = internal_error(error, self.progress.time_s, self.progress.steps)
         with suppress(Exception):  # the log itself may have raised it; the outcome reports it in any case
             self._recorder.event(record)
         return Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})"
 
-    def _with_reports(self, outcome: Outcome, message: str) -> tuple[Outcome, str, Mapping[str, ControllerReport]]:
-        """The outcome, with the reports of the control laws; a law that raises in its report has failed."""
-        try:
-            return outcome, message, self._controller.reports()
-        except Exception as error:  # noqa: BLE001 (a plugin's code)
-            if outcome != Outcome.COMPLETED:
-                return outcome, message, {}
-            self.error = error
-            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
-            return Outcome.CONTROLLER_FAILED, f"{self._controller.in_charge} at its end: {reason}", {}
+    def _finish(self) -> None:
+        """Write the remaining records at the end of the run, whatever its outcome."""
+        progress = self.progress
+        if progress.due is not None:  # stopped at an event: it is recorded with the efforts held
+            self._record_event(progress.due)
+        self._report_phases()  # a phase whose control law failed as it began
+        for record in self._watch.finish(progress.time_s):
+            self._recorder.event(record)
+        for record in self._plant.integrator.finish(EventTime(progress.time_s, progress.steps)):
+            self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
+        self._recorder.pass_on()
 
-    def _loop(self, interrupted: Callable[[], bool], report: Callable[[float], None]) -> None:
-        settings = self._settings
-        period = settings.time_step_s * settings.steps_per_tick
+    def _advance(self, to_event: bool, commanded: bool) -> None:
+        settings, progress = self._settings, self.progress
+        if progress.due is not None:
+            due, progress.due = progress.due, None
+            self._settle(due, commanded)
+        else:
+            self._tick()
+        self._observed = None
+        while progress.steps < progress.ticks * settings.steps_per_tick:
+            self._step(to_event)
+            if progress.due is not None:
+                return
+        if progress.ticks == settings.ticks:
+            self._record(self._tick_time_s)
+            raise RunEnded(Outcome.COMPLETED)
 
-        def poll() -> None:
-            if interrupted():
-                raise RunEnded(Outcome.INTERRUPTED)
+    @property
+    def _tick_time_s(self) -> float:
+        """Time of the next control tick of the time grid, s."""
+        return self.progress.ticks * (self._settings.time_step_s * self._settings.steps_per_tick)
 
-        self._plant.integrator.interrupt_by(poll)
-        if self._plant.sampler is not None:
-            self._plant.sampler.begin()
-        for tick in range(settings.ticks):
-            now = tick * period
-            if self._is_on_time(now, tick):
-                self._evaluate_controller(now, self._pending_records, at_tick=True)
-                self._report_phases()
-            self._record(now)
-            report(now)
-            poll()
-            self._step()
-            for _ in range(1, settings.steps_per_tick):
-                poll()
-                self._step()
-        self._record(settings.ticks * period)
+    def _poll(self) -> None:
+        if self.interrupted():
+            raise RunEnded(Outcome.INTERRUPTED)
+
+    def _tick(self) -> None:
+        """Decide at a control tick of the time grid, and record a row."""
+        now, tick = self._tick_time_s, self.progress.ticks
+        self.progress.ticks += 1
+        if self._is_on_time(now, tick):
+            self._evaluate(self._observed or self._evaluation.observed(now, at_tick=True))
+            self._report_phases()
+        self._record(now)
+        if self.report is not None:
+            try:
+                self.report(now)
+            except Exception as error:
+                self._report_error = error
+                raise
 
     def _is_on_time(self, time_s: float, tick: int) -> bool:
         """Whether the controller is called at a tick of the time grid; otherwise an event calls it later."""
@@ -186,69 +242,9 @@ class Simulation:
         self._plant.integrator.reconsider()
         return on_time
 
-    def _finish(self) -> None:
-        """Write the remaining records at the end of the run, whatever its outcome."""
-        self._report_phases()  # a phase whose control law failed as it began
-        for record in self._watch.finish(self._done.time_s):
-            self._recorder.event(record)
-        for record in self._plant.integrator.finish(EventTime(self._done.time_s, self._done.steps)):
-            self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
-        self._recorder.pass_on()
-
-    def _evaluate_controller(self, time_s: float, events: tuple[Any, ...], *, at_tick: bool) -> None:
-        """Evaluate the controller and apply its command within the actuator limits."""
-        self._command.clear()
-        self._pending_records = ()
-        try:
-            self._control(time_s, events, at_tick=at_tick)
-            self._send(time_s)
-            if self._command.requests:
-                self._forward_requests()
-        except RunEnded:
-            raise
-        except Exception as error:
-            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
-            message = f"{self._controller.in_charge} at t = {time_s:.6g} s: {reason}"
-            raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
-        self._done.ticks += 1
-
-    def _control(self, time_s: float, events: tuple[Any, ...], *, at_tick: bool) -> None:
-        """Let the controller write its command."""
-        free, integrator, sampler = self._plant.data, self._plant.integrator, self._plant.sampler
-        motion = integrator.motion
-        shown = motion.data if motion.grasp else free
-        measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
-        contacts = ActiveContacts(integrator.contacts) if integrator.pushed else ()
-        observation = Observation(time_s, shown, events, at_tick, contacts, free, motion.grasp, measured)
-        self._controller.control(observation, self._command)
-        if isinstance(contacts, ActiveContacts):
-            kept = weakref.ref(contacts)
-            del observation, contacts
-            # A controller that keeps an observation may read its contacts later, under other efforts.
-            if (unread := kept()) is not None:
-                unread.found()
-
-    def _send(self, time_s: float) -> None:
-        """Send the command to the actuators."""
-        plant = self._plant
-        if plant.control is None:
-            plant.actuation.apply(self._command, plant.data, time_s)
-            return
-        plant.control.send(self._command, time_s)
-        plant.integrator.reconsider()
-
-    def _forward_requests(self) -> None:
-        """Forward the requests of the controller to the contact models that handle them."""
-        handlers = {
-            request: contact_model
-            for contact_model in self._plant.integrator.event_sources
-            for request in contact_model.requests
-        }
-        for request in sorted(self._command.requests):
-            if request not in handlers:
-                raise ControllerError(unknown_name("request", request, handlers))
-            handlers[request].handle_request(request)
-        self._plant.integrator.reconsider()
+    def _evaluate(self, observation: Observation) -> None:
+        self._evaluation.evaluate(observation)
+        self.progress.evaluations += 1
 
     def _report_phases(self) -> None:
         for phase in self._controller.drain_phases():
@@ -260,24 +256,29 @@ class Simulation:
         for record in self._watch.look(time_s):
             self._recorder.event(record)
 
-    def _step(self) -> None:
-        """Integrate one grid step, with all events in it."""
-        plant, step_s = self._plant, self._settings.time_step_s
-        end_s, left = (self._done.steps + 1) * step_s, step_s
-        events = 0
-        while left > 0.0:
-            elapsed, contact_model = self._advance(left, end_s)
+    def _step(self, to_event: bool) -> None:
+        """Integrate one grid step with its events; with ``to_event`` up to the first one, whose decision is then due."""
+        plant, step_s, progress = self._plant, self._settings.time_step_s, self.progress
+        if not progress.is_within_step:
+            self._poll()
+            progress.is_within_step, progress.left_s, progress.events_in_step = True, step_s, 0
+        end_s = (progress.steps + 1) * step_s
+        while progress.left_s > 0.0:
+            elapsed, contact_model = self._integrate(progress.left_s, end_s)
             self._check_finite()
-            left -= elapsed
+            progress.left_s -= elapsed
             if contact_model is not None:
-                events += 1
-                plant.data.time = self._done.time_s = end_s - left
-                self._act(contact_model, end_s - left, events)
-        self._done.steps += 1
+                progress.events_in_step += 1
+                plant.data.time = progress.time_s = end_s - progress.left_s
+                self._act(contact_model, progress.time_s, to_event)
+                if progress.due is not None:
+                    return
+        progress.steps += 1
+        progress.is_within_step = False
         # Time is a multiple of the step, not a sum, so that it does not accumulate rounding.
-        plant.data.time = self._done.time_s = end_s
+        plant.data.time = progress.time_s = end_s
 
-    def _advance(self, left: float, end_s: float) -> tuple[float, EventSource | None]:
+    def _integrate(self, left: float, end_s: float) -> tuple[float, EventSource | None]:
         """Integrate in the grid step that ends at ``end_s``, with ``left`` seconds remaining."""
         try:
             return self._plant.advance(left)
@@ -292,37 +293,50 @@ class Simulation:
             message = self._warnings[-1] if self._warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
-    def _act(self, contact_model: EventSource, time_s: float, events: int) -> None:
-        """Apply an event: enter it in the balance, record it, and evaluate the controller."""
-        plant, done = self._plant, self._done
+    def _act(self, contact_model: EventSource, time_s: float, to_event: bool) -> None:
+        """Apply an event: enter it in the balance, and take its decision, or leave it due."""
+        plant, progress = self._plant, self.progress
         plant.integrator.motion.path.poll()
-        if events > MOST_EVENTS_PER_STEP:
-            message = f"{contact_model.names()} touched {events - 1} times within the step before t = {time_s:.6g} s"
-            raise RunEnded(Outcome.EVENT_LIMIT, f"{message}; use a shorter time_step_s")
-        effect = plant.apply(lambda: plant.integrator.act(contact_model, EventTime(time_s, done.steps)))
+        if progress.events_in_step > MOST_EVENTS_PER_STEP:
+            touched = f"{contact_model.names()} touched {progress.events_in_step - 1} times"
+            message = f"{touched} within the step before t = {time_s:.6g} s; use a shorter time_step_s"
+            raise RunEnded(Outcome.EVENT_LIMIT, message)
+        effect = plant.apply(lambda: plant.integrator.act(contact_model, EventTime(time_s, progress.steps)))
         if effect is None:
             return
         if effect.motion is not None:
             self._watch.rigid = effect.motion.rigid
-        self._after_event(effect, time_s)
+        stops = to_event and effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records)
+        due = self._due(effect, time_s)
+        if stops:
+            progress.due = due
+        else:
+            self._settle(due)
 
-    def _after_event(self, effect: EventEffect, time_s: float) -> None:
-        """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""
+    def _due(self, effect: EventEffect, time_s: float) -> EventDue:
+        """The decision that an event asks for."""
         told = told_records(effect.records, self._settings.told_above_N_s)
-        triggers_control = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
-        end, events = effect.end, (*self._pending_records, *told)
+        triggers = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
+        self._evaluation.pending = (*self._evaluation.pending, *told)
+        observation = self._evaluation.observed(time_s, at_tick=effect.is_tick)
+        return EventDue(effect.records, observation, triggers, effect.end)
+
+    def _settle(self, due: EventDue, commanded: bool = False) -> None:
+        """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""
+        end = due.end
         try:
-            if not triggers_control:
-                self._pending_records = events
-            elif end is None or end.outcome == Outcome.COMPLETED:
-                self._evaluate_controller(time_s, events, at_tick=effect.is_tick)
+            if (due.triggers_control or commanded) and (end is None or end.outcome == Outcome.COMPLETED):
+                self._evaluate(due.observation)
         finally:
-            efforts = self._plant.actuation.by_name()
-            for record in effect.records:
-                self._recorder.event(replace(record, efforts_after=efforts))
+            self._record_event(due)
         self._report_phases()
-        self._plant.integrator.after_event(time_s)
+        self._plant.integrator.after_event(due.observation.time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:
-                self._record(time_s)
+                self._record(due.observation.time_s)
             raise end
+
+    def _record_event(self, due: EventDue) -> None:
+        efforts = self._plant.actuation.by_name()
+        for record in due.records:
+            self._recorder.event(replace(record, efforts_after=efforts))

@@ -11,7 +11,7 @@ from typing import Any
 
 from ffsm_controllers import GROUP as LAWS
 
-from ffsm_mj.assembly.run import versions
+from ffsm_mj.assembly.recording import versions
 from ffsm_mj.campaign.execution.metrics import COUNT
 from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
 from ffsm_mj.campaign.plan.loading import Plan

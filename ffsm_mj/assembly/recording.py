@@ -1,0 +1,190 @@
+"""Recording of a run: its simulation with the receivers of rows and events, and the run when it is over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import version
+from types import TracebackType
+
+import numpy as np
+
+from ffsm_mj.analysis.digest import DigestSink
+from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.contact_models import record_kinds
+from ffsm_mj.assembly.resolved import resolved_yaml
+from ffsm_mj.assembly.run_size import refuse_without_room
+from ffsm_mj.assembly.source_date import source_date
+from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.errors import LogWriteError
+from ffsm_mj.log.mcap.reader import stored_rows
+from ffsm_mj.log.memory_sink import MemorySink
+from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder, Sink
+from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.metadata import (
+    FORMAT_VERSION,
+    conservative_metadata,
+    free_metadata,
+    gravity_metadata,
+    model_metadata,
+    task_metadata,
+)
+from ffsm_mj.report.run import Run
+from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.simulation.internal_error import internal_error
+from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.simulation.settings import Settings
+
+_PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
+
+
+class Recording:
+    """The simulation of an assembly, and what becomes of its rows and events. A context manager: leaving it closes the log.
+
+    Attributes:
+        simulation: The simulation.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        folder: RunFolder | None = None,
+        *,
+        with_rerun: bool = False,
+        live: str | None = None,
+        columns: Collection[str] | None = None,
+        watchers: Sequence[Sink] = (),
+    ) -> None:
+        """Create the receivers; nothing is written yet.
+
+        Args:
+            assembly: Components that have not run yet.
+            folder: See :func:`ffsm_mj.assembly.run.simulate`, likewise the others.
+            with_rerun: Write ``run.rrd`` into the folder.
+            live: ``host:port`` of a Rerun viewer to stream to.
+            columns: What a run in memory keeps of its rows, beside the time; None: all.
+            watchers: Further receivers of rows and events.
+
+        Raises:
+            InputError: There is no room for the run.
+        """
+        config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
+        clock = source_date()  # refuse a malformed date before the folder is created
+        kept = len(layout.signals) if columns is None else 1 + len(columns)
+        refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
+        self._folder, self._layout = folder, layout
+        self._header = _header(assembly, is_whole=columns is None)
+        self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
+        sinks: list[Sink] = [self._memory, self._digested, *watchers]
+        if folder is not None:
+            sinks += folder.sinks(self._header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
+        if live is not None:
+            from ffsm_mj.log.rerun.live import LiveSink  # takes a second to import
+
+            sinks.append(LiveSink(live, system, config.log.view_rate_hz))
+        block = np.zeros((BLOCK_ROWS, len(layout.signals)))
+        rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
+        self._recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
+        watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, assembly.contacts.unsupported)
+        settings = _settings(config)
+        self.simulation = Simulation(assembly.plant, watch, assembly.controller, rows, self._recorder, settings)
+
+    def __enter__(self) -> Recording:
+        """Open the log.
+
+        Raises:
+            InputError: The folder cannot be used.
+        """
+        self._recorder.__enter__()
+        try:
+            self._recorder.open(self._header)
+        except BaseException as error:
+            self._recorder.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    def end(self, outcome: OutcomeRecord) -> None:
+        """Set the outcome of the simulation; versions are added."""
+        self._recorder.outcome = _with_versions(outcome)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
+        """Close the log. Of a run that is over, one that cannot be finished only changes the outcome."""
+        try:
+            self._recorder.__exit__(kind, error, trace)
+        except Exception as failure:
+            if self._recorder.outcome is None:
+                raise
+            error = failure
+        if self._recorder.outcome is None or not isinstance(error, Exception):
+            return False
+        # The run is over but a log could not be finished: the summary only needs data in memory.
+        self._memory.close(_unfinished(self._recorder.outcome, error))
+        return True
+
+    def run(self) -> Run:
+        """The run, when the log is closed; writes the summary into its folder."""
+        if self._folder is None:
+            return Run(self._memory.log(), digested=self._digested.digest)
+        log = self._folder.log.absolute()
+        finished = Run(self._memory.log(stored_rows(log, self._layout)), log, self._digested.digest)
+        self._folder.write_summary(finished.summary())
+        return finished
+
+
+def _header(assembly: Assembly, *, is_whole: bool) -> RunHeader:
+    """Header of the log; one of a part of the columns is no log that can be made again, and carries no scenario."""
+    config, system = assembly.scenario, assembly.system
+    kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), delayed_control=assembly.plant.control is not None)
+    text = resolved_yaml(config, system) if is_whole else ""
+    return RunHeader(config.name, text, assembly.row.layout, system.logged_files, _metadata(assembly), kinds)
+
+
+def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
+    """Outcome of a run whose log could not be finished."""
+    if isinstance(error, LogWriteError):
+        return replace(outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error))
+    record = internal_error(error, outcome.end_s, outcome.steps)
+    message = f"the log could not be finished: {record.error} ({record.where})"
+    return replace(outcome, outcome=Outcome.INTERNAL_ERROR.value, message=message)
+
+
+def _settings(config: Scenario) -> Settings:
+    told = config.told_of_impacts
+    above = (-math.inf if told else None) if isinstance(told, bool) else told.above_N_s
+    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, above)
+
+
+def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
+    """Add versions; with a source date also remove what differs from run to run."""
+    return replace(outcome, wall_s=outcome.wall_s if source_date() is None else 0.0, versions=versions())
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of the packages that affect results."""
+    return {package: version(package) for package in _PACKAGES}
+
+
+def _metadata(assembly: Assembly) -> dict[str, str]:
+    config = assembly.scenario
+    metadata = {
+        "format_version": FORMAT_VERSION,
+        "scenario": config.name,
+        "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "duration_s": repr(config.duration_s),
+        "time_step_s": repr(config.time_step_s),
+        "control_period_s": repr(config.time_step_s * config.steps_per_tick),
+        "phases": "\n".join(phase.name for phase in config.phases),
+    }
+    metadata |= conservative_metadata(assembly.system.faults) | free_metadata(assembly.plant.balance.free)
+    metadata |= gravity_metadata(assembly.system.mj.opt.gravity)
+    metadata |= model_metadata(assembly.changes)
+    if config.task is not None:
+        metadata |= task_metadata(config.task.axes, config.task.target_m)
+    return metadata | {f"version {name}": text for name, text in versions().items()}

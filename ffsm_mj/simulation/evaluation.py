@@ -1,0 +1,83 @@
+"""Evaluation of the controller: what it observes, its command and its requests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from ffsm_mj.controller_protocol import Command, Observation, TaskController
+from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
+from ffsm_mj.records.active_contact import ActiveContacts
+from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.sensing.measurement import Measurement
+from ffsm_mj.simulation.plant import Plant
+
+_NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
+
+
+class Evaluation:
+    """Evaluates the controller of a plant.
+
+    Attributes:
+        pending: Records of events of which the controller is told at its next evaluation.
+    """
+
+    def __init__(self, plant: Plant, controller: TaskController) -> None:
+        """Bind controller and plant."""
+        self._plant, self._controller = plant, controller
+        self._command = Command.off(int(plant.system.mj.nu))
+        self.pending: tuple[Any, ...] = ()
+
+    def observed(self, time_s: float, at_tick: bool) -> Observation:
+        """Observation for the controller, current until its command is sent."""
+        free, integrator, sampler = self._plant.data, self._plant.integrator, self._plant.sampler
+        motion = integrator.motion
+        shown = motion.data if motion.grasp else free
+        measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
+        contacts = ActiveContacts(integrator.contacts) if integrator.pushed else ()
+        return Observation(time_s, shown, self.pending, at_tick, contacts, free, motion.grasp, measured)
+
+    def evaluate(self, observation: Observation) -> None:
+        """Evaluate the controller and apply its command within the actuator limits.
+
+        Raises:
+            RunEnded: The controller fails.
+        """
+        self._command.clear()
+        self.pending = ()
+        try:
+            self._controller.control(observation, self._command)
+            if isinstance(observation.contacts, ActiveContacts):
+                observation.contacts.expire()
+            self._send(observation.time_s)
+            if self._command.requests:
+                self._forward_requests()
+        except RunEnded:  # the contacts that the controller reads cannot be computed
+            raise
+        except Exception as error:
+            reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
+            message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
+            raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
+
+    def _send(self, time_s: float) -> None:
+        """Send the command to the actuators."""
+        plant = self._plant
+        if plant.control is None:
+            plant.actuation.apply(self._command, plant.data, time_s)
+            return
+        plant.control.send(self._command, time_s)
+        plant.integrator.reconsider()
+
+    def _forward_requests(self) -> None:
+        """Forward the requests of the controller to the contact models that handle them."""
+        handlers = {
+            request: contact_model
+            for contact_model in self._plant.integrator.event_sources
+            for request in contact_model.requests
+        }
+        for request in sorted(self._command.requests):
+            if request not in handlers:
+                raise ControllerError(unknown_name("request", request, handlers))
+            handlers[request].handle_request(request)
+        self._plant.integrator.reconsider()
