@@ -55,7 +55,7 @@ def simulate(
         simulation.report = lambda time_s: report(time_s, duration_s)
     with noted() as simulation.interrupted, recording:
         recording.end(simulation.run())
-        if report is not None and simulation.outcome == Outcome.COMPLETED:
+        if report is not None and simulation.ended and simulation.ended.outcome == Outcome.COMPLETED:
             report(duration_s, duration_s)  # what is left is to close the log
     finished = recording.run()
     if raise_errors and simulation.error is not None:

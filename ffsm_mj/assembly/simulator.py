@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from contextvars import copy_context
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -15,31 +16,29 @@ import numpy as np
 
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.given_command import given_command
-from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, prepare
 from ffsm_mj.assembly.recording import Recording
+from ffsm_mj.assembly.step_interrupts import StepInterrupts
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import FfsmError, InputError
 from ffsm_mj.log.event_tap import EventTap
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
+from ffsm_mj.model.mujoco_warnings import collecting, handled_warnings
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
+from ffsm_mj.simulation.ending import Ended
+from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.simulation.progress import EventDue
 
+_DECISIONS = ("tick", "event")
 _SAME_TIME = 1e-9
 """A control tick this close to a time, in control periods, is at it."""
 
 
 class SimulatorError(FfsmError):
     """A simulator was used in a way that its state does not allow."""
-
-
-class Ended(NamedTuple):
-    """How a run ended: its outcome, as ``completed``, and the message of one that did not complete."""
-
-    outcome: str
-    message: str
 
 
 class Step(NamedTuple):
@@ -107,6 +106,9 @@ class Simulator:
         self._prepared: dict[tuple[str, ...], PreparedRun] = {}
         self._recording: Recording | None = None
         self._stack = ExitStack()
+        # A run ends if its state is not finite; numpy's warnings would only repeat that.
+        self._context = copy_context()
+        self._context.run(np.seterr, all="ignore")
         self._recipe(())
         if isinstance(record, str | Path):
             self._folder().refuse_earlier_run()
@@ -139,9 +141,12 @@ class Simulator:
         stack = ExitStack()
         stack.enter_context(one_blas_thread())
         stack.enter_context(stopped_clock())
-        with np.errstate(all="ignore"):
-            stack.enter_context(recording)
-            recording.simulation.begin()
+        stack.enter_context(handled_warnings())
+        self._interrupts = stack.enter_context(StepInterrupts())
+        stack.enter_context(recording)
+        recording.simulation.interrupted = self._interrupts.noted
+        with collecting(recording.simulation.warnings):
+            self._context.run(recording.simulation.begin)
         self._recording, self._stack, self._runs = recording, stack, self._runs + 1
         self._release = finalize(self, stack.close)
         return self.observation
@@ -162,21 +167,29 @@ class Simulator:
             SimulatorError: There is no run, or it has ended.
             KeyboardInterrupt: The step was interrupted: the run has ended, and can be closed.
         """
-        simulation = self._running().simulation
-        if simulation.outcome is not None:
-            how = f"{simulation.outcome.value} at t = {simulation.progress.time_s:.6g} s"
-            raise SimulatorError(f"the run has ended ({how}): reset() begins another, close() returns it")
-        end_s = self._end_s(until)
+        recording = self._recording
+        if recording is None or recording.simulation.ended is not None:
+            raise SimulatorError(self._why_not())
+        simulation = recording.simulation
+        end_s = -math.inf if until in _DECISIONS else self._end_s(until)
         self._controller.given = None if command is None else given_command(self._system, command)
-        with np.errstate(all="ignore"), noted() as simulation.interrupted:
-            simulation.advance(to_event=until == "event", commanded=command is not None)
-            while simulation.outcome is None and simulation.progress.due is None and self._next_tick_s() < end_s:
-                simulation.advance()
+        self._interrupts.begin_step()
+        try:
+            self._context.run(self._advance, simulation, until == "event", command is not None, end_s)
+        finally:
+            self._interrupts.end_step()
         if self._raises and simulation.error is not None:
             raise simulation.error
-        if simulation.outcome == Outcome.INTERRUPTED:
+        ended = simulation.ended
+        if ended is not None and ended.outcome == Outcome.INTERRUPTED:
             raise KeyboardInterrupt
-        return Step(self.observation, self._new_events(), self.ended)
+        return Step(simulation.observation(), self._new_events(simulation.progress.due), ended)
+
+    def _advance(self, simulation: Simulation, to_event: bool, commanded: bool, end_s: float) -> None:
+        with collecting(simulation.warnings):
+            simulation.advance(to_event, commanded)
+            while end_s > -math.inf and simulation.ended is None and simulation.next_tick_s < end_s:
+                simulation.advance()
 
     def close(self) -> Run | None:
         """End the run: its log is closed, with its outcome and summary. One that has not reached its end was interrupted.
@@ -188,8 +201,8 @@ class Simulator:
         if recording is None:
             return None
         self._release.detach()
-        with np.errstate(all="ignore"), self._stack:
-            recording.end(recording.simulation.finish())
+        with self._stack, collecting(recording.simulation.warnings):
+            recording.end(self._context.run(recording.simulation.finish))
         return recording.run()
 
     @property
@@ -209,8 +222,7 @@ class Simulator:
     @property
     def ended(self) -> Ended | None:
         """How the run ended; None while it lasts."""
-        simulation = self._running().simulation
-        return None if simulation.outcome is None else Ended(simulation.outcome.value, simulation.message)
+        return self._running().simulation.ended
 
     @property
     def system(self) -> System:
@@ -250,24 +262,30 @@ class Simulator:
         path = Path(str(self._record))
         return RunFolder(path.with_name(f"{path.name}-{self._runs + 1}") if self._runs else path, force=self._force)
 
-    def _next_tick_s(self) -> float:
-        return self._running().simulation.progress.ticks * self._period_s
-
     def _end_s(self, until: str | float) -> float:
         """Time from which on a control tick ends the step."""
-        if until in ("tick", "event"):
-            return -math.inf
         if isinstance(until, str) or not math.isfinite(until):
             raise InputError(f"until: {until!r}, allowed are 'tick', 'event' and a time in s")
         if until <= self.time_s:
             raise InputError(f"until: {until} s is not after the present, t = {self.time_s:.6g} s")
         return until - _SAME_TIME * self._period_s
 
-    def _new_events(self) -> tuple[Any, ...]:
+    def _new_events(self, due: EventDue | None) -> tuple[Any, ...]:
         """Events of the step. Those of a decision that is due come without efforts, and not again when it is taken."""
-        events, due = self._tap.take()[self._reported :], self._running().simulation.progress.due
-        self._reported = len(due.records) if due is not None else 0
-        return (*events, *due.records) if due is not None else events
+        events = self._tap.take()
+        if self._reported:
+            events, self._reported = events[self._reported :], 0
+        if due is None:
+            return events
+        self._reported = len(due.records)
+        return (*events, *due.records)
+
+    def _why_not(self) -> str:
+        """Why no step can be taken."""
+        simulation = self._running().simulation
+        assert simulation.ended is not None
+        how = f"{simulation.ended.outcome.value} at t = {simulation.progress.time_s:.6g} s"
+        return f"the run has ended ({how}): reset() begins another, close() returns it"
 
 
 def _as_list(overrides: Sequence[str] | Mapping[str, Any]) -> list[str]:

@@ -65,15 +65,35 @@ _HANDLER = _Handler()
 
 
 @contextmanager
-def collected_warnings(messages: list[str]) -> Iterator[None]:
-    """Append MuJoCo's warnings of this thread to ``messages``."""
+def handled_warnings() -> Iterator[None]:
+    """Install the handler, so that :class:`collecting` costs little; it changes nothing for others."""
     _HANDLER.enter()
-    _HERE.collectors.append(messages)
     try:
         yield
     finally:
-        _HERE.collectors.pop()
         _HANDLER.leave()
+
+
+class collecting:  # noqa: N801 (a context, used as a function)
+    """Append MuJoCo's warnings of this thread to ``messages``, while the handler is installed."""
+
+    __slots__ = ("_messages",)
+
+    def __init__(self, messages: list[str]) -> None:
+        self._messages = messages
+
+    def __enter__(self) -> None:
+        _HERE.collectors.append(self._messages)
+
+    def __exit__(self, *_: object) -> None:
+        _HERE.collectors.pop()
+
+
+@contextmanager
+def collected_warnings(messages: list[str]) -> Iterator[None]:
+    """Append MuJoCo's warnings of this thread to ``messages``."""
+    with handled_warnings(), collecting(messages):
+        yield
 
 
 def warning_lines(warned: Mapping[str, Sequence[str]], files: Mapping[str, ModelFiles]) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import mujoco
 
@@ -11,16 +12,23 @@ from ffsm_mj.errors import ControllerError, LogWriteError, described, raised_at
 from ffsm_mj.records.events import ControllerReport, Outcome, RunEnded
 
 
-def outcome_of(error: BaseException) -> tuple[Outcome, str] | None:
-    """Outcome and message of an exception that ends a run; None if it is an unexpected one."""
+class Ended(NamedTuple):
+    """How a run ended: its outcome, and the message of one that was not completed."""
+
+    outcome: Outcome
+    message: str = ""
+
+
+def outcome_of(error: BaseException) -> Ended | None:
+    """How an exception ends a run; None if it is an unexpected one."""
     if isinstance(error, RunEnded):
-        return error.outcome, error.message if error.outcome != Outcome.COMPLETED else ""
+        return Ended(error.outcome, error.message if error.outcome != Outcome.COMPLETED else "")
     if isinstance(error, KeyboardInterrupt):
-        return Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence
+        return Ended(Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
     if isinstance(error, LogWriteError):
-        return Outcome.WRITE_FAILED, str(error)
+        return Ended(Outcome.WRITE_FAILED, str(error))
     if isinstance(error, mujoco.FatalError):
-        return Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})"
+        return Ended(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})")
     return None
 
 

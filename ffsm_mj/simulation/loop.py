@@ -25,7 +25,7 @@ from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
-from ffsm_mj.simulation.ending import last_reports, outcome_of
+from ffsm_mj.simulation.ending import Ended, last_reports, outcome_of
 from ffsm_mj.simulation.evaluation import Evaluation
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.plant import Plant
@@ -46,6 +46,8 @@ class Simulation:
         interrupted: Called at each step and during event localisation; True ends the run.
         report: Called with the simulation time at each tick; an exception that it raises is not an outcome of the run.
         progress: How far the run has come.
+        ended: How it has ended; None while it lasts.
+        warnings: MuJoCo's warnings; the first one ends the run.
     """
 
     def __init__(
@@ -62,9 +64,9 @@ class Simulation:
         self._recorder, self._settings = recorder, settings
         self._evaluation = Evaluation(plant, controller)
         self.progress = Progress()
-        self._warnings: list[str] = []
+        self.warnings: list[str] = []
         self._wall_s = 0.0
-        self._ended: tuple[Outcome, str] | None = None
+        self.ended: Ended | None = None
         self._observed: Observation | None = None
         self._report_error: Exception | None = None
         self.error: Exception | None = None
@@ -77,21 +79,11 @@ class Simulation:
         Returns:
             The outcome, without software versions. Exceptions become outcomes too, except those raised by ``report``.
         """
-        with collected_warnings(self._warnings):
+        with collected_warnings(self.warnings):
             self.begin()
-            while self._ended is None:
+            while self.ended is None:
                 self.advance()
             return self.finish()
-
-    @property
-    def outcome(self) -> Outcome | None:
-        """How the run ended; None while it lasts."""
-        return self._ended[0] if self._ended is not None else None
-
-    @property
-    def message(self) -> str:
-        """Message of a run that has ended without being completed; else empty."""
-        return self._ended[1] if self._ended is not None else ""
 
     def begin(self) -> None:
         """Begin: the decision of the first control tick is due."""
@@ -102,29 +94,28 @@ class Simulation:
         if self._plant.sampler is not None:
             self._plant.sampler.begin()
 
-    def advance(self, *, to_event: bool = False, commanded: bool = False) -> None:
+    def advance(self, to_event: bool = False, commanded: bool = False) -> None:
         """Take the decision that is due, and simulate to the next one or to the end of the run.
+
+        MuJoCo's warnings must be collected in ``warnings``, also in :meth:`finish`.
 
         Args:
             to_event: Stop at an event before the next control tick: the state is that after it, its decision is due.
             commanded: A command was given: the controller is evaluated even at an event that does not trigger it.
         """
         started = time.perf_counter()
-        try:
-            with collected_warnings(self._warnings):
-                self._guarded(lambda: self._advance(to_event, commanded))
-        finally:
-            self._wall_s += time.perf_counter() - started
+        self._guarded(self._advance, to_event, commanded)
+        self._wall_s += time.perf_counter() - started
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""
         progress = self.progress
         if progress.due is not None:
             return progress.due.observation
-        if self._ended is not None:  # the state may be beyond what contacts can be computed for
+        if self.ended is not None:  # the state may be beyond what contacts can be computed for
             return self._evaluation.observed(progress.time_s, at_tick=False)
         if self._observed is None:
-            self._observed = self._evaluation.observed(self._tick_time_s, at_tick=True)
+            self._observed = self._evaluation.observed(self.next_tick_s, at_tick=True)
         return self._observed
 
     def finish(self) -> OutcomeRecord:
@@ -133,18 +124,17 @@ class Simulation:
         Returns:
             The outcome, without software versions.
         """
-        ended = self._ended or (Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
-        self._ended = None
-        with collected_warnings(self._warnings):
-            self._guarded(self._finish)
-        finished = self._ended or (Outcome.COMPLETED, "")
+        ended = self.ended or Ended(Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
+        self.ended = None
+        self._guarded(self._finish)
+        finished = self.ended or Ended(Outcome.COMPLETED)
         # The first cause is the outcome, except that a failed write of the log is always reported.
         completed = ended[0] == Outcome.COMPLETED or finished[0] == Outcome.WRITE_FAILED
         outcome, message = finished if completed else ended
         reports, error, failure = last_reports(self._controller)
         if error is not None and outcome == Outcome.COMPLETED:
             self.error, outcome, message = error, Outcome.CONTROLLER_FAILED, failure
-        self._ended = outcome, message
+        self.ended = Ended(outcome, message)
         return OutcomeRecord(
             outcome=outcome.value,
             message=message,
@@ -161,25 +151,25 @@ class Simulation:
         control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
-    def _guarded(self, part: Callable[[], None]) -> None:
+    def _guarded(self, part: Callable[..., None], *args: bool) -> None:
         """Execute a part of the run; what ends it becomes its outcome."""
         try:
-            part()
+            part(*args)
         except (Exception, KeyboardInterrupt) as error:
             if error is self._report_error:
                 raise
             if isinstance(error, RunEnded) and error.outcome == Outcome.CONTROLLER_FAILED:
                 self.error = error.__cause__ if isinstance(error.__cause__, Exception) else None
-            self._ended = outcome_of(error) or self._failed(error)
+            self.ended = outcome_of(error) or self._failed(error)
 
-    def _failed(self, error: BaseException) -> tuple[Outcome, str]:
+    def _failed(self, error: BaseException) -> Ended:
         """Log an unexpected exception with its traceback."""
         assert isinstance(error, Exception)
         self.error = self.error or error
         record = internal_error(error, self.progress.time_s, self.progress.steps)
         with suppress(Exception):  # the log itself may have raised it; the outcome reports it in any case
             self._recorder.event(record)
-        return Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})"
+        return Ended(Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})")
 
     def _finish(self) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
@@ -206,11 +196,11 @@ class Simulation:
             if progress.due is not None:
                 return
         if progress.ticks == settings.ticks:
-            self._record(self._tick_time_s)
+            self._record(self.next_tick_s)
             raise RunEnded(Outcome.COMPLETED)
 
     @property
-    def _tick_time_s(self) -> float:
+    def next_tick_s(self) -> float:
         """Time of the next control tick of the time grid, s."""
         return self.progress.ticks * (self._settings.time_step_s * self._settings.steps_per_tick)
 
@@ -220,7 +210,7 @@ class Simulation:
 
     def _tick(self) -> None:
         """Decide at a control tick of the time grid, and record a row."""
-        now, tick = self._tick_time_s, self.progress.ticks
+        now, tick = self.next_tick_s, self.progress.ticks
         self.progress.ticks += 1
         if self._is_on_time(now, tick):
             self._evaluate(self._observed or self._evaluation.observed(now, at_tick=True))
@@ -289,8 +279,8 @@ class Simulation:
             raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
 
     def _check_finite(self) -> None:
-        if self._warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):
-            message = self._warnings[-1] if self._warnings else "the state is not finite"
+        if self.warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):
+            message = self.warnings[-1] if self.warnings else "the state is not finite"
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
     def _act(self, contact_model: EventSource, time_s: float, to_event: bool) -> None:

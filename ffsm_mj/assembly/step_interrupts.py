@@ -1,0 +1,81 @@
+"""Ctrl-C and SIGTERM while simulators step: within a step they end the run and leave its files intact, see ``interrupts``.
+
+To install handlers at each step would take as long as the step. They stay as long as there is a simulator with a run, and a
+signal between two steps goes where it went before.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from types import FrameType
+from typing import Any
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class StepInterrupts:
+    """Signals of one simulator; without effect outside the main thread. A context manager around the steps of a run."""
+
+    _open: list[StepInterrupts] = []
+    _before: dict[int, Any] = {}
+
+    def __init__(self) -> None:
+        """Nothing is installed yet."""
+        self._is_within, self._is_noted = False, False
+
+    def __enter__(self) -> StepInterrupts:
+        """Install the handlers, if no other simulator has."""
+        if _in_main_thread():
+            if not self._open:
+                self._before.update({number: signal.signal(number, _handle) for number in _SIGNALS})
+            self._open.append(self)
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        """Restore the handlers, if this is the last simulator; a handler that was set in the meantime is kept."""
+        if self not in self._open:
+            return
+        self._open.remove(self)
+        if not self._open and _in_main_thread():
+            for number, before in self._before.items():
+                if signal.getsignal(number) is _handle:
+                    signal.signal(number, before)
+
+    def begin_step(self) -> None:
+        """A step begins: signals are noted from now on."""
+        self._is_noted, self._is_within = False, _in_main_thread()
+
+    def end_step(self) -> None:
+        """The step is over."""
+        self._is_within = False
+
+    def noted(self) -> bool:
+        """Whether a signal has come in this step."""
+        return self._is_noted
+
+    @classmethod
+    def handle(cls, number: int, frame: FrameType | None) -> None:
+        """Note a signal in the simulators that are within a step; a second one raises KeyboardInterrupt."""
+        within = [each for each in cls._open if each._is_within]
+        if any(each._is_noted for each in within):
+            raise KeyboardInterrupt
+        for each in within:
+            each._is_noted = True
+        before = cls._before[number]
+        if within or before == signal.SIG_IGN:
+            return
+        if callable(before):
+            before(number, frame)
+        else:
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+
+
+def _handle(number: int, frame: FrameType | None) -> None:
+    StepInterrupts.handle(number, frame)
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
