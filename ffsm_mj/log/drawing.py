@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +77,12 @@ class Frames:
     positions: FloatArray
     quaternions: FloatArray
 
+    @classmethod
+    def joined(cls, parts: Sequence[Frames]) -> Frames:
+        """Frames one after another."""
+        fields = ((part.times, part.rows, part.positions, part.quaternions) for part in parts)
+        return cls(*map(np.concatenate, zip(*fields, strict=True)))
+
 
 def posed_bodies(system: System) -> list[int]:
     """Ids of the bodies whose poses are sent: all but the world, including fixed ones."""
@@ -147,12 +153,30 @@ def _mesh(model: Any, mesh: int) -> tuple[FloatArray, npt.NDArray[np.int32], Flo
     return vertices.astype(np.float64), places.reshape(-1, 3).astype(np.int32), normals.astype(np.float64)
 
 
+class Poser:
+    """Computes poses of all bodies of a model from its coordinates."""
+
+    def __init__(self, model: Any) -> None:
+        """Make room for one state."""
+        self._model, self._data = model, mujoco.MjData(model)
+
+    def poses(self, coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """World positions in m, (n, nbody, 3), and orientations, (n, nbody, 4), for coordinates, (n, nq)."""
+        positions = np.empty((len(coordinates), self._model.nbody, 3))
+        quaternions = np.empty((len(coordinates), self._model.nbody, 4))
+        for i, qpos in enumerate(coordinates):
+            self._data.qpos[:] = qpos
+            mujoco.mj_kinematics(self._model, self._data)
+            positions[i], quaternions[i] = self._data.xpos, self._data.xquat
+        return positions, quaternions
+
+
 class FramePicker:
     """Selects frames from blocks of rows, the first row in each view period, and computes their poses."""
 
     def __init__(self, system: System, layout: Layout, view_rate_hz: float) -> None:
         """Start before the first row of a run with these columns."""
-        self._model, self._data = system.mj, mujoco.MjData(system.mj)
+        self._poser = Poser(system.mj)
         self._time, self._coordinates = layout.time, layout.places(coordinate_keys(system.joints.values()))
         self._period, self._last = 1.0 / view_rate_hz, -1.0
 
@@ -164,10 +188,4 @@ class FramePicker:
         if not len(rows):
             return None
         self._last = number[-1]
-        positions = np.empty((len(rows), self._model.nbody, 3))
-        quaternions = np.empty((len(rows), self._model.nbody, 4))
-        for i, qpos in enumerate(rows[:, self._coordinates]):
-            self._data.qpos[:] = qpos
-            mujoco.mj_kinematics(self._model, self._data)
-            positions[i], quaternions[i] = self._data.xpos, self._data.xquat
-        return Frames(rows[:, self._time], rows, positions, quaternions)
+        return Frames(rows[:, self._time], rows, *self._poser.poses(rows[:, self._coordinates]))

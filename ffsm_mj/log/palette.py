@@ -20,6 +20,8 @@ ON_ANY_GROUND = GREY
 """Instead of black and white where the ground may be either."""
 MARK, FORCE, PART_OF_FORCE, TORQUE, PLUME = YELLOW, GREEN, VERMILION, ORANGE, (255, 170, 60)
 PLUME_OPACITY = 200 / 255
+GHOST = YELLOW
+"""Where the control law takes a body to be."""
 AXES = ((224, 82, 82), (92, 184, 92), (92, 140, 240))
 """Axes x, y and z of a frame."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import rerun as rr
@@ -28,6 +28,7 @@ class Contents:
     Attributes:
         framing: Points to keep in view.
         plots: Plots of columns.
+        sensing: Plots of measurements and estimates by the name of their tab.
         trails: Names of the trails.
         tip: Whether the tip error is plotted.
         forces: Names of the forces that are plotted.
@@ -44,6 +45,7 @@ class Contents:
     torques: Sequence[str] = ()
     thrusters: int = 0
     contacts: int = 0
+    sensing: Mapping[str, Sequence[Plot]] = field(default_factory=dict)
 
     @property
     def lanes(self) -> str:
@@ -132,7 +134,13 @@ def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
     for name, parent in (("Joints", JOINTS), ("Thrusters and base", BASE)):
         if efforts := _efforts(contents.plots, parent):
             tabs.append(_in_two_columns(name, efforts, whole))
+    for name, plotted in contents.sensing.items():
+        tabs.append(_in_two_columns(name, [_titled(plot) for plot in plotted], whole))
     return tabs
+
+
+def _titled(plot: Plot) -> _Curves:
+    return _Curves(plot.entity, plot.title + (f" [{plot.unit}]" if plot.unit else ""), plot.names)
 
 
 def _in_two_columns(name: str, plotted: Sequence[_Curves], time_range: TimeRange | None) -> rrb.Container:

@@ -53,21 +53,29 @@ class Plot:
         entity: Path of the entity.
         columns: Column of a row for each curve.
         names: Name of each curve.
-        colours: Colour of each curve.
+        colours: Colour of each curve, with its opacity from 0 to 255 if it is not opaque.
         unit: Common unit of the curves; empty if there is none.
         logarithmic: Whether the decimal logarithms of the magnitudes are shown.
+        title: Title without the unit; empty if the layout gives one.
+        widths: Width of each curve in points; none: the usual one.
+        factors: Factor of each column; none: 1.
     """
 
     entity: str
     columns: list[int]
     names: list[str]
-    colours: list[Colour]
+    colours: Sequence[Colour | tuple[int, int, int, int]]
     unit: str = ""
     logarithmic: bool = False
+    title: str = ""
+    widths: Sequence[float] = ()
+    factors: Sequence[float] = ()
 
     def values(self, rows: FloatArray) -> FloatArray:
         """Values to show for some rows, (n, number of curves)."""
         values = rows[:, self.columns]
+        if self.factors:
+            values = values * np.array(self.factors)
         return np.log10(np.maximum(np.abs(values), _LEAST)) if self.logarithmic else values
 
 

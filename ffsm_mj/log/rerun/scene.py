@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -41,24 +42,41 @@ def target_cross(point_m: FloatArray, name: str, scale: float) -> rr.LineStrips3
 
 def archetype(shape: DrawnShape) -> Any:
     """A shape in the frame of its body."""
-    colour = [round(255 * c) for c in shape.rgba]
-    if shape.kind == "mesh":
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, shape.quaternion)
-        turn = rotation.reshape(3, 3)
-        return rr.Mesh3D(  # without normals it would not be shaded
-            vertex_positions=shape.vertices @ turn.T + shape.position,
-            vertex_normals=shape.normals @ turn.T,
-            triangle_indices=shape.triangles,
-            albedo_factor=colour,
-        )
+    colour = tuple(round(255 * c) for c in shape.rgba)
+    if shape.kind != "mesh":
+        return primitive(shape, colour)
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, shape.quaternion)
+    turn = rotation.reshape(3, 3)
+    return rr.Mesh3D(  # without normals it would not be shaded
+        vertex_positions=shape.vertices @ turn.T + shape.position,
+        vertex_normals=shape.normals @ turn.T,
+        triangle_indices=shape.triangles,
+        albedo_factor=colour,
+    )
+
+
+def primitive(shape: DrawnShape, colour: Sequence[int], fill_mode: str = "solid") -> Any:
+    """A shape in the frame of its body, solid or as a wireframe; the bounding box of a mesh.
+
+    Args:
+        shape: The shape.
+        colour: Red, green, blue and opacity, each from 0 to 255.
+        fill_mode: Fill mode of Rerun.
+    """
     look: dict[str, Any] = {
         "quaternions": [np.roll(shape.quaternion, -1)],  # xyzw
         "colors": [colour],
-        "fill_mode": "solid",
+        "fill_mode": fill_mode,
     }
-    if shape.kind == "box":
-        return rr.Boxes3D(half_sizes=[shape.size], centers=[shape.position], **look)
+    if shape.kind in ("box", "mesh"):
+        size, centre = shape.size, shape.position
+        if shape.kind == "mesh":
+            low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+            offset = np.empty(3)
+            mujoco.mju_rotVecQuat(offset, 0.5 * (low + high), shape.quaternion)
+            size, centre = 0.5 * (high - low), shape.position + offset
+        return rr.Boxes3D(half_sizes=[size], centers=[centre], **look)
     if shape.kind == "ellipsoid":
         return rr.Ellipsoids3D(half_sizes=[shape.size], centers=[shape.position], **look)
     radius, half_length = shape.size[:2]

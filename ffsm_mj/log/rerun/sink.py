@@ -31,10 +31,12 @@ from ffsm_mj.log.plumes import plume_series, thrusters
 from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, blueprint
 from ffsm_mj.log.rerun.camera import FOLLOWED, Framing
 from ffsm_mj.log.rerun.forces import Forces
+from ffsm_mj.log.rerun.ghosts import Ghosts
 from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
 from ffsm_mj.log.rerun.plots import plots
 from ffsm_mj.log.rerun.scene import body_path, log_shapes, target_cross
+from ffsm_mj.log.rerun.sensing import sensing_tabs
 from ffsm_mj.log.rerun.states import (
     FIRING,
     Lanes,
@@ -82,8 +84,12 @@ class RerunSink:
         self._base = log_shapes(self._recording, self._system).get(self._system.robot.root, "")
         self._target(header)
         self._plots = plots(layout, self._system, header.metadata)
-        for plot in self._plots:
-            lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=[1.5] * len(plot.names))
+        self._sensing = sensing_tabs(layout, self._system)
+        self._ghosts = Ghosts(self._recording, self._system, layout)
+        self._curves = [*self._plots, *(plot for tab in self._sensing.values() for plot in tab)]
+        for plot in self._curves:
+            widths = list(plot.widths) or [1.5] * len(plot.names)
+            lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=widths)
             self._recording.log(plot.entity, lines, static=True)
         self._thrusters = {thruster.short_name: thruster for thruster in thrusters(self._system, layout)}
         self._forces = Forces(self._recording, header, self._scale)
@@ -139,12 +145,7 @@ class RerunSink:
         if not self._pending:
             return
         parts, self._pending = self._pending, []
-        frames = Frames(
-            np.concatenate([part.times for part in parts]),
-            np.concatenate([part.rows for part in parts]),
-            np.concatenate([part.positions for part in parts]),
-            np.concatenate([part.quaternions for part in parts]),
-        )
+        frames = Frames.joined(parts)
         index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
         self._opening.add_frames(frames)
         if self._streams and not self._framed:
@@ -154,6 +155,7 @@ class RerunSink:
             turned = np.roll(frames.quaternions[:, body], -1, axis=-1)  # xyzw
             poses = rr.Transform3D.columns(translation=frames.positions[:, body], quaternion=turned)
             self._send(body_path(self._system, body), index, poses)
+        self._ghosts.send(frames.rows, lambda path, columns: self._send(path, index, columns))
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
@@ -182,6 +184,7 @@ class RerunSink:
         contents = Contents(
             framing=framing,
             plots=self._plots,
+            sensing=self._sensing,
             trails=list(self._colours),
             tip=self._task is not None,
             forces=acting(torques=False),
@@ -231,7 +234,7 @@ class RerunSink:
             tip = frames.rows[:, self._layout.places(TIP)]
             error = np.linalg.norm(self._task.errors_m(tip), axis=1)
             self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
-        for plot in self._plots:
+        for plot in self._curves:
             values = plot.values(frames.rows)
             flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(plot.columns)))
             self._send(plot.entity, index, flat)

@@ -17,7 +17,7 @@ from ffsm_mj.report.plots.compared import MOST_RUNS, comparison
 from ffsm_mj.report.plots.contacts import contacts
 from ffsm_mj.report.plots.grasps import grasps
 from ffsm_mj.report.plots.motion import motion
-from ffsm_mj.report.plots.sensing import estimates, sensor_columns, sensors
+from ffsm_mj.report.plots.sensing import estimates, sensors
 from ffsm_mj.report.plots.style import FORMATS, publication, write
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.report.plots.time_series import CONSERVED, base, conservation, energies, inputs, joints, momenta, tip, torques
@@ -62,7 +62,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"contacts": contacts} if run.contacts else {}
     makers |= {"captures": grasps} if run.captures else {}
-    makers |= {"sensors": sensors} if sensor_columns(subject) else {}
+    makers |= {"sensors": sensors} if any(key.startswith("sensor.") for key in run.keys) else {}
     makers |= {"estimates": estimates} if any(key.startswith("estimate.error_") for key in run.keys) else {}
     makers |= {"momenta": momenta, "energies": energies}
     makers |= {"conservation": conservation} if any(check.name in CONSERVED for check in run.checks()) else {}

@@ -5,7 +5,8 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from ffsm_mj.model.system import Tree
-from ffsm_mj.records.signals import Signal, identifier, rate_names
+from ffsm_mj.records.sensing_columns import measured_columns
+from ffsm_mj.records.signals import identifier, rate_names
 from ffsm_mj.report.plots.panels import Curve, Panel, stacked
 from ffsm_mj.report.plots.style import BLACK, COLOURS, plain
 from ffsm_mj.report.plots.subject import Subject
@@ -16,41 +17,22 @@ _MOST_IN_A_COLUMN = 4
 
 def sensors(subject: Subject) -> Figure:
     """The newest sample of each sensor that has arrived, and the true value at the time of the log (dashed)."""
-    found = sensor_columns(subject)
     panels = []
-    for name, columns in found.items():
+    for columns in measured_columns(subject.run.log.header.layout, subject.system.sensors):
         lines = [
-            Curve(_component(signal, name), subject.run[signal.key], COLOURS[i % len(COLOURS)], "-")
-            for i, (signal, _) in enumerate(columns)
+            Curve(component or "measured", subject.run[key], COLOURS[i % len(COLOURS)], "-")
+            for i, (component, key) in enumerate(zip(columns.components, columns.measured, strict=True))
         ]
-        for i, (_, true) in enumerate(columns):
+        for i, key in enumerate(columns.true):
             style = "true then" if i == 0 else "_"
-            lines.append(Curve(style, subject.run[true], BLACK, (0, (3.0, 2.0)), 0.6))
-        unit = columns[0][0].unit
-        panels.append(Panel(plain(name.split("/", 1)[-1].replace("_", " ")) + (f", {unit}" if unit else ""), lines))
+            lines.append(Curve(style, subject.run[key], BLACK, (0, (3.0, 2.0)), 0.6))
+        title = plain(columns.sensor.split("/", 1)[-1].replace("_", " "))
+        panels.append(Panel(title + (f", {columns.unit}" if columns.unit else ""), lines))
     return _stacked(subject, panels)
 
 
 def _stacked(subject: Subject, panels: list[Panel]) -> Figure:
     return stacked(subject.run, panels, columns=1 if len(panels) <= _MOST_IN_A_COLUMN else 2, height_in=1.5)
-
-
-def sensor_columns(subject: Subject) -> dict[str, list[tuple[Signal, str]]]:
-    """Columns of each sensor: the signal of each component, and the key of its true value."""
-    found: dict[str, list[tuple[Signal, str]]] = {}
-    signals = {each.name: each for each in subject.run.log.header.layout.signals if each.group == "sensor"}
-    for name in subject.system.sensors:
-        true = f"{identifier(name)}_true"
-        for key in [key for key in signals if key == true or key.startswith(f"{true}_")]:
-            measured = signals.get(identifier(name) + key.removeprefix(true))
-            if measured is not None:
-                found.setdefault(name, []).append((measured, f"sensor.{key}"))
-    return found
-
-
-def _component(signal: Signal, name: str) -> str:
-    rest = signal.name.removeprefix(identifier(name)).split("_")
-    return rest[1] if len(rest) > 1 and rest[1] in ("w", "x", "y", "z") else "measured"
 
 
 def estimates(subject: Subject) -> Figure:
