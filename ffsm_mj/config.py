@@ -12,6 +12,15 @@ PartName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 """Name of a part of a phase; columns and reports of its control law begin with it."""
 
 
+class RecordedInput:
+    """Marks a key of a control law that names a file with recorded numbers."""
+
+
+FileName = Annotated[str, Field(min_length=1), RecordedInput()]
+"""A file with recorded numbers, relative to the scenario file that names it; the run keeps a copy. A control law has its
+table as ``context.recorded[KEY]``."""
+
+
 class StrictModel(BaseModel):
     """Immutable configuration. Sequences are tuples; YAML's and Python's lists are accepted for them."""
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.config import StrictModel
+from ffsm_mj.config import FileName, StrictModel
 from ffsm_mj.dynamics.prediction import predict
 from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
@@ -35,11 +35,12 @@ from ffsm_mj.dynamics.rigid_body import (
 )
 from ffsm_mj.dynamics.site_motion import SiteMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
-from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints
+from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints, drives_rotation
 from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
+from ffsm_mj.records.recorded_table import RecordedTable, TableError
 from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.sensing.sensor import Sensor
@@ -60,6 +61,7 @@ __all__ = [
     "EffortLimits",
     "Estimator",
     "Fault",
+    "FileName",
     "FloatArray",
     "GivenCommand",
     "ImpactRecord",
@@ -68,6 +70,7 @@ __all__ = [
     "Measurement",
     "Observation",
     "PhaseRecord",
+    "RecordedTable",
     "ReducedModel",
     "ScenarioFaults",
     "Sensor",
@@ -76,12 +79,14 @@ __all__ = [
     "StrictModel",
     "Summarises",
     "System",
+    "TableError",
     "Task",
     "TaskController",
     "Tree",
     "base_jacobian",
     "base_wrench",
     "driven_joints",
+    "drives_rotation",
     "external_actuators",
     "free_components",
     "identifier",
@@ -127,6 +132,7 @@ class ControllerContext:
             joints alone.
         limits: Limits of the actuators; None: all are ideal.
         sensors: Sensors of the robot and its objects by full name, with their timing and errors.
+        recorded: Tables of the files that the configuration of the law names, by their keys in it (``FileName``).
     """
 
     system: System
@@ -135,6 +141,7 @@ class ControllerContext:
     reserved: frozenset[int] = frozenset()
     limits: EffortLimits | None = None
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    recorded: Mapping[str, RecordedTable] = field(default_factory=dict)
 
 
 class Observation(NamedTuple):
@@ -151,6 +158,7 @@ class Observation(NamedTuple):
             same as ``data``.
         grasp: Name of the capture that holds an object; empty where none does.
         measured: Newest sample of each sensor that has arrived, by the full name of the sensor.
+        phase_start_s: Time at which the phase began, s: for ``start``, which is called again where a grasp closes or opens.
     """
 
     time_s: float
@@ -161,6 +169,7 @@ class Observation(NamedTuple):
     free: Any = None
     grasp: str = ""
     measured: Mapping[str, Measurement] = MappingProxyType({})
+    phase_start_s: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,12 @@ from ffsm_controllers.joint_path.law import JointPath
 from ffsm_controllers.off import Off
 from ffsm_controllers.osdre.law import Osdre
 from ffsm_controllers.pd import Pd
+from ffsm_controllers.playback.law import Playback
 from ffsm_controllers.plugins import Kinds, installed
 from ffsm_controllers.track.law import Track
 
 GROUP = "ffsm_mj.controllers"
-_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, Gripper, JointPath)
+_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, Gripper, JointPath, Playback)
 
 
 @cache

@@ -186,7 +186,7 @@ class PhaseMachine:
         self._grasp = observation.grasp
         law = self.phases[self.phase_index].law(self._grasp)
         self._asked[self.phase_index, self._grasp] = law
-        law.start(observation)
+        law.start(observation._replace(phase_start_s=self._start_s))
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call."""

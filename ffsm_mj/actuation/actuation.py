@@ -22,6 +22,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
@@ -222,7 +223,7 @@ def _effort_signals(system: System) -> tuple[Signal, ...]:
     """Four signals per actuator, in the order of the table."""
     signals = []
     for i, name in enumerate(system.names("actuator")):
-        unit, suffix = ("N m", "N_m") if _drives_rotation(system.mj, i) else ("N", "N")
+        unit, suffix = ("N m", "N_m") if drives_rotation(system.mj, i) else ("N", "N")
         for what, meaning in _EFFORTS.items():
             text = f"effort of {name}, {meaning}"
             signals.append(Signal("actuators", f"{identifier(name)}_{what}_{suffix}", unit, text, f"actuator {name}"))
@@ -238,9 +239,3 @@ def _count_signals(names: Sequence[str]) -> tuple[Signal, ...]:
         signals.append(Signal("actuators", f"{field}_on_time_s", "s", time, element))
         signals.append(Signal("actuators", f"{field}_impulse_N_s", "N s", impulse, element))
     return tuple(signals)
-
-
-def _drives_rotation(model: Any, i: int) -> bool:
-    if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT:
-        return not np.any(model.actuator_gear[i, :3])
-    return bool(model.jnt_type[model.actuator_trnid[i, 0]] == mujoco.mjtJoint.mjJNT_HINGE)

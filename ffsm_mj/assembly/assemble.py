@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -22,6 +22,7 @@ from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits, refuse_outside
 from ffsm_mj.assembly.models import changes_of
 from ffsm_mj.assembly.plant import build_plant
+from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.assembly.run_size import too_large
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
@@ -56,6 +57,7 @@ class Assembly:
         controller: The phase machine.
         task: The tip's task, if any.
         row: Columns of all components.
+        recorded: Files that the control laws name.
     """
 
     scenario: Scenario
@@ -68,6 +70,12 @@ class Assembly:
     controller: PhaseMachine
     task: Task | None
     row: Row
+    recorded: RecordedFiles = field(default_factory=RecordedFiles)
+
+    @property
+    def logged_files(self) -> dict[str, bytes]:
+        """Contents of all files of the run by their names in run folder and log."""
+        return self.system.logged_files | dict(self.recorded.contents)
 
     @property
     def system(self) -> System:
@@ -104,6 +112,7 @@ def assemble(
     held: Mapping[str, GraspedSystem] = MappingProxyType({}),
     *,
     estimators: Mapping[str, Any] = MappingProxyType({}),
+    recorded: RecordedFiles | None = None,
 ) -> Assembly:
     """Build the components of one run.
 
@@ -115,10 +124,12 @@ def assemble(
         controller_system: System of the controller model, likewise the run's own; None: control laws know the plant.
         held: The systems in which captures hold, likewise the run's own, by the names of these.
         estimators: Estimators of a script, classes by kind, beside those that are installed.
+        recorded: Files that the control laws name; None: they name none.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
     """
+    recorded = recorded or RecordedFiles()
     try:
         data = initial_state(scenario, system)
         contacts = resolve_contacts(scenario.contacts, system)
@@ -130,7 +141,8 @@ def assemble(
         plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
         plant.integrator.restore_state(plant.integrator.motion)
         contexts = _contexts(scenario, controller_system or system, plant, held)
-        phases = build_phases(scenario, contexts[""], laws, {name: each for name, each in contexts.items() if name})
+        grasped = {name: each for name, each in contexts.items() if name}
+        phases = build_phases(scenario, contexts[""], laws, grasped, recorded)
         controller_model = ControllerModel(controller_system.mj, data) if controller_system is not None else None
         controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, estimators)
         controller_data = data if controller_model is None else controller_model.data
@@ -143,7 +155,9 @@ def assemble(
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
-    return Assembly(scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row)
+    return Assembly(
+        scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row, recorded
+    )
 
 
 def _phase_machine(

@@ -14,6 +14,7 @@ from ffsm_controllers.phases import MeasurementBound, Phase
 from ffsm_controllers.settled import SettlingMonitor
 
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
+from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
 from ffsm_mj.errors import Fault, ScenarioFaults, described
@@ -25,7 +26,11 @@ from ffsm_mj.scenario.scenario import Scenario
 
 
 def build_phases(
-    scenario: Scenario, context: ControllerContext, laws: Mapping[str, Any], grasped: Mapping[str, ControllerContext]
+    scenario: Scenario,
+    context: ControllerContext,
+    laws: Mapping[str, Any],
+    grasped: Mapping[str, ControllerContext],
+    recorded: RecordedFiles,
 ) -> list[Phase]:
     """The phases with their control laws, in order: each law is created for the scene and for each grasped system.
 
@@ -34,6 +39,7 @@ def build_phases(
         context: What the laws are made for in the scene.
         laws: Control laws of a script, classes by kind, beside those that are installed.
         grasped: What they are made for while an object is grasped, by the name of the grasp.
+        recorded: Files that their configurations name.
 
     Raises:
         ScenarioFaults: A control law cannot be made, or two parts of a phase drive the same actuator.
@@ -42,9 +48,10 @@ def build_phases(
     phases, faults = [], []
     for i, config in enumerate(scenario.phases):
         made: dict[str, Any] = {}
+        tables = recorded.of_phase(i)
         for grasp, where in {"": context, **grasped}.items():
             try:
-                made[grasp] = _law(config, classes, where)
+                made[grasp] = _law(config, classes, where, tables)
             except ScenarioFaults as error:
                 prefix = f"while {grasp!r} is closed: " if grasp else ""
                 faults += [replace(f, message=prefix + f.message, path=("phases", i, *f.path)) for f in error.faults]
@@ -90,7 +97,7 @@ def _start_faults(law: Controller, data: Any) -> Sequence[Fault]:
         return [Fault(f"whether the controller can begin cannot be computed ({described(error)})", ("kind",), error)]
 
 
-def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerContext) -> Controller:
+def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerContext, tables: PhaseTables) -> Controller:
     """The control law of a phase, or its parts as one law.
 
     Parts whose ``joints`` are left out are made last, so that they can leave the joints of the others alone.
@@ -99,12 +106,12 @@ def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerCon
         ScenarioFaults: See :func:`build_phases`; paths in the phase.
     """
     if config.controllers is None:
-        return _made(classes, config.controller, context, ("controller",))
+        return _made(classes, config.controller, context, ("controller",), tables)
     made: dict[str, Any] = {}
     owners: dict[int, str] = {}
     for name, part in sorted(config.controllers.items(), key=lambda item: _leaves_joints_out(item[1])):
         path = ("controllers", name)
-        law = _made(classes, part, replace(context, reserved=frozenset(owners)), path)
+        law = _made(classes, part, replace(context, reserved=frozenset(owners)), path, tables)
         if fault := signals_fault(law.telemetry_signals):
             raise ScenarioFaults([Fault(f"telemetry of kind {part.kind!r}: {fault}", (*path, "kind"))])
         claims = claims_of(law)
@@ -115,14 +122,16 @@ def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerCon
     return Parts(laws, context.system.names("actuator"))
 
 
-def _made(classes: Mapping[str, Any], config: Any, context: ControllerContext, path: tuple[str, ...]) -> Controller:
+def _made(
+    classes: Mapping[str, Any], config: Any, context: ControllerContext, path: tuple[str, ...], tables: PhaseTables
+) -> Controller:
     """One control law.
 
     Raises:
         ScenarioFaults: It cannot be made; paths in the phase.
     """
     try:
-        law: Controller = classes[config.kind](config, context)
+        law: Controller = classes[config.kind](config, replace(context, recorded=tables.get(path, {})))
         unknown = [i for i in claims_of(law) if not 0 <= i < context.system.mj.nu]
     except ScenarioFaults as error:
         raise ScenarioFaults([replace(f, path=(*path, *f.path)) for f in error.faults]) from error

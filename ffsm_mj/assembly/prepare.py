@@ -17,6 +17,7 @@ from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
 from ffsm_mj.assembly.override_faults import overrides_named
+from ffsm_mj.assembly.recorded_files import RecordedFiles, recorded_files
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -137,10 +138,11 @@ def recipe(
         estimators: See :func:`run`.
 
     Raises:
-        InputError: A model is wrong.
+        InputError: A model or a file of a control law is wrong.
     """
     system, controller_system, held = compile_scenario(config, source, read)
-    return PreparedRun(config, source, system, dict(controllers), controller_system, held, dict(estimators))
+    recorded = recorded_files(config, source)
+    return PreparedRun(config, source, system, dict(controllers), controller_system, held, dict(estimators), recorded)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +160,7 @@ class PreparedRun:
         controller_system: System of the controller model, likewise copied; None: control laws know the plant.
         held: The systems in which captures hold, likewise copied, by the names of these.
         estimators: Estimators of a script, classes by kind.
+        recorded: Files that the control laws name.
     """
 
     scenario: Scenario
@@ -167,6 +170,7 @@ class PreparedRun:
     controller_system: System | None = None
     held: Mapping[str, GraspedSystem] = field(default_factory=dict)
     estimators: Mapping[str, Any] = field(default_factory=dict)
+    recorded: RecordedFiles = field(default_factory=RecordedFiles)
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
@@ -176,7 +180,12 @@ class PreparedRun:
     @property
     def scenario_yaml(self) -> str:
         """The scenario with every default written out, as logs keep it."""
-        return resolved_yaml(self.scenario, self.system)
+        return resolved_yaml(self.scenario, self.system, self.recorded)
+
+    @property
+    def logged_files(self) -> dict[str, bytes]:
+        """Contents of the files of models and control laws, by their names in run folder and log."""
+        return self.system.logged_files | dict(self.recorded.contents)
 
     def assemble(self) -> Assembly:
         """New components of one run at t = 0.
@@ -187,7 +196,10 @@ class PreparedRun:
         controller_system = self.controller_system.copy() if self.controller_system is not None else None
         held = {name: each.copy() for name, each in self.held.items()}
         system, laws = self.system.copy(), self.laws
-        return assemble(self.scenario, self.source, system, laws, controller_system, held, estimators=self.estimators)
+        recorded = self.recorded
+        return assemble(
+            self.scenario, self.source, system, laws, controller_system, held, estimators=self.estimators, recorded=recorded
+        )
 
     def run(
         self,

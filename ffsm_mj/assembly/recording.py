@@ -141,8 +141,8 @@ def _header(assembly: Assembly, *, is_whole: bool) -> RunHeader:
     """Header of the log; one of a part of the columns is no log that can be made again, and carries no scenario."""
     config, system = assembly.scenario, assembly.system
     kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), delayed_control=assembly.plant.control is not None)
-    text = resolved_yaml(config, system) if is_whole else ""
-    return RunHeader(config.name, text, assembly.row.layout, system.logged_files, _metadata(assembly), kinds)
+    text = resolved_yaml(config, system, assembly.recorded) if is_whole else ""
+    return RunHeader(config.name, text, assembly.row.layout, assembly.logged_files, _metadata(assembly), kinds)
 
 
 def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:

@@ -1,16 +1,17 @@
-"""The resolved scenario for run folder and log: with all defaults, and the paths of the stored models."""
+"""The resolved scenario for run folder and log: with all defaults, and the paths of the stored files."""
 
 from __future__ import annotations
 
 from typing import Any
 
+from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.model.files import logged_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.source import write_yaml
 
 
-def resolved_yaml(scenario: Scenario, system: System) -> str:
+def resolved_yaml(scenario: Scenario, system: System, recorded: RecordedFiles) -> str:
     """YAML of a scenario that runs again from a run folder."""
     data = scenario.model_dump(mode="json")
     for name, files in system.files.items():
@@ -18,6 +19,11 @@ def resolved_yaml(scenario: Scenario, system: System) -> str:
         part["mjcf"] = logged_name(name, files.main)
         part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
         part["package_paths"] = []  # files of packages are stored beside the model
+    for (*keys, last), name in recorded.names.items():
+        section: Any = data
+        for key in keys:
+            section = section[key]
+        section[last] = name
     return write_yaml(_without_none(data))
 
 

@@ -60,7 +60,7 @@ class Campaign(StoredCampaign):
             if not folder.is_initialized:
                 design = plan.design()
                 base = plan.base
-                files = base.system.logged_files
+                files = base.logged_files
                 folder.write(plan.config.model_dump(mode="json", exclude_none=True), base.scenario_yaml, files, design)
             found = cls.open(out, controllers)
             found._adopt(plan, controllers)

@@ -18,6 +18,9 @@ from ffsm_mj.log.mcap.format import is_plain
 
 MODELS = "mjcf"
 """Folder of the model files in a run folder and in a log."""
+RECORDED = "recorded"
+"""Folder of the files with recorded numbers that control laws play, likewise."""
+_FOLDERS = (f"{MODELS}/", f"{RECORDED}/")
 _UNREADABLE = (McapError, OSError, struct.error, ValueError, LookupError, MemoryError, OverflowError, StopIteration)
 
 
@@ -91,14 +94,14 @@ def _blocked(folder: Path, name: str) -> Path | None:
 
 
 def _models(log: Path) -> list[str]:
-    """Names of the model files in a log, as far as it is readable; names outside the folder of models are ignored."""
+    """Names of the files of models and of control laws in a log, as far as it is readable; others are ignored."""
     names = []
     try:
         with log.open("rb") as stream:
             for record in StreamReader(stream, emit_chunks=True, record_size_limit=log.stat().st_size).records:
                 if isinstance(record, Chunk):
                     break
-                if isinstance(record, Attachment) and record.name.startswith(f"{MODELS}/") and is_plain(record.name):
+                if isinstance(record, Attachment) and record.name.startswith(_FOLDERS) and is_plain(record.name):
                     names.append(record.name)
     except _UNREADABLE:
         pass

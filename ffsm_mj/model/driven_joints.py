@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -88,3 +89,10 @@ def _motors(system: System) -> dict[str, int]:
         if joint in system.robot.joints and joint.kind in ("hinge", "slide"):
             motors[joint.name] = i
     return motors
+
+
+def drives_rotation(model: Any, actuator: int) -> bool:
+    """Whether the effort of an actuator is a torque; otherwise it is a force."""
+    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        return not np.any(model.actuator_gear[actuator, :3])
+    return bool(model.jnt_type[model.actuator_trnid[actuator, 0]] == mujoco.mjtJoint.mjJNT_HINGE)

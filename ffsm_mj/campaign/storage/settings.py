@@ -47,7 +47,7 @@ def campaign_settings(plan: Plan, controllers: Mapping[str, Any]) -> str:
     }
     # Campaigns with the default have the same settings as before the key existed.
     counted = {} if config.truncated == COUNT else {"truncated": config.truncated}
-    files = plan.base.system.logged_files
+    files = plan.base.logged_files
     return settings_of(plan.base.scenario_yaml, files, sampling | counted, config.kept_metrics, controllers)
 
 

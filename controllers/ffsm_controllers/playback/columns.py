@@ -1,0 +1,201 @@
+"""Columns of a recorded file: which actuator each one drives, in which unit, and when its samples are played."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_controllers.playback.config import FORCES, TORQUES, EffortColumn, PlaybackConfig
+from ffsm_controllers.playback.record import EffortRecord
+from ffsm_mj.controller_protocol import (
+    Fault,
+    FloatArray,
+    IntArray,
+    RecordedTable,
+    ScenarioFaults,
+    System,
+    TableError,
+    drives_rotation,
+    identifier,
+)
+
+_FACTORS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "N m": 1.0, "mN m": 1e-3, "kN m": 1e3}
+_TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_TIMES = ("time_s", "state.time_s")
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """An actuator with its column, and the keys in the scenario that say so."""
+
+    actuator: int
+    column: EffortColumn
+    path: tuple[str, ...]
+
+
+def effort_record(config: PlaybackConfig, table: RecordedTable, system: System) -> tuple[IntArray, EffortRecord]:
+    """Actuators that a file drives, and their efforts over time.
+
+    Raises:
+        ScenarioFaults: An unknown actuator or column, a unit that is not stated or does not fit, times that do not ascend,
+            or a cell that is no finite number.
+    """
+    driven = _driven(config, table, system)
+    faults: list[Fault] = []
+    times, efforts = np.zeros(0), list[FloatArray]()
+    with _collected(faults, ("time",)):
+        times = _times(config, table)
+    for each in driven:
+        with _collected(faults, each.path):
+            efforts.append(_efforts(config, table, system, each))
+    with _collected(faults, ("interpolation",) if config.interpolation == "linear" else ("file",)):
+        _refuse_single(config, table)
+    if faults:
+        raise ScenarioFaults(faults)
+    actuators = np.array([each.actuator for each in driven], dtype=np.intp)
+    linear, held_before = config.interpolation == "linear", config.before == "hold"
+    return actuators, EffortRecord(times, np.column_stack(efforts), linear, held_before, _end_s(config, times))
+
+
+@contextmanager
+def _collected(faults: list[Fault], path: tuple[str, ...]) -> Iterator[None]:
+    """Collect a fault of the file at some keys of the scenario."""
+    try:
+        yield
+    except TableError as error:
+        faults.append(Fault(str(error), path))
+
+
+def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> list[_Driven]:
+    """The actuators to drive.
+
+    Raises:
+        ScenarioFaults: One is unknown or named twice, or the file has no column of any.
+    """
+    names = system.names("actuator")
+    if config.columns is None:
+        found = [
+            _Driven(i, EffortColumn(column=column), ("file",))
+            for i, name in enumerate(names)
+            if (column := _column_of(name, names, table.columns)) is not None
+        ]
+        if not found:
+            message = f"{table.place} has no column of an actuator; write 'columns', the column of each actuator to drive"
+            has, known = ", ".join(table.columns), ", ".join(names)
+            raise ScenarioFaults([Fault(f"{message}; its columns: {has}; actuators: {known}", ("file",))])
+        return found
+    driven: dict[int, _Driven] = {}
+    faults = []
+    for name, given in config.columns.items():
+        path = ("columns", name)
+        try:
+            i = system.index("actuator", name)
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), path))
+            continue
+        if i in driven:
+            faults.append(Fault(f"names the actuator {names[i]} a second time; each has one column", path))
+        driven[i] = _Driven(i, given if isinstance(given, EffortColumn) else EffortColumn(column=given), path)
+    if faults:
+        raise ScenarioFaults(faults)
+    return list(driven.values())
+
+
+def _column_of(actuator: str, actuators: Collection[str], columns: Collection[str]) -> str | None:
+    """The column of an actuator by their names: its name, with or without a unit, or its applied effort in our logs."""
+    short = actuator.rpartition("/")[2]
+    of_several = sum(name.rpartition("/")[2] == short for name in actuators) > 1
+    stems = (actuator, *(() if of_several else (short,)), identifier(actuator))
+    ends = ("", *(f"_{unit.replace(' ', '_')}" for unit in _FACTORS))
+    wanted = [f"{group}{stems[-1]}_applied{end}" for group in ("actuators.", "") for end in ends]
+    wanted += [f"{stem}{end}" for stem in stems for end in ends]
+    return next((name for name in wanted if name in columns), None)
+
+
+def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, driven: _Driven) -> FloatArray:
+    """Efforts of one actuator, (number of samples,), N or N m.
+
+    Raises:
+        TableError: The column is unknown, its unit is not stated or does not fit, or a cell is no finite number.
+    """
+    name = table.name_of(driven.column.column)
+    unit = _unit(name, driven.column.unit or config.unit, _FACTORS, f"unit: {FORCES[0]} or {TORQUES[0]}")
+    allowed = TORQUES if drives_rotation(system.mj, driven.actuator) else FORCES
+    if unit not in allowed:
+        what = "torque" if allowed is TORQUES else "force"
+        actuator = system.names("actuator")[driven.actuator]
+        raise TableError(f"column {name!r} is in {unit}, and {actuator} takes a {what}; allowed: {', '.join(allowed)}")
+    return table.numbers(name) * (_FACTORS[unit] * driven.column.scale)
+
+
+def _unit(column: str, stated: str | None, units: Collection[str], example: str) -> str:
+    """Unit of a column: stated in the scenario, or at the end of its name.
+
+    Raises:
+        TableError: It is not stated, or differently by the name.
+    """
+    by_name = next((unit for unit in sorted(units, key=len, reverse=True) if _ends_in(column, unit)), None)
+    if stated is None and by_name is None:
+        raise TableError(f"the unit of column {column!r} is not stated; write '{example}'")
+    if stated is not None and by_name is not None and stated != by_name:
+        raise TableError(f"column {column!r} is in {by_name} by its name, and 'unit' says {stated}")
+    return str(stated or by_name)
+
+
+def _ends_in(column: str, unit: str) -> bool:
+    return column.endswith(f"_{unit.replace(' ', '_')}")
+
+
+def _times(config: PlaybackConfig, table: RecordedTable) -> FloatArray:
+    """Times of the samples since the start of the phase or of the run, (number of samples,), s.
+
+    Raises:
+        TableError: There is no such column, its unit is not stated, or its times do not ascend.
+    """
+    time = config.time
+    if time.step_s is not None:
+        return np.asarray(np.arange(len(table)) * time.step_s + time.offset_s)
+    given = time.column if time.column is not None else next((name for name in _TIMES if name in table.columns), None)
+    if given is None:
+        known = ", ".join(table.columns)
+        raise TableError(
+            f"{table.place} has no column time_s; write 'column', or 'step_s' of samples without times; columns: {known}"
+        )
+    name = table.name_of(given)
+    factor = _TIME_FACTORS[_unit(name, time.unit, _TIME_FACTORS, "unit: s")]
+    stamps = table.numbers(name)
+    times = (stamps - stamps[0] if time.zero == "first_sample" else stamps) * factor
+    backward = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(backward):
+        k = int(backward[0]) + 1
+        here, before = (table.columns[name][i] for i in (k, k - 1))
+        raise TableError(f"{table.row_place(k)}: time {here} follows {before} in column {name!r}; times must ascend")
+    return np.asarray(times + time.offset_s)
+
+
+def _refuse_single(config: PlaybackConfig, table: RecordedTable) -> None:
+    """Refuse a single sample where it does not say how long it lasts.
+
+    Raises:
+        TableError: It does not.
+    """
+    if len(table) > 1:
+        return
+    if config.interpolation == "linear":
+        raise TableError(f"{table.place} has a single sample; straight lines need two")
+    if config.after != "hold" and config.time.step_s is None:
+        raise TableError(f"{table.place} has a single sample, which has no duration; write 'after: hold'")
+
+
+def _end_s(config: PlaybackConfig, times: FloatArray) -> float:
+    """End of the record, s; infinite if its last efforts are held."""
+    if config.after == "hold":
+        return math.inf
+    last = float(times[-1])
+    if config.interpolation == "linear":
+        return last
+    return last + (config.time.step_s or last - float(times[-2]))
