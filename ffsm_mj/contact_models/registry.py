@@ -63,6 +63,8 @@ def contact_model_of(kind: str) -> type[ContactModel]:
     Raises:
         LookupError: There is none; the message lists the known kinds.
     """
+    if registered := _REGISTERED.get(kind):
+        return registered  # without the search for packages, which reads metadata of every package there is
     known = contact_models()
     if kind in _BROKEN:
         raise LookupError(f"the contact model {kind!r} of an installed package cannot be used ({_BROKEN[kind]})")
