@@ -36,8 +36,10 @@ def cone_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> float
     return largest_margin(given, freedom, mu)[0]
 
 
-def largest_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> tuple[float, FloatArray]:
-    """The same, and forces that have it, N, (k, 3)."""
+def largest_margin(
+    given: FloatArray, freedom: FloatArray, mu: FloatArray, weights: FloatArray | None = None
+) -> tuple[float, FloatArray]:
+    """The same, and forces that have it, N, (k, 3); with weights, (k,), each contact keeps the margin times its weight."""
     unit = float(np.abs(given).max())
     if unit == 0.0:
         return 0.0, given
@@ -47,7 +49,7 @@ def largest_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> tu
     scale[:, 0] = np.where(mu > 0.0, mu, 1.0)
     A = np.zeros((k + 1, 3, d + 1))
     A[:k, :, :d] = -(scale[:, :, None] * freedom.reshape(k, 3, d))
-    A[:k, 0, d] = np.where(mu > 0.0, 1.0, 0.0)
+    A[:k, 0, d] = np.where(mu > 0.0, 1.0 if weights is None else weights, 0.0)
     A[k, 0, d] = 1.0
     h = np.zeros((k + 1, 3))
     h[:k] = scale * given / unit

@@ -18,6 +18,8 @@ _ROUNDING = 1e-13
 """Friction below this share of the largest force is rounding."""
 _REDUCTIONS, _REDUCED = 20, 1e-12
 """Greatest number of reductions of a share of the friction limit, and the least relative one."""
+_LEAST_WEIGHT = 1e-3
+"""Of a point in a margin to all friction cones, in units of the largest: some limit may be zero."""
 
 
 def internal_forces(problem: FrictionProblem, points: IntArray) -> FloatArray:
@@ -68,13 +70,16 @@ def least_use(problem: FrictionProblem, forces: FloatArray, sticks: IntArray, po
     """
     group = partners(problem, sticks, point)
     freedom, mu = internal_forces(problem, group), problem.mu[group]
-    least = 1.0
-    # Dinkelbach's method: forces well inside the cones of a friction coefficient need a smaller one.
+    least, weights = 1.0, np.ones(len(group))
+    # Dinkelbach's method: forces well inside the cones of a friction coefficient need a smaller one. Margins in units of
+    # the limits last found make it converge faster than linearly (Crouzeix, Ferland and Schaible, JOTA 47, 1985).
     for _ in range(_REDUCTIONS):
-        ratio = max(limit_ratios(largest_margin(forces[group], freedom, least * mu)[1], mu))
+        inside = largest_margin(forces[group], freedom, least * mu, weights)[1]
+        ratio = max(limit_ratios(inside, mu))
         if ratio >= least * (1.0 - _REDUCED):
             break
-        least = ratio
+        least, limits = ratio, mu * inside[:, 0]
+        weights = np.maximum(limits / limits.max(), _LEAST_WEIGHT)
     return least
 
 
