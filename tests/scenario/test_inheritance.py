@@ -6,7 +6,6 @@ import json
 import re
 from pathlib import Path
 
-import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
@@ -15,8 +14,8 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.inheritance import MAX_DEPTH
 from ffsm_mj.scenario.loading import load_scenario
-from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
+from tests.scenario import editor
 from tests.scenes import two_balls
 
 PARENT = """\
@@ -187,7 +186,7 @@ def test_the_run_folder_needs_no_parent(folder, tmp_path):
 
 @pytest.mark.parametrize("name", scenario_names())
 def test_editors_accept_the_shipped_files_as_they_stand(name):
-    jsonschema.validate(json.loads(json.dumps(YAML(typ="safe").load(scenario_path(name)))), scenario_schema())
+    editor.check(json.loads(json.dumps(YAML(typ="safe").load(scenario_path(name)))))
 
 
 @pytest.mark.parametrize(
@@ -202,8 +201,8 @@ def test_editors_accept_the_shipped_files_as_they_stand(name):
     ],
 )
 def test_editors_refuse_what_is_wrong_in_a_child(change):
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate({"extends": "baseline", "name": "x"} | change, scenario_schema())
+    with pytest.raises(editor.ValidationError):
+        editor.check({"extends": "baseline", "name": "x"} | change)
 
 
 def test_the_example_of_the_user_guide(tmp_path):
