@@ -104,6 +104,26 @@ def test_the_impulse_of_straight_lines_between_ticks_is_exact(tmp_path):
     assert ffsm_mj.run(path, ends)["state.v_robot_x_m_s"][-1] == pytest.approx(impulse / MASS_KG, abs=1e-13)
 
 
+def test_the_impulse_of_held_samples_with_jitter_is_exact_in_the_mean(tmp_path):
+    """Stamps of a recorder of 10 ms that is up to 2 ms early or late; the last sample lasts as long as the one before."""
+    rng = np.random.default_rng(8)
+    times, forces = 0.01 * np.arange(1, 90) + rng.uniform(-2e-3, 2e-3, 89), rng.normal(size=89)
+    path = pushed(tmp_path, list(zip(times.tolist(), forces.tolist(), strict=True)), interpolation="mean")
+    impulse = forces.dot(np.diff(times, append=2 * times[-1] - times[-2]))
+    assert ffsm_mj.run(path)["state.v_robot_x_m_s"][-1] == pytest.approx(impulse / MASS_KG, abs=1e-13)
+    ends = {"phases.play.controller.before": "hold", "phases.play.controller.after": "hold"}
+    impulse = forces.dot(np.diff([0.0, *times[1:], 1.0]))
+    assert ffsm_mj.run(path, ends)["state.v_robot_x_m_s"][-1] == pytest.approx(impulse / MASS_KG, abs=1e-13)
+
+
+def test_the_mean_of_samples_at_ticks_is_the_sample():
+    """At large times too, where the difference of two times is rounded to 1e-8 of a tick."""
+    record = EffortRecord(1e5 + 0.001 * np.arange(9), np.arange(9.0)[:, None] / 7.0, "mean", held_before=False, end_s=2e5)
+    for i in range(9):
+        assert record.over(float(record.times_s[i]), 0.001) == pytest.approx([i / 7.0], rel=1e-7)
+    assert record.over(float(record.times_s[8]), 0.001) == pytest.approx([8 / 7.0], rel=1e-15)
+
+
 def test_samples_between_ticks_are_late_and_said_to_be(tmp_path):
     run = ffsm_mj.run(pushed(tmp_path, [(0.0, 1.0), (0.504, 2.0), (0.506, 3.0), (0.9, 4.0)]))
     report = run.summary()["controller"]["phases"][0]["reports"]
@@ -203,7 +223,7 @@ def test_laws_of_scripts_read_tables_too(tmp_path):
     assert run["state.v_robot_x_m_s"][-1] == again["state.v_robot_x_m_s"][-1] == pytest.approx(3.5 / MASS_KG, abs=1e-13)
 
 
-LINES = EffortRecord(np.array([1.0, 2.0]), np.array([[2.0], [4.0]]), linear=True, held_before=False, end_s=2.0)
+LINES = EffortRecord(np.array([1.0, 2.0]), np.array([[2.0], [4.0]]), interpolation="linear", held_before=False, end_s=2.0)
 
 
 @pytest.mark.parametrize(("time_s", "mean"), [(0.5, None), (0.9, 1.29), (1.0, 2.25), (1.25, 2.75), (2.0, None)])

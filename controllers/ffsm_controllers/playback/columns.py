@@ -57,8 +57,8 @@ def effort_record(config: PlaybackConfig, table: RecordedTable, system: System) 
     if faults:
         raise ScenarioFaults(faults)
     actuators = np.array([each.actuator for each in driven], dtype=np.intp)
-    linear, held_before = config.interpolation == "linear", config.before == "hold"
-    return actuators, EffortRecord(times, np.column_stack(efforts), linear, held_before, _end_s(config, times))
+    held_before, end_s = config.before == "hold", _end_s(config, times)
+    return actuators, EffortRecord(times, np.column_stack(efforts), config.interpolation, held_before, end_s)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
+from ffsm_controllers.playback.record import Interpolation
 from ffsm_mj.controller_protocol import FileName, StrictModel
 
 EffortUnit = Literal["N", "mN", "kN", "N m", "mN m", "kN m"]
@@ -67,11 +68,12 @@ class PlaybackConfig(StrictModel):
     unit: EffortUnit | None = None
     """Unit of all columns that state none."""
     time: TimeColumn = TimeColumn()
-    interpolation: Literal["held", "linear"] = "held"
-    """``held``: each sample until the next one; ``linear``: straight lines, of which each control tick holds the mean over
-    its period, so that the impulse is exact."""
+    interpolation: Interpolation = "held"
+    """``held``: each sample until the next one, from the first control tick at or after its time; ``mean``: each control
+    tick has the mean of the held samples over its period, so that the impulse is exact; ``linear``: the same of straight
+    lines between samples."""
     before: Literal["off", "hold"] = "off"
     """Until the first sample the actuators are off, or have its efforts."""
     after: Literal["off", "hold"] = "off"
-    """After the record the actuators are off, or keep the last efforts. A held record ends as long after its last sample as
-    that comes after the one before it, a linear one at its last sample."""
+    """After the record the actuators are off, or keep the last efforts. Held samples end as long after the last one as
+    that comes after the one before it, straight lines at the last one."""

@@ -59,7 +59,7 @@ class Playback:
         if efforts is not None:
             played = efforts != 0.0
             command.drive(self._actuators[played], efforts[played])
-        if not self._record.linear:
+        if self._record.interpolation == "held":
             self._compare(time_s)
 
     def _compare(self, time_s: float) -> None:
@@ -82,6 +82,6 @@ class Playback:
             skipped = f", and {self._skipped} are never played" if self._skipped else ""
             report["note"] = (
                 f"samples of {self._place} begin up to {self._late_s:.3g} s late{skipped}: they lie between control ticks; "
-                "choose a control period that divides their times, or 'interpolation: linear'"
+                "choose a control period that divides their times, or 'interpolation: mean'"
             )
         return report

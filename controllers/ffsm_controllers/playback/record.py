@@ -1,13 +1,16 @@
-"""Efforts over time: recorded samples, held or joined by straight lines."""
+"""Efforts over time: recorded samples, held or joined by straight lines, and their means over control ticks."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from ffsm_mj.controller_protocol import FloatArray
+
+Interpolation = Literal["held", "mean", "linear"]
 
 SAME_TIME_S = 1e-9
 """Times closer than this are the same: decimals of a file and multiples of a control period differ by rounding."""
@@ -20,14 +23,15 @@ class EffortRecord:
     Attributes:
         times_s: Time of each sample, ascending, (n,), s.
         efforts: Efforts of the samples, (n, number of actuators), N or N m.
-        linear: Joined by straight lines; otherwise each sample is held until the next one.
+        interpolation: ``held``: each sample is held until the next one; ``mean``: the same, and a control tick has the mean
+            over its period; ``linear``: joined by straight lines, with means likewise.
         held_before: Before the first sample its efforts are held; otherwise there are none.
         end_s: End of the record, s: from then on there are no efforts; infinite: the last ones are held.
     """
 
     times_s: FloatArray
     efforts: FloatArray
-    linear: bool
+    interpolation: Interpolation
     held_before: bool
     end_s: float
 
@@ -38,19 +42,26 @@ class EffortRecord:
     def over(self, time_s: float, duration_s: float) -> FloatArray | None:
         """Efforts to hold from a time on for a while, (number of actuators,); None outside of the record.
 
-        Of straight lines it is their mean: held for this time, it has the impulse of the record.
+        A mean that is held for this time has the impulse of the record.
         """
         begin_s = -math.inf if self.held_before else float(self.times_s[0])
-        if self.linear:
-            from_s, to_s = max(time_s, begin_s), min(time_s + duration_s, self.end_s)
-            return self._integral(from_s, to_s) / duration_s if to_s - from_s > SAME_TIME_S else None
-        if not begin_s - SAME_TIME_S <= time_s < self.end_s - SAME_TIME_S:
-            return None
-        return np.asarray(self.efforts[max(self.sample_at(time_s), 0)])
+        if self.interpolation == "held":
+            inside = begin_s - SAME_TIME_S <= time_s < self.end_s - SAME_TIME_S
+            return np.asarray(self.efforts[max(self.sample_at(time_s), 0)]) if inside else None
+        from_s, to_s = max(0.0, begin_s - time_s), min(duration_s, self.end_s - time_s)
+        return self._integral(time_s, from_s, to_s) / duration_s if to_s - from_s > SAME_TIME_S else None
 
-    def _integral(self, from_s: float, to_s: float) -> FloatArray:
-        """Integral of the straight lines between two times, with the first and the last efforts outside of them."""
-        inside = slice(*np.searchsorted(self.times_s, (from_s, to_s), side="right").tolist())
-        knots = np.concatenate(([from_s], self.times_s[inside], [to_s]))
-        values = np.array([np.interp(knots, self.times_s, column) for column in self.efforts.T])
-        return np.asarray(0.5 * (values[:, 1:] + values[:, :-1]).dot(np.diff(knots)))
+    def _integral(self, time_s: float, from_s: float, to_s: float) -> FloatArray:
+        """Integral between two times after a third; outside of the samples, the first or the last efforts are held.
+
+        Differences of times are taken first: at large times, their rounding would be that of the times.
+        """
+        begin, end = np.searchsorted(self.times_s, (time_s + from_s, time_s + to_s), side="right").tolist()
+        knots = np.concatenate(([from_s], np.clip(self.times_s[begin:end] - time_s, from_s, to_s), [to_s]))
+        if self.interpolation == "mean":
+            held = np.maximum(np.arange(begin - 1, end), 0)
+            return np.asarray(np.diff(knots).dot(self.efforts[held]))
+        near = slice(max(begin - 1, 0), end + 1)
+        times = self.times_s[near] - time_s
+        values = np.array([np.interp(knots, times, column) for column in self.efforts[near].T])
+        return np.asarray((0.5 * (values[:, 1:] + values[:, :-1])).dot(np.diff(knots)))
