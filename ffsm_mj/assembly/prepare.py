@@ -29,7 +29,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.grasps import never_armed
-from ffsm_mj.scenario.loading import load_scenario
+from ffsm_mj.scenario.loading import load_scenario, validated
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
@@ -186,6 +186,14 @@ class PreparedRun:
     def logged_files(self) -> dict[str, bytes]:
         """Contents of the files of models and control laws, by their names in run folder and log."""
         return self.system.logged_files | dict(self.recorded.contents)
+
+    def changed(self, source: YamlSource) -> PreparedRun:
+        """Prepare another scenario with the same control laws and estimators of a script.
+
+        Raises:
+            InputError: One line per fault, with the place in the scenario or the model.
+        """
+        return recipe(validated(source, self.laws, self.estimators), source, self.laws, estimators=self.estimators)
 
     def assemble(self) -> Assembly:
         """New components of one run at t = 0.

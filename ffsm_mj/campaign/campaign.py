@@ -17,6 +17,7 @@ from ffsm_mj.campaign.execution.rerun import Rerun, rerun
 from ffsm_mj.campaign.execution.stopping import FIRST, StoppingRule
 from ffsm_mj.campaign.execution.worker import Job
 from ffsm_mj.campaign.plan.loading import Plan, load_campaign
+from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
 from ffsm_mj.campaign.storage.folder import CAMPAIGN, CampaignFolder
 from ffsm_mj.campaign.storage.settings import campaign_settings, differences, row_versions, settings_hash
 from ffsm_mj.campaign.storage.status import Status
@@ -37,6 +38,7 @@ class Campaign(StoredCampaign):
         *,
         overrides: Sequence[str] = (),
         controllers: Mapping[str, Any] = MappingProxyType({}),
+        estimators: Mapping[str, Any] = MappingProxyType({}),
     ) -> Campaign:
         """Create a campaign, or continue the one in the folder if it has the same settings.
 
@@ -45,15 +47,17 @@ class Campaign(StoredCampaign):
             out: Folder of the campaign.
             overrides: ``key=value`` overrides of the campaign file.
             controllers: Control laws of the caller, classes by kind.
+            estimators: Estimators of the caller, likewise.
 
         Raises:
             InputError: The file is invalid, or the folder holds a campaign with other settings.
             LogWriteError: The folder cannot be written (full disk).
         """
-        return cls.begin(load_campaign(campaign, overrides, controllers), Path(out), controllers)
+        own = ScriptClasses(dict(controllers), dict(estimators))
+        return cls.begin(load_campaign(campaign, overrides, own), Path(out), own)
 
     @classmethod
-    def begin(cls, plan: Plan, out: Path, controllers: Mapping[str, Any] = MappingProxyType({})) -> Campaign:
+    def begin(cls, plan: Plan, out: Path, own: ScriptClasses = NO_CLASSES) -> Campaign:
         """Create or continue a campaign from a plan; see :meth:`load`."""
         folder = CampaignFolder(out)
         with folder.locked():
@@ -62,28 +66,33 @@ class Campaign(StoredCampaign):
                 base = plan.base
                 files = base.logged_files
                 folder.write(plan.config.model_dump(mode="json", exclude_none=True), base.scenario_yaml, files, design)
-            found = cls.open(out, controllers)
-            found._adopt(plan, controllers)
+            found = cls.open(out, own.controllers, own.estimators)
+            found._adopt(plan)
         return found
 
     @classmethod
-    def open(cls, out: str | Path, controllers: Mapping[str, Any] = MappingProxyType({})) -> Campaign:
-        """Open the campaign in a folder.
+    def open(
+        cls,
+        out: str | Path,
+        controllers: Mapping[str, Any] = MappingProxyType({}),
+        estimators: Mapping[str, Any] = MappingProxyType({}),
+    ) -> Campaign:
+        """Open the campaign in a folder; see :meth:`load`.
 
         Raises:
             InputError: The folder holds no campaign.
         """
-        folder = CampaignFolder(Path(out))
+        folder, own = CampaignFolder(Path(out)), ScriptClasses(dict(controllers), dict(estimators))
         design = folder.design()
-        return cls(load_campaign(folder.path / CAMPAIGN, (), controllers), design, folder, controllers)
+        return cls(load_campaign(folder.path / CAMPAIGN, (), own), design, folder, own)
 
-    def _adopt(self, plan: Plan, controllers: Mapping[str, Any]) -> None:
+    def _adopt(self, plan: Plan) -> None:
         """Replace the campaign file by that of a plan with the same settings: rows do not depend on the other keys.
 
         Raises:
             InputError: The settings or the number of samples differ.
         """
-        other = campaign_settings(plan, dict(controllers))
+        other = campaign_settings(plan, self._own)
         if other != self._settings:
             raise InputError(
                 f"{self.folder.path}: holds a campaign with other settings: {differences(self._settings, other)}"
@@ -140,7 +149,7 @@ class Campaign(StoredCampaign):
             EngineLostError: The workers are lost; the rows so far are kept.
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
-        engine = choose_engine(executor, workers, dask, self._controllers.values(), self.config.limits.workers)
+        engine = choose_engine(executor, workers, dask, self._own.every.values(), self.config.limits.workers)
         with self.folder.locked(), self._writable_table() as store:
             self.design = self.folder.design()  # another process may have extended it
             if retry:
@@ -169,7 +178,7 @@ class Campaign(StoredCampaign):
             versions=row_versions(),
             digest=settings_hash(self._settings),
             timeout_s=self.config.limits.timeout_s or 0.0,
-            controllers=self._controllers,
+            own=self._own,
             own_process=own,
             truncated=self.config.truncated,
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import Any
 
@@ -11,6 +11,7 @@ from ffsm_mj.campaign.evaluation.statistics import Proportion, Quantile, quantil
 from ffsm_mj.campaign.plan.config import CampaignFile
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import Plan
+from ffsm_mj.campaign.script_classes import ScriptClasses
 from ffsm_mj.campaign.storage.folder import CampaignFolder
 from ffsm_mj.campaign.storage.settings import campaign_settings
 from ffsm_mj.campaign.storage.status import Status, status_of
@@ -28,12 +29,12 @@ class StoredCampaign:
         folder: Folder of the campaign.
     """
 
-    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, controllers: Mapping[str, Any]) -> None:
+    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, own: ScriptClasses) -> None:
         """Store the parts; use :meth:`ffsm_mj.campaign.campaign.Campaign.open`."""
         self.config: CampaignFile = plan.config
         self.design, self.folder = design, folder
-        self._plan, self._controllers = plan, dict(controllers)
-        self._settings = campaign_settings(plan, self._controllers)
+        self._plan, self._own = plan, own
+        self._settings = campaign_settings(plan, own)
 
     @contextmanager
     def _table(self) -> Iterator[Store]:

@@ -15,6 +15,7 @@ import numpy as np
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.engines import importable
 from ffsm_mj.campaign.plan.loading import make_plan
+from ffsm_mj.campaign.script_classes import ScriptClasses
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import source_of, write_yaml
 from ffsm_mj.yaml.parser import parse
@@ -29,6 +30,7 @@ def sweep(
     metrics: Sequence[str] = _DEFAULT,
     overrides: Mapping[str, Any] = MappingProxyType({}),
     controllers: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Mapping[str, Any] = MappingProxyType({}),
     workers: int | None = None,
     out: str | Path | None = None,
 ) -> Any:
@@ -42,6 +44,7 @@ def sweep(
         metrics: Metrics of each run; see docs/campaigns.md.
         overrides: Overrides of the scenario for all runs, by dotted key.
         controllers: Control laws of the caller, classes by kind.
+        estimators: Estimators of the caller, likewise.
         workers: Number of processes; None: one per processor.
         out: Folder of the campaign, continued if it holds the same campaign; None: only the table is kept.
 
@@ -60,13 +63,14 @@ def sweep(
         "metrics": list(metrics),
         "limits": {"max_failed": 1.0},
     }
+    own = ScriptClasses(dict(controllers), dict(estimators))
     name = Path("sweep")  # replaces the file name in messages
-    plan = make_plan(source_of(parse(write_yaml(stated), name), name), controllers)
+    plan = make_plan(source_of(parse(write_yaml(stated), name), name), own)
     with ExitStack() as stack:
         if out is None:
             out = stack.enter_context(tempfile.TemporaryDirectory(prefix="ffsm-sweep-"))
-        campaign = Campaign.begin(plan, Path(out), controllers)
-        here = [kind for kind, law in controllers.items() if not importable(law)]
+        campaign = Campaign.begin(plan, Path(out), own)
+        here = [kind for kind, law in own.every.items() if not importable(law)]
         if here:
             print(
                 f"sweep: {', '.join(here)} cannot be imported by other processes: all runs are executed in this one",

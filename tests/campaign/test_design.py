@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign.plan import row_check
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.campaign.plan.row_check import refuse_wrong_rows
@@ -320,7 +319,7 @@ def test_a_mass_that_the_model_swallows_is_noticed(tmp_path, monkeypatch):
     """Such as by ``settotalmass``, were it left in: the compiled value is read, not the one that was asked for."""
     two_rocks(tmp_path)
     plan = load_campaign(campaign_file(tmp_path, {"model.rock.rock.mass_kg": {"scale": {"uniform": [1.0, 1.001]}}}))
-    monkeypatch.setattr(row_check, "recipe", lambda *_: plan.base)
+    monkeypatch.setattr(PreparedRun, "changed", lambda *_: plan.base)
     with pytest.raises(InputError, match=r"model.rock.rock.mass_kg is 1.0 although 1.000\d+ was sampled: .*not applied"):
         plan.design()
 

@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
+from tests.campaign.files import campaign_file
 from tests.controllers.test_plugins import ffsm, install
 from tests.scenes import two_balls
+from tests.sensing.scenes import column
 
 SERVO = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 1.0, "target": [0.2]}
 
@@ -167,3 +171,34 @@ def test_a_plugin_that_is_broken_is_named(tmp_path):
     (line,) = done.stderr.strip().splitlines()
     assert "the plugin for kind 'broken' cannot be used (ModuleNotFoundError: No module named 'nothing_like_this')" in line
     assert "usable: truth, direct, mekf" in line
+
+
+def test_a_campaign_takes_estimators_of_a_script(tmp_path, capsys):
+    """A servo, 5 N/m and 1 N s/m, to 0.2 m, of a ball believed at 0.3 m with 1 m/s: -1.5 N."""
+
+    class Mine(Shifted):
+        class Config(StrictModel):
+            """Where it believes that the ball is."""
+
+            kind: Literal["mine"]
+            at_m: float
+
+    scenario(tmp_path, estimator={"kind": "mine", "at_m": 0.1})
+    options = {"estimators": {"mine": Mine}, "metrics": ["steps"]}
+    table = ffsm_mj.sweep(tmp_path / "scene.yaml", {"estimator.at_m": [0.1, 0.3]}, out=tmp_path / "out", **options)
+    assert table.column("outcome").to_pylist() == ["completed"] * 2
+    assert "mine cannot be imported" in capsys.readouterr().err
+    campaign = Campaign.open(tmp_path / "out", estimators={"mine": Mine})
+    assert column(campaign.rerun(1).run, "actuators.robot_push_x_command_N")[0] == pytest.approx(-1.5)
+    with pytest.raises(InputError, match="'mine'"):
+        Campaign.open(tmp_path / "out")
+
+
+def test_another_estimator_is_another_campaign(tmp_path):
+    scenario(tmp_path)
+    path = campaign_file(tmp_path, {"seed": {"choice": [1, 2]}}, {"kind": "grid"})
+    campaign = Campaign.load(path, tmp_path / "out", estimators={"mine": Frozen})
+    assert pickle.loads(pickle.dumps(campaign._job(own=True))).own.estimators == {"mine": Frozen}
+    campaign.run(loop().open())
+    with pytest.raises(InputError, match="its rows were made with other settings: estimators"):
+        Campaign.load(path, tmp_path / "out", estimators={"mine": Raises}).run(loop().open())

@@ -52,7 +52,7 @@ def choose_engine(
     executor: Executor | None,
     workers: int | None,
     dask_address: str,
-    controllers: Iterable[Any],
+    classes: Iterable[Any],
     default_workers: int | None,
 ) -> Engine:
     """Engine for the arguments of :meth:`ffsm_mj.campaign.campaign.Campaign.run`.
@@ -61,7 +61,7 @@ def choose_engine(
         executor: Executor of the caller, if there is one.
         workers: Number of processes asked for.
         dask_address: Address of a Dask scheduler; empty: none.
-        controllers: Control laws of a script; other processes cannot import all of them.
+        classes: Control laws and estimators of a script; other processes cannot import all of them.
         default_workers: Number of processes of the campaign file.
 
     Raises:
@@ -73,7 +73,7 @@ def choose_engine(
         return caller_engine(executor, workers)
     if dask_address:
         return dask(dask_address)
-    if not all(map(importable, controllers)):
+    if not all(map(importable, classes)):
         return loop()
     return pool(workers or default_workers)
 

@@ -18,6 +18,7 @@ from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution.effort import Effort
 from ffsm_mj.campaign.execution.metrics import COUNT, check_metrics, columns_of, metric_values
+from ffsm_mj.campaign.script_classes import ScriptClasses
 from ffsm_mj.campaign.storage.outcomes import ERROR, TIMEOUT
 from ffsm_mj.campaign.storage.settings import row_versions
 from ffsm_mj.campaign.storage.store import RunRow
@@ -43,7 +44,7 @@ class Job:
         versions: Package versions of the campaign.
         digest: Hash of the campaign's settings; it identifies the scenario and its models.
         timeout_s: Greatest wall time of a run, s; 0: no limit.
-        controllers: Control laws of a script, classes by kind.
+        own: Control laws and estimators of a script.
         own_process: Whether the process executes nothing else, so that it may be ended if a run is stuck.
         grace_s: Time after the timeout at which a run that has not stopped is stuck, s.
         truncated: Whether runs whose checks fail by the truncation of the step alone pass: ``count``, or not: ``fail``.
@@ -54,7 +55,7 @@ class Job:
     versions: Mapping[str, str]
     digest: str = ""
     timeout_s: float = 0.0
-    controllers: Mapping[str, Any] = field(default_factory=dict)
+    own: ScriptClasses = field(default_factory=ScriptClasses)
     own_process: bool = True
     grace_s: float = 5.0
     truncated: str = COUNT
@@ -201,9 +202,11 @@ def prepared_run(job: Job, index: int, overrides: Mapping[str, Any]) -> Prepared
     """
     base = _read(job.scenario, job.digest)
     seed = base.data.get("seed", 0) if isinstance(base.data, Mapping) else 0
-    own = {} if "seed" in overrides or not isinstance(seed, int) else {"seed": seed + index}
-    source = base.overridden(as_overrides({**overrides, **own}))
-    return recipe(validated(source, job.controllers), source, job.controllers, _model_reader(job.scenario, job.digest))
+    seeds = {} if "seed" in overrides or not isinstance(seed, int) else {"seed": seed + index}
+    source = base.overridden(as_overrides({**overrides, **seeds}))
+    laws, estimators = job.own.controllers, job.own.estimators
+    config = validated(source, laws, estimators)
+    return recipe(config, source, laws, _model_reader(job.scenario, job.digest), estimators=estimators)
 
 
 # A worker may serve several campaigns, and the content of a folder may change: the digest distinguishes them.

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ffsm_mj.assembly.prepare import as_overrides, recipe
+from ffsm_mj.assembly.prepare import as_overrides
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import Plan
 from ffsm_mj.campaign.plan.row_check import extreme_rows
 from ffsm_mj.errors import InputError
-from ffsm_mj.scenario.loading import validated
 
 
 def description(plan: Plan, design: Design) -> list[str]:
@@ -34,7 +33,7 @@ def _runs_that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
     for run in extreme_rows(design):
         source = plan.base.source.overridden(as_overrides(design.overrides(run)))
         try:
-            recipe(validated(source, plan.base.laws), source, plan.base.laws).assemble()
+            plan.base.changed(source).assemble()
         except InputError as error:
             yield f"run {run} cannot start: {error.lines[0]}"
 

@@ -6,8 +6,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -22,6 +20,7 @@ from ffsm_mj.campaign.plan.row_check import refuse_wrong_rows
 from ffsm_mj.campaign.plan.sampler import EXTENDABLE
 from ffsm_mj.campaign.plan.shipped import campaign_path
 from ffsm_mj.campaign.plan.targets import Targets
+from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command, on_command_line, override
 from ffsm_mj.scenario.faults import KindNames, plain_faults
@@ -100,29 +99,27 @@ class Plan:
         return InputError(self.source.line(Fault(message, ("samples",))))
 
 
-def load_campaign(
-    campaign: str | Path, overrides: Sequence[str] = (), controllers: Mapping[str, Any] = MappingProxyType({})
-) -> Plan:
+def load_campaign(campaign: str | Path, overrides: Sequence[str] = (), own: ScriptClasses = NO_CLASSES) -> Plan:
     """Read and validate a campaign; no design is sampled.
 
     Args:
         campaign: A file, or the name of a shipped campaign.
         overrides: ``key=value`` overrides of the campaign file.
-        controllers: Control laws of the caller, see :func:`ffsm_mj.run`.
+        own: Control laws and estimators of the caller, see :func:`ffsm_mj.run`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     path = campaign_path(campaign)
-    return make_plan(source_of(read_node(path, "campaign"), path).overridden(overrides), controllers)
+    return make_plan(source_of(read_node(path, "campaign"), path).overridden(overrides), own)
 
 
-def make_plan(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyType({})) -> Plan:
+def make_plan(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> Plan:
     """Validate a campaign; no design is sampled.
 
     Args:
         source: Data of the campaign file and locations of its keys; paths are relative to the file.
-        controllers: Control laws of the caller, see :func:`ffsm_mj.run`.
+        own: Control laws and estimators of the caller, see :func:`ffsm_mj.run`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
@@ -135,7 +132,7 @@ def make_plan(source: YamlSource, controllers: Mapping[str, Any] = MappingProxyT
         raise InputError(source.lines(plain_faults(error, KindNames(CampaignFile, (), (), {})))) from error
     scenario = _base_path(config, source)
     changes = {key: f"{key}={json.dumps(value)}" for key, value in config.overrides.items()}
-    base = _base(scenario, changes, source, controllers)
+    base = _base(scenario, changes, source, own)
     try:
         refuse_metrics(config, base.system)
         refuse_levels(config)
@@ -159,9 +156,9 @@ def _base_path(config: CampaignFile, source: YamlSource) -> Path:
         raise InputError([source.line(Fault(line, ("scenario",))) for line in error.lines]) from error
 
 
-def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, controllers: Mapping[str, Any]) -> PreparedRun:
+def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, own: ScriptClasses) -> PreparedRun:
     try:
-        return prepare(scenario, list(changes.values()), controllers=controllers)
+        return prepare(scenario, list(changes.values()), controllers=own.controllers, estimators=own.estimators)
     except InputError as error:
         lines = []
         for line in error.lines:

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.assembly.prepare import PreparedRun, recipe
+from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.dispersions import SampledScalar
 from ffsm_mj.campaign.plan.targets import Targets
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import override
-from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource
 
 _ROUNDING = {"initial": 1e-12, "model": 1e-9, "controller_model": 1e-9}
@@ -40,7 +39,7 @@ def refuse_wrong_rows(base: PreparedRun, design: Design, source: YamlSource, sca
         changes = {key: f"{key}={json.dumps(value)}" for key, value in values.items()}
         try:
             changed = base.source.overridden(list(changes.values()))
-            targets = Targets(recipe(validated(changed, base.laws), changed, base.laws))
+            targets = Targets(base.changed(changed))
         except InputError as error:
             raise InputError(_message(error.lines[0], run, changes, owners, source)) from error
         for key, value in values.items():

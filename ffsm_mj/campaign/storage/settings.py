@@ -10,11 +10,13 @@ from importlib.metadata import entry_points, version
 from typing import Any
 
 from ffsm_controllers import GROUP as LAWS
+from ffsm_controllers.estimators import GROUP as ESTIMATORS
 
 from ffsm_mj.assembly.recording import versions
 from ffsm_mj.campaign.execution.metrics import COUNT
 from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
 from ffsm_mj.campaign.plan.loading import Plan
+from ffsm_mj.campaign.script_classes import ScriptClasses
 from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact_models.impact.installed_laws import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
@@ -26,19 +28,19 @@ _MOST_DIFFERENCES = 3
 def row_versions() -> dict[str, str]:
     """Versions of all packages that affect rows: the libraries, the compiled twins (or ``none``) and plug-in packages."""
     found = versions() | {"ffsm-mj-fast": version("ffsm-mj-fast") if is_compiled() else "none"}
-    for group in (LAWS, METRICS, IMPACT_LAWS, CONTACT_MODELS):
+    for group in (LAWS, ESTIMATORS, METRICS, IMPACT_LAWS, CONTACT_MODELS):
         for point in entry_points(group=group):
             if point.dist is not None:
                 found[point.dist.name] = point.dist.version
     return found
 
 
-def campaign_settings(plan: Plan, controllers: Mapping[str, Any]) -> str:
+def campaign_settings(plan: Plan, own: ScriptClasses) -> str:
     """Settings of a campaign as JSON text.
 
     Args:
         plan: Campaign file and base scenario.
-        controllers: Control laws of a script, classes by kind.
+        own: Control laws and estimators of a script.
     """
     config = plan.config
     sampling = {
@@ -48,7 +50,7 @@ def campaign_settings(plan: Plan, controllers: Mapping[str, Any]) -> str:
     # Campaigns with the default have the same settings as before the key existed.
     counted = {} if config.truncated == COUNT else {"truncated": config.truncated}
     files = plan.base.logged_files
-    return settings_of(plan.base.scenario_yaml, files, sampling | counted, config.kept_metrics, controllers)
+    return settings_of(plan.base.scenario_yaml, files, sampling | counted, config.kept_metrics, own)
 
 
 def settings_of(
@@ -56,7 +58,7 @@ def settings_of(
     files: Mapping[str, bytes],
     sampling: Mapping[str, Any],
     metrics: Sequence[str],
-    controllers: Mapping[str, Any],
+    own: ScriptClasses,
 ) -> str:
     """Settings as JSON text with sorted keys.
 
@@ -65,16 +67,18 @@ def settings_of(
         files: Model files by name.
         sampling: Sampling and dispersions, without the number of samples.
         metrics: Names of the metrics.
-        controllers: Control laws of a script, classes by kind.
+        own: Control laws and estimators of a script.
     """
     content = {
         "scenario": scenario_yaml,
         "models": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
         "sampling": dict(sampling),
         "metrics": list(metrics),
-        "controllers": {kind: source_of(law) for kind, law in controllers.items()},
+        "controllers": {kind: source_of(law) for kind, law in own.controllers.items()},
         "versions": row_versions(),
     }
+    if own.estimators:  # campaigns without have the same settings as before there were any
+        content["estimators"] = {kind: source_of(each) for kind, each in own.estimators.items()}
     return json.dumps(content, sort_keys=True, indent=1)
 
 

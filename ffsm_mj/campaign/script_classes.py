@@ -1,0 +1,28 @@
+"""Classes that a script passes to a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class ScriptClasses:
+    """Control laws and estimators of a script, classes by kind; picklable if they are.
+
+    Attributes:
+        controllers: Control laws.
+        estimators: Estimators.
+    """
+
+    controllers: Mapping[str, Any] = field(default_factory=dict)
+    estimators: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def every(self) -> dict[str, Any]:
+        """All of them."""
+        return {**self.controllers, **self.estimators}
+
+
+NO_CLASSES = ScriptClasses()
