@@ -21,11 +21,13 @@ def given_command(system: System, given: Any) -> GivenCommand:
         given: A :class:`Command`; or an array (nu,) of efforts in N or N m, which power all actuators; or a mapping of names
             to efforts: of an actuator, or of a model, such as ``robot``, to the efforts of all its actuators. A mapping
             powers the actuators that it names and leaves the others to the control laws of the phase; None in place of an
-            effort switches an actuator off.
+            effort switches an actuator off. A :class:`GivenCommand` is taken as it is, unchecked.
 
     Raises:
         InputError: It has another shape, names no actuator, or is not finite.
     """
+    if isinstance(given, GivenCommand):
+        return given
     count = int(system.mj.nu)
     command, named = Command.off(count), np.ones(count, dtype=np.bool_)
     if isinstance(given, Command):

@@ -14,6 +14,7 @@ from weakref import finalize
 
 import numpy as np
 
+from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.given_command import given_command
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, prepare
@@ -129,7 +130,7 @@ class Simulator:
         self.close()
         made = self._seeded(self._recipe(tuple(_as_list(overrides or ()))), self._seed if seed is None else seed)
         assembly = made.assemble()
-        self._tap, self._system, self._controller = EventTap(), assembly.system, assembly.controller
+        self._tap, self._assembly, self._controller = EventTap(), assembly, assembly.controller
         self._period_s, self._reported = made.scenario.control_period_s, 0
         with_rerun = made.scenario.log.rerun if self._rerun is None else self._rerun
         columns = () if self._record is False else None
@@ -172,7 +173,7 @@ class Simulator:
             raise SimulatorError(self._why_not())
         simulation = recording.simulation
         end_s = -math.inf if until in _DECISIONS else self._end_s(until)
-        self._controller.given = None if command is None else given_command(self._system, command)
+        self._controller.given = None if command is None else given_command(self._assembly.system, command)
         self._interrupts.begin_step()
         try:
             self._context.run(self._advance, simulation, until == "event", command is not None, end_s)
@@ -227,8 +228,18 @@ class Simulator:
     @property
     def system(self) -> System:
         """Robot and objects: the MuJoCo model, with names and index maps."""
+        return self.assembly.system
+
+    @property
+    def prepared(self) -> PreparedRun:
+        """The scenario as it was prepared, with the overrides of the simulator but not those of a reset."""
+        return self._recipe(())
+
+    @property
+    def assembly(self) -> Assembly:
+        """Components of the run under way: they show its present, and must not be written."""
         self._running()
-        return self._system
+        return self._assembly
 
     def __enter__(self) -> Simulator:
         """The simulator itself."""

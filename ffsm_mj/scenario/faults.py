@@ -12,6 +12,7 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from ffsm_mj.errors import Fault, unknown_name
+from ffsm_mj.scenario.env_config import ACTION_KINDS
 from ffsm_mj.scenario.key_paths import nested_key
 
 _ALMOST_EQUAL = 0.85
@@ -119,11 +120,12 @@ def _fit(errors: list[Any]) -> tuple[int, bool, int]:
 
 def _file_path(location: KeyPath, names: KindNames) -> KeyPath:
     """Keys of the file in a pydantic location, without union members and tags."""
-    known = {*names.controllers, *names.actuators, *names.estimators}
+    known = {*names.controllers, *names.actuators, *names.estimators, *ACTION_KINDS}
     out: list[str | int] = []
     for i, part in enumerate(location):
         after_union = i > 0 and (
-            location[i - 1] in ("controller", "estimator") or (len(out) >= 2 and out[-2] in ("actuators", "controllers"))
+            location[i - 1] in ("controller", "estimator")
+            or (len(out) >= 2 and out[-2] in ("actuators", "controllers", "actions"))
         )
         if isinstance(part, str) and ((after_union and part in known) or _is_union_member(part)):
             continue

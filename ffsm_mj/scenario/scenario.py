@@ -19,6 +19,7 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.properties import Trees
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.contacts import ContactsConfig
+from ffsm_mj.scenario.env_config import EnvConfig
 from ffsm_mj.scenario.estimator_config import EstimatorConfig, ToldAboveConfig, TruthConfig
 from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
@@ -137,6 +138,8 @@ class Scenario(StrictModel):
     contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()
+    env: EnvConfig | None = None
+    """The scenario as a Gymnasium environment (docs/gymnasium.md); a run ignores it."""
 
     @property
     def has_controller_model(self) -> bool:

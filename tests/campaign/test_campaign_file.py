@@ -9,8 +9,8 @@ import pytest
 
 from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path, is_campaign
-from ffsm_mj.campaign.plan.success import conditions
 from ffsm_mj.cli.main import main
+from ffsm_mj.conditions import conditions
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.shipped import scenarios_dir
 from ffsm_mj.yaml.parser import read_node

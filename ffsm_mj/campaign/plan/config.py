@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from ffsm_mj.campaign.plan.dispersions import Dispersion
-from ffsm_mj.campaign.plan.success import Condition, conditions
+from ffsm_mj.conditions import Condition, conditions
 from ffsm_mj.config import StrictModel
 
 Name = Annotated[str, Field(min_length=1)]

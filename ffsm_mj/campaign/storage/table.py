@@ -10,8 +10,8 @@ import pyarrow as pa
 
 from ffsm_mj.campaign.evaluation.results import TableRow
 from ffsm_mj.campaign.plan.design import Design
-from ffsm_mj.campaign.plan.success import Condition
 from ffsm_mj.campaign.storage.store import RunRow
+from ffsm_mj.conditions import Condition
 
 
 def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Condition]) -> list[TableRow]:

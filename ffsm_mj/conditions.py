@@ -1,4 +1,4 @@
-"""Success of a run: conditions on metrics, joined by ``and``."""
+"""Conditions on named values of a run, joined by ``and``: success of a run in a campaign or of an episode."""
 
 from __future__ import annotations
 
