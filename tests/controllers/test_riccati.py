@@ -414,7 +414,7 @@ def test_along_a_run_in_space(monkeypatch, duration_s, ticks, corrected):
 
 @pytest.mark.slow
 @pytest.mark.long
-@pytest.mark.parametrize("duration_s", [8, 12, 30])
+@pytest.mark.parametrize("duration_s", [2, 8, 12, 30])
 @pytest.mark.usefixtures("plain")
 def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch, duration_s):
     """The run with the oracle at every tick: the same impact, and the same tip on the way and at the end to 1e-6 m."""
@@ -429,7 +429,8 @@ def test_baseline_with_scipy_in_the_loop(baseline, monkeypatch, duration_s):
 
     monkeypatch.setattr(PlanarRiccati, "solve", by_scipy)
     run = ffsm_mj.run("baseline", {"duration_s": float(duration_s)})
-    assert run.impacts[0].time_s == pytest.approx(baseline.impacts[0].time_s, abs=1e-9)
+    hits = [impact.time_s for impact in baseline.impacts if impact.time_s < duration_s]
+    assert [impact.time_s for impact in run.impacts] == pytest.approx(hits, abs=1e-9)
     np.testing.assert_allclose(baseline.tip[: len(run.tip)], run.tip, rtol=0, atol=1e-6)
     approach, _, regulate = (phase["reports"] for phase in baseline.summary()["controller"]["phases"])
     for report in (approach, regulate):

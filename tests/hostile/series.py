@@ -12,6 +12,12 @@ from pathlib import Path
 from tests.hostile.worker import Result
 
 
+def parts(first: int, count: int) -> list[range]:
+    """Numbers of the cases of a series in nine parts, of which a plain run of the tests takes the first, the shortest."""
+    size = -(-(count - first) // 8)
+    return [range(first), *(range(start, min(start + size, count)) for start in range(first, count, size))]
+
+
 def run_series(seed: int, first: int, count: int, folder: Path, workers: int | None = None) -> list[Result]:
     """Run cases ``first`` to ``first + count - 1`` of a seed, in so many processes; None: one per processor.
 
