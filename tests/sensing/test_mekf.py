@@ -12,6 +12,7 @@ import pytest
 from ffsm_controllers.estimators.mekf.belief import Belief, right_jacobian
 from ffsm_controllers.estimators.mekf.config import MekfConfig
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, measurement_of
+from ffsm_controllers.estimators.mekf.joints import encoder_errors
 from ffsm_controllers.estimators.mekf.layout import Layout, floating_bodies
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 
@@ -21,7 +22,18 @@ from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from tests.scenes import box
-from tests.sensing.filter_drive import CAMERA, INITIAL, Drive, error_of, filter_of, moved, noiseless, satellites, sensors_in
+from tests.sensing.filter_drive import (
+    CAMERA,
+    INITIAL,
+    SATELLITE,
+    Drive,
+    error_of,
+    filter_of,
+    moved,
+    noiseless,
+    satellites,
+    sensors_in,
+)
 from tests.sensing.scenes import arm
 
 STILL = {"acceleration_density": 0.0, "angular_acceleration_density": 0.0}
@@ -82,6 +94,64 @@ def test_measurements_are_those_of_mujoco_with_their_derivatives(moving_arm, sen
             for sign in (-1.0, 1.0)
         )
         assert np.abs((ahead - behind) / (2 * DIFFERENCE) - slope[:, i]).max() < 1e-8
+
+
+@pytest.mark.parametrize("sensor", ["framepos", "framequat"])
+def test_errors_of_encoders_are_noise_of_what_is_seen_across_the_joints(moving_arm, sensor):
+    """Their derivatives by central differences, as above."""
+    system, data = moving_arm
+    joints = [system.joint(f"robot/{name}") for name in ("j1", "j2")]
+    system.mj.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
+    mujoco.mj_forward(system.mj, data)
+    value = data.sensor(sensor).data.copy()
+    measurement = measurement_of(system.mj, floating_bodies(system), sensor, sensor)
+    dofs = [joint.dofs.start for joint in joints]
+    slope = measurement.innovation(system.mj, believed(system, data), value, dofs)[1][:, 24:]
+    assert np.abs(slope).max() > 0.1
+    for i, joint in enumerate(joints):
+        innovations = []
+        for step in (-DIFFERENCE, DIFFERENCE):
+            belief = believed(system, data)
+            belief.data.qpos[joint.qpos] += step
+            innovations.append(measurement.innovation(system.mj, belief, value)[0])
+        assert np.abs((innovations[0] - innovations[1]) / (2 * DIFFERENCE) - slope[:, i]).max() < 1e-8
+
+
+def test_a_camera_on_a_joint_with_a_noisy_encoder_is_believed_as_far_as_it_is_good(tmp_path):
+    """An encoder of 0.02 rad puts a box at 2 m off by 40 mm, for a camera of 5 mm: NIS per degree of freedom is 1 with it.
+
+    Of 60 samples of three components the mean is known to sqrt(2 / 540) = 0.06 in the linear case.
+    """
+    inside = '<joint name="j" axis="0 1 0"/><geom size=".1" mass="1"/><site name="eye"/></body></body>'
+    eye = '<site name="eye" pos=".3 .1 0" euler="0 60 15"/></body>'
+    encoder = '<jointpos name="encoder" joint="j"/><jointvel name="rate" joint="j"/></sensor>'
+    robot = SATELLITE.replace(eye, f'<body name="link" pos=".3 .1 0">{inside}').replace("</sensor>", encoder)
+    system = satellites(tmp_path, robot=robot)
+    sensors = sensors_in(system)
+    sensors["robot/encoder"] = replace(sensors["robot/encoder"], noise=0.02)
+    found = []
+    for believed_rad in (0.02, 0.0):
+        drive = Drive(system, sensors, filter_of(system, sensors, noise={"encoder": believed_rad}), seed=1)
+        nis = []
+        drive.run(60, lambda _, drive=drive, nis=nis: nis.append(drive.made.telemetry()[:2]))
+        found.append(np.nansum(np.array(nis)[:, 0]) / np.nansum(np.array(nis)[:, 1]))
+    assert abs(found[0] - 1.0) < 0.3
+    assert found[1] > 2.0
+
+
+def test_encoders_have_the_noise_of_their_samples_or_that_is_believed():
+    """White noise and rounding of 1e-3 / sqrt(12); joints without an error are left out."""
+    readings = [
+        SimpleNamespace(sensor=name, measures_coordinates=True, dofs=slice(i, i + 1)) for i, name in enumerate("abc")
+    ]
+    sensors = {
+        "a": SimpleNamespace(noise=0.0, quantum=1e-3),
+        "b": SimpleNamespace(noise=0.0, quantum=0.0),
+        "c": SimpleNamespace(noise=0.1, quantum=0.0),
+    }
+    errors = encoder_errors(readings, sensors, {"c": 0.2})
+    assert errors.dofs == (0, 2)
+    assert errors.variances == pytest.approx([1e-6 / 12.0, 0.04])
 
 
 def test_the_covariance_moves_as_the_differences_of_predictions(moving_arm):

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.controller_protocol import FloatArray
+from ffsm_mj.controller_protocol import FloatArray, skew
 
 _BODY, _XBODY = int(mujoco.mjtObj.mjOBJ_BODY), int(mujoco.mjtObj.mjOBJ_XBODY)
 _FIXED = {
@@ -44,7 +44,7 @@ class Frame:
         found = np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, self.body, found, 0)
         lever = data.xmat[self.body].reshape(3, 3) @ self.offset
-        return found[3:] + np.cross(found[:3], lever), found[:3]
+        return found[3:] + skew(found[:3]) @ lever, found[:3]
 
 
 def frame_of(model: Any, kind: int, number: int) -> Frame:

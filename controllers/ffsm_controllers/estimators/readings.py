@@ -38,6 +38,11 @@ class Reading:
         self._rate: RateFilter | None = None
         self.forget()
 
+    @property
+    def measures_coordinates(self) -> bool:
+        """Whether it determines coordinates, not rates."""
+        return bool(self.qpos.stop > self.qpos.start)
+
     def forget(self) -> None:
         """Nothing has been measured."""
         self.time_s = math.nan

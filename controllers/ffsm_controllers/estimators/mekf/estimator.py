@@ -15,7 +15,7 @@ from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of
 from ffsm_controllers.estimators.mekf.history import Entry, History
 from ffsm_controllers.estimators.mekf.impacts import impact_of, is_jump
-from ffsm_controllers.estimators.mekf.joints import joint_entry
+from ffsm_controllers.estimators.mekf.joints import encoder_errors, joint_entry, white_noise
 from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout, floating_bodies
 from ffsm_controllers.estimators.mekf.missing import missing_measurements
 from ffsm_controllers.estimators.mekf.propagation import Propagation
@@ -48,7 +48,8 @@ class Mekf:
     - Floating bodies move as the model predicts it under the efforts held; see :class:`~.propagation.Propagation`.
     - ``framepos``, ``framequat``, ``framelinvel``, ``frameangvel``, ``gyro`` and ``velocimeter`` update them, of frames on
       any body of their trees, relative to the world or to frames of other trees: relative ones correct both.
-    - Joints are as measured last, with a stated filter on rates from differences, without an error of their own.
+    - Joints are as measured last, with a stated filter on rates from differences; the errors of their coordinates are noise
+      of the places and attitudes that are measured across them, see :class:`~.joints.EncoderErrors`.
     - Samples are used at their own time, late ones too; see :class:`~.history.History`. Of several samples of a sensor that
       arrive between two calls, only the newest is shown and used.
     - A body whose estimate others set, as that of a held object, which follows the hand, begins anew there: with the initial
@@ -70,7 +71,9 @@ class Mekf:
         kinds = {name: sensor.model.kind for name, sensor in context.sensors.items()}
         found = [measurement_of(model, bodies, name, kind) for name, kind in kinds.items()]
         self._frames = [each for each in found if each is not None]
-        believed, faults = _believed_noise(system, [each.sensor for each in self._frames], config)
+        joints = readings_of_joints(system, context.sensors, config.rate_filter_s)
+        used = [each.sensor for each in self._frames] + [each.sensor for each in joints if each.measures_coordinates]
+        believed, faults = _believed_noise(system, used, config)
         if faults := [*faults, *_faults(bodies, self._frames, config)]:
             raise ScenarioFaults(faults)
         self._system, self._config, sensors = system, config, context.sensors
@@ -79,11 +82,12 @@ class Mekf:
         self._deviations = {
             each.sensor: _deviation(sensors[each.sensor], believed.get(each.sensor), config) for each in self._frames
         }
-        self._joints = readings_of_joints(system, sensors, config.rate_filter_s)
+        self._joints = joints
+        self._encoders = encoder_errors(joints, sensors, believed)
         self._largest_nis = math.inf if config.gate is None else _chi_square_quantile(config.gate)
         self._belief = Belief(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
-        used = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
-        longest_s = max(each.delay_s + each.delay_jitter_s for each in used) + context.control_period_s
+        shown = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
+        longest_s = max(each.delay_s + each.delay_jitter_s for each in shown) + context.control_period_s
         self._history = History(self._belief, Propagation(model, self._layout, config, sensors), longest_s)
         self._scratch, self._left = mujoco.MjData(model), mujoco.MjData(model)
         self._used_s: dict[str, float] = {}
@@ -152,8 +156,12 @@ class Mekf:
         return found
 
     def _measure(self, frame: FrameMeasurement, value: FloatArray, belief: Belief) -> Innovation:
-        innovation, slope = frame.innovation(self._system.mj, belief, value)
-        return update(belief, innovation, slope, self._deviations[frame.sensor], self._largest_nis)
+        size, noise = self._layout.size, self._deviations[frame.sensor] ** 2 * np.eye(3)
+        dofs = self._encoders.dofs if frame.by_joints else ()
+        innovation, slope = frame.innovation(self._system.mj, belief, value, dofs)
+        if len(dofs):
+            noise += (slope[:, size:] * self._encoders.variances) @ slope[:, size:].T
+        return update(belief, innovation, slope[:, :size], noise, self._largest_nis)
 
     def _given(self, data: Any) -> list[Entry]:
         """What others have set in the estimate since the last call, as the state of a held object."""
@@ -210,13 +218,18 @@ def _believed_noise(system: System, used: Collection[str], config: MekfConfig) -
             continue
         found[full] = value
         if full not in used:
-            faults.append(Fault(f"the filter takes no noise from {full!r}: it measures no floating body", ("noise", name)))
+            faults.append(
+                Fault(
+                    f"the filter takes no noise from {full!r}: it measures no place of a body or joint",
+                    ("noise", name),
+                )
+            )
     return found, faults
 
 
 def _deviation(sensor: Sensor, believed: float | None, config: MekfConfig) -> float:
     """Standard deviation of a component of a sample: white noise and rounding, at least the floor."""
-    noise = math.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0)) if believed is None else believed
+    noise = white_noise(sensor) if believed is None else believed
     return max(noise, float(getattr(config.floor, KINDS[sensor.model.kind])))
 
 

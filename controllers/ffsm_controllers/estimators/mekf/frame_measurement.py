@@ -46,14 +46,31 @@ class FrameMeasurement:
     body: FloatingBody | None
     other: FloatingBody | None
 
-    def innovation(self, model: Any, belief: Belief, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Measured less expected, (3,), and its derivative by the error, (3, size); for rotations the vector between."""
+    @property
+    def by_joints(self) -> bool:
+        """Whether its dependence on coordinates of joints is known: that of places and attitudes."""
+        return self.kind in ("framepos", "framequat")
+
+    def innovation(
+        self, model: Any, belief: Belief, value: FloatArray, dofs: Sequence[int] = ()
+    ) -> tuple[FloatArray, FloatArray]:
+        """Measured less expected, (3,), for rotations the vector between; and the derivative of the expected value.
+
+        Args:
+            model: MuJoCo model.
+            belief: The estimate.
+            value: What was measured.
+            dofs: Degrees of freedom of joints whose coordinates have errors, (n,).
+
+        Returns:
+            The innovation, and its derivative by the error state, then by these coordinates, (3, size + n).
+        """
         data, size = belief.data, belief.layout.size
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        here = frame_motion(model, data, self.frame, self.body, size)
-        there = frame_motion(model, data, self.reference, self.other, size)
+        here = frame_motion(model, data, self.frame, self.body, size, dofs)
+        there = frame_motion(model, data, self.reference, self.other, size, dofs)
         expected, slope = _EXPECTED[self.kind](here, there)
         if self.kind == "framequat":
             return _turn(expected, value), slope
@@ -89,7 +106,7 @@ def _attitude(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatA
 def _velocity(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:
     """Velocity of the frame's origin as seen in the reference, which turns."""
     apart, d_apart = here.origin - there.origin, here.d_origin - there.d_origin
-    seen = here.velocity - there.velocity - np.cross(there.turning, apart)
+    seen = here.velocity - there.velocity - skew(there.turning) @ apart
     change = here.d_velocity - there.d_velocity + skew(apart) @ there.d_turning - skew(there.turning) @ d_apart
     return there.axes.T @ seen, there.axes.T @ (change + skew(seen) @ there.d_axes)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators.frames import Frame
@@ -19,10 +21,10 @@ class FrameMotion(NamedTuple):
         axes: Its axes as columns, (3, 3).
         velocity: Velocity of its origin, m/s, (3,).
         turning: Its angular velocity, rad/s, (3,).
-        d_origin: Derivative of the origin, (3, size).
-        d_axes: Derivative of its rotation, a rotation vector in world axes, (3, size).
-        d_velocity: Derivative of the velocity, (3, size).
-        d_turning: Derivative of the angular velocity, (3, size).
+        d_origin: Derivative of the origin, (3, size + n): by the error state, then by n joint coordinates.
+        d_axes: Derivative of its rotation, a rotation vector in world axes, likewise.
+        d_velocity: Derivative of the velocity, likewise, but zero for joints.
+        d_turning: Derivative of the angular velocity, likewise.
     """
 
     origin: FloatArray
@@ -35,10 +37,10 @@ class FrameMotion(NamedTuple):
     d_turning: FloatArray
 
 
-def frame_motion(model: Any, data: Any, frame: Frame, body: FloatingBody | None, size: int) -> FrameMotion:
+def frame_motion(
+    model: Any, data: Any, frame: Frame, body: FloatingBody | None, size: int, dofs: Sequence[int] = ()
+) -> FrameMotion:
     """Motion of a frame; positions and velocities of bodies in ``data`` are current.
-
-    Joints between the frame and its floating body are taken to be known exactly, so that the frame moves with the body.
 
     Args:
         model: MuJoCo model.
@@ -46,10 +48,11 @@ def frame_motion(model: Any, data: Any, frame: Frame, body: FloatingBody | None,
         frame: The frame.
         body: Floating body whose tree it is on; None: it has no error.
         size: Components of the error state.
+        dofs: Degrees of freedom of joints whose coordinates have errors, (n,).
     """
     origin, axes = frame.pose(data)
     velocity, turning = frame.twist(model, data)
-    d_origin, d_axes, d_velocity, d_turning = np.zeros((4, 3, size))
+    d_origin, d_axes, d_velocity, d_turning = np.zeros((4, 3, size + len(dofs)))
     if body is not None:
         root = data.xmat[body.tree.root].reshape(3, 3)
         arm = skew(origin - data.xpos[body.tree.root])
@@ -61,4 +64,8 @@ def frame_motion(model: Any, data: Any, frame: Frame, body: FloatingBody | None,
         d_velocity[:, body.rate] = -arm @ root
         d_turning[:, body.attitude] = -skew(turning) @ root
         d_turning[:, body.rate] = root
+    if len(dofs) and frame.body:
+        jacobians = np.empty((2, 3, model.nv))
+        mujoco.mj_jac(model, data, *jacobians, origin, frame.body)
+        d_origin[:, size:], d_axes[:, size:] = jacobians[:, :, dofs]
     return FrameMotion(origin, axes, velocity, turning, d_origin, d_axes, d_velocity, d_turning)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import insort
+from bisect import bisect_right, insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -103,13 +103,12 @@ class History:
         """From the last knot to the next call."""
         last, found = self._knots[-1], []
         now_s = last.time_s
-        for entry in self._entries:
-            if last.through_s + _SAME_TIME_S < entry.time_s <= call_s + _SAME_TIME_S:
-                self._propagation.advance(self._belief, entry.time_s - now_s, ctrl)
-                now_s = max(now_s, entry.time_s)
-                innovation = entry.apply(self._belief)
-                if innovation is not None:
-                    found.append((entry, innovation))
+        for entry in self._entries[self._after(last.through_s) : self._after(call_s)]:
+            self._propagation.advance(self._belief, entry.time_s - now_s, ctrl)
+            now_s = max(now_s, entry.time_s)
+            innovation = entry.apply(self._belief)
+            if innovation is not None:
+                found.append((entry, innovation))
         self._propagation.advance(self._belief, call_s - now_s, ctrl)
         self._knots.append(self._knot(call_s, call_s, ctrl))
         return found
@@ -129,5 +128,8 @@ class History:
         knots = self._knots
         while len(knots) > 1 and knots[1].time_s <= time_s - self._longest_s:
             del knots[0]
-        oldest_s = knots[0].through_s
-        self._entries[:] = [entry for entry in self._entries if entry.time_s > oldest_s + _SAME_TIME_S]
+        del self._entries[: self._after(knots[0].through_s)]
+
+    def _after(self, time_s: float) -> int:
+        """Place of the first entry after a time."""
+        return bisect_right(self._entries, time_s + _SAME_TIME_S, key=lambda entry: entry.time_s)

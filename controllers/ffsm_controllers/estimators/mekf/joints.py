@@ -2,14 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ffsm_controllers.estimators.mekf.belief import Belief
 from ffsm_controllers.estimators.readings import Reading
-from ffsm_mj.controller_protocol import Measurement
+from ffsm_mj.controller_protocol import FloatArray, Measurement, Sensor
+
+
+@dataclass(frozen=True)
+class EncoderErrors:
+    """Errors of measured coordinates of joints, which are taken to be independent from sample to sample.
+
+    A place or attitude that is measured across joints is expected where their coordinates put it, so that their errors are
+    errors of the expectation: noise of the measurement, with the covariance ``G diag(variances) G^T`` and G the derivative
+    by the coordinates.
+
+    Attributes:
+        dofs: Degrees of freedom of the joints, (n,).
+        variances: Variance of each coordinate, rad^2 or m^2; of ball joints of the rotation vector in the axes of the body.
+    """
+
+    dofs: tuple[int, ...]
+    variances: FloatArray
+
+
+def encoder_errors(
+    readings: Iterable[Reading], sensors: Mapping[str, Sensor], believed: Mapping[str, float]
+) -> EncoderErrors:
+    """Errors of all joints whose sensors have noise or are rounded.
+
+    Args:
+        readings: What is measured of joints.
+        sensors: The sensors by name.
+        believed: Standard deviations that the configuration states, by name.
+    """
+    found: dict[int, float] = {}
+    for reading in readings:
+        if reading.measures_coordinates:
+            deviation = believed.get(reading.sensor, white_noise(sensors[reading.sensor]))
+            found |= dict.fromkeys(range(reading.dofs.start, reading.dofs.stop), deviation**2)
+    uncertain = {dof: variance for dof, variance in found.items() if variance > 0.0}
+    return EncoderErrors(tuple(uncertain), np.array(tuple(uncertain.values())))
+
+
+def white_noise(sensor: Sensor) -> float:
+    """Standard deviation of white noise and rounding of a component of a sample."""
+    return math.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0))
 
 
 def joint_entry(reading: Reading, sample: Measurement, scratch: Any) -> Callable[[Belief], None]:

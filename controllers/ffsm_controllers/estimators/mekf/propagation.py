@@ -33,8 +33,7 @@ class Propagation:
     def __init__(self, model: Any, layout: Layout, config: MekfConfig, sensors: Mapping[str, Sensor]) -> None:
         """Bind to a model."""
         self._model, self._layout = model, layout
-        self._process = [_densities(config, body) for body in layout.bodies]
-        self._walks = [_walk(sensors[bias.sensor]) for bias in layout.biases]
+        self._cubic, self._square, self._linear = _noise_of_a_step(layout, config, sensors)
 
     def advance(self, belief: Belief, duration_s: float, ctrl: FloatArray) -> None:
         """Move an estimate on under given efforts, (nu,); nothing is done unless the duration is positive."""
@@ -56,22 +55,7 @@ class Propagation:
             square = scaled @ scaled
             transition[body.error, body.error] += scaled + square / 2.0 + square @ scaled / 6.0
         moved = symmetric(transition @ belief.covariance @ transition.T)
-        self._add_noise(moved, h)
-        belief.covariance = moved
-
-    def _add_noise(self, covariance: FloatArray, h: float) -> None:
-        """Add the noise of a step: a random walk of rates, and its integral."""
-        here = np.arange(3)
-        for body, densities in zip(self._layout.bodies, self._process, strict=True):
-            pairs = ((body.position, body.velocity), (body.attitude, body.rate))
-            for (coordinate, rate), density in zip(pairs, densities, strict=True):
-                q, v, variance = coordinate.start + here, rate.start + here, density**2
-                covariance[q, q] += variance * h**3 / 3.0
-                covariance[q, v] += variance * h**2 / 2.0
-                covariance[v, q] += variance * h**2 / 2.0
-                covariance[v, v] += variance * h
-        for bias, walk in zip(self._layout.biases, self._walks, strict=True):
-            covariance[bias.first + here, bias.first + here] += walk**2 * h
+        belief.covariance = moved + (h**3 / 3.0 * self._cubic + h**2 / 2.0 * self._square + h * self._linear)
 
     def _dynamics(self, data: Any) -> list[FloatArray]:
         """Matrix of the error dynamics of each body at a state, (12, 12)."""
@@ -111,6 +95,22 @@ def _matrix(body: FloatingBody, data: Any, gravity: FloatArray, qacc: FloatArray
     found[6:9, 9:12] = slopes[linear]
     found[9:12, 9:12] = slopes[turning]
     return found
+
+
+def _noise_of_a_step(
+    layout: Layout, config: MekfConfig, sensors: Mapping[str, Sensor]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factors of h^3 / 3, h^2 / 2 and h in the noise of a step h: a random walk of rates, and its integral; (size, size)."""
+    cubic, square, linear = np.zeros((3, layout.size, layout.size))
+    here = np.arange(3)
+    for body in layout.bodies:
+        pairs = ((body.position, body.velocity), (body.attitude, body.rate))
+        for (coordinate, rate), density in zip(pairs, _densities(config, body), strict=True):
+            q, v = coordinate.start + here, rate.start + here
+            cubic[q, q] = square[q, v] = square[v, q] = linear[v, v] = density**2
+    for bias in layout.biases:
+        linear[bias.first + here, bias.first + here] = _walk(sensors[bias.sensor]) ** 2
+    return cubic, square, linear
 
 
 def _densities(config: MekfConfig, body: FloatingBody) -> tuple[float, float]:

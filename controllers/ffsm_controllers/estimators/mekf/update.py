@@ -24,7 +24,7 @@ class Innovation(NamedTuple):
 
 
 def update(
-    belief: Belief, innovation: FloatArray, slope: FloatArray, deviation: float, largest_nis: float = math.inf
+    belief: Belief, innovation: FloatArray, slope: FloatArray, noise: FloatArray, largest_nis: float = math.inf
 ) -> Innovation:
     """Update an estimate, in Joseph's form, which keeps a covariance positive whatever rounding does to the gain.
 
@@ -32,17 +32,17 @@ def update(
         belief: The estimate.
         innovation: Measured less expected, (3,).
         slope: Derivative of the expected value by the error state, (3, size).
-        deviation: Standard deviation of each component of the measurement, > 0.
+        noise: Covariance of the measurement, positive definite, (3, 3).
         largest_nis: The measurement is left out beyond this normalised innovation squared.
     """
-    P, R = belief.covariance, deviation**2
+    P = belief.covariance
     shared = P @ slope.T
-    S = slope @ shared + R * np.eye(3)
+    S = slope @ shared + noise
     nis = float(innovation @ np.linalg.solve(S, innovation))
     if not nis <= largest_nis:
         return Innovation(nis, False)
     gain = np.linalg.solve(S, shared.T).T
     rest = np.eye(len(P)) - gain @ slope
-    belief.covariance = rest @ P @ rest.T + R * (gain @ gain.T)
+    belief.covariance = rest @ P @ rest.T + gain @ noise @ gain.T
     belief.correct(gain @ innovation)
     return Innovation(nis, True)
