@@ -143,7 +143,8 @@ def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
     separator = next((each for each in (",", ";", "\t") if each in first), None)
     for number, line in enumerate(lines, start=1):
         if _has_cells(line):
-            cells = line.split() if separator is None else next(csv.reader([line], delimiter=separator))
+            is_quoted = separator is not None and '"' in line
+            cells = next(csv.reader([line], delimiter=str(separator))) if is_quoted else line.split(separator)
             yield number, [cell.strip() for cell in cells]
 
 

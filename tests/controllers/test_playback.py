@@ -142,7 +142,7 @@ def test_units_scales_clocks_and_forms_of_files(tmp_path):
         "# stamps and two forces\n" + "".join(f"{7000 + 200 * i} 9 {-1e3 * f}\n" for i, f in enumerate(forces))
     )
     pa.parquet.write_table(pa.table({"t_ms": [0, 200, 400], "push_x_mN": [3e3, -1e3, 2e3]}), tmp_path / "force.parquet")
-    (tmp_path / "untimed.csv").write_text("push_x;note\n3;a\n-1;b\n2;c\n")
+    (tmp_path / "untimed.csv").write_text('push_x;note\n3;a\n-1;"b; c"\n2;c\n')
     for law in (
         {
             "file": "plain.txt",

@@ -57,8 +57,8 @@ class Playback:
         time_s = observation.time_s - self._start_s
         efforts = self._record.over(time_s, next_tick * self._period_s - observation.time_s)
         if efforts is not None:
-            played = efforts != 0.0
-            command.drive(self._actuators[played], efforts[played])
+            command.effort[self._actuators] = efforts
+            command.powered[self._actuators] = efforts != 0.0
         if self._record.interpolation == "held":
             self._compare(time_s)
 

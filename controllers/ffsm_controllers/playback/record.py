@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -37,17 +39,23 @@ class EffortRecord:
 
     def sample_at(self, time_s: float) -> int:
         """Position of the last sample at or before a time; -1: there is none."""
-        return int(np.searchsorted(self.times_s, time_s + SAME_TIME_S, side="right")) - 1
+        return bisect_right(self._times, time_s + SAME_TIME_S) - 1
+
+    @cached_property
+    def _times(self) -> list[float]:
+        """Times as a list, in which a search for a single number is faster than in an array."""
+        times: list[float] = self.times_s.tolist()
+        return times
 
     def over(self, time_s: float, duration_s: float) -> FloatArray | None:
         """Efforts to hold from a time on for a while, (number of actuators,); None outside of the record.
 
         A mean that is held for this time has the impulse of the record.
         """
-        begin_s = -math.inf if self.held_before else float(self.times_s[0])
+        begin_s = -math.inf if self.held_before else self._times[0]
         if self.interpolation == "held":
             inside = begin_s - SAME_TIME_S <= time_s < self.end_s - SAME_TIME_S
-            return np.asarray(self.efforts[max(self.sample_at(time_s), 0)]) if inside else None
+            return self.efforts[max(self.sample_at(time_s), 0)] if inside else None
         from_s, to_s = max(0.0, begin_s - time_s), min(duration_s, self.end_s - time_s)
         return self._integral(time_s, from_s, to_s) / duration_s if to_s - from_s > SAME_TIME_S else None
 
@@ -56,7 +64,7 @@ class EffortRecord:
 
         Differences of times are taken first: at large times, their rounding would be that of the times.
         """
-        begin, end = np.searchsorted(self.times_s, (time_s + from_s, time_s + to_s), side="right").tolist()
+        begin, end = (bisect_right(self._times, time_s + after_s) for after_s in (from_s, to_s))
         knots = np.concatenate(([from_s], np.clip(self.times_s[begin:end] - time_s, from_s, to_s), [to_s]))
         if self.interpolation == "mean":
             held = np.maximum(np.arange(begin - 1, end), 0)
