@@ -276,6 +276,7 @@ def _sensors(assembly: Assembly) -> list[str]:
     lines = [
         f"    {each.name}: {each.model.kind}, every {each.interval_s:g} s"
         + (f", {each.delay_s:g} s late" if each.delay_s else "")
+        + (", nothing arrives within the run" if each.earliest_s >= assembly.scenario.duration_s else "")
         for each in sampler.by_name.values()
     ]
     return [f"  sensors (estimator {assembly.scenario.estimator.kind})", *lines]

@@ -61,6 +61,11 @@ def add_sensors(scene: Any, sensors: Iterable[AddedSensor], *, grasped: bool = F
     """
     found, faults = {}, []
     for sensor in sensors:
+        if any(each.name == sensor.name for each in scene.sensors):
+            faults.append(
+                Fault("is a sensor of a model already; choose another name, or leave out 'kind'", ("sensors", sensor.name))
+            )
+            continue
         try:
             measured = _element(scene, sensor, "of")
             made = scene.add_sensor(name=sensor.name, type=getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}"))

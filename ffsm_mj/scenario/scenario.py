@@ -163,6 +163,12 @@ def timing_faults(scenario: Scenario) -> list[Fault]:
     if scenario.actuation.control_jitter_s >= scenario.control_period_s:
         fault = f"must be less than control_period_s ({scenario.control_period_s:g} s): the next tick would be earlier"
         faults.append(Fault(fault, ("actuation", "control_jitter_s")))
+    delays: dict[tuple[str, ...], float] = {("actuation", "delay_s"): scenario.actuation.delay_s}
+    delays |= {("actuators", name, "delay_s"): config.delay_s or 0.0 for name, config in scenario.actuators.items()}
+    for path, delay_s in delays.items():
+        if delay_s >= scenario.duration_s:
+            text = f"{delay_s:g} s is not shorter than the run ({scenario.duration_s:g} s): no command would have an effect"
+            faults.append(Fault(text, path))
     for key, whole, unit, unit_key in (
         ("control_period_s", scenario.control_period_s, scenario.time_step_s, "time_step_s"),
         ("duration_s", scenario.duration_s, scenario.control_period_s, "control_period_s"),

@@ -67,6 +67,11 @@ class Sensor:
         return self.model.name
 
     @property
+    def earliest_s(self) -> float:
+        """Earliest arrival of a sample, s."""
+        return self.first_s + self.delay_s
+
+    @property
     def sums(self) -> bool:
         """Whether it measures forces or torques, and so also impulses and means between samples."""
         return self.model.kind in ("force", "torque")
@@ -103,9 +108,10 @@ def sensors_of(
         faults += [Fault(text, ("sensors", key, of)) for of, text in reasons]
         if not reasons:
             made.append(_sensor(model, size, config, control_period_s))
-            if config.delay_s is not None and config.delay_s >= duration_s:
-                text = f"{config.delay_s:g} s is not shorter than the run ({duration_s:g} s): nothing would arrive"
-                faults.append(Fault(text, ("sensors", key, "delay_s")))
+            late = [of for of in ("delay_s", "first_s") if getattr(config, of) is not None]
+            if late and made[-1].earliest_s >= duration_s:
+                text = f"the first sample would arrive at {made[-1].earliest_s:g} s, not before the end ({duration_s:g} s)"
+                faults.append(Fault(text, ("sensors", key, late[0])))
     if faults:
         raise ScenarioFaults(faults)
     return tuple(made)

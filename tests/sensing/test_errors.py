@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+import ffsm_mj
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model.sensors import ModelSensor
 from ffsm_mj.sensing.group import SensorGroup
@@ -17,7 +18,7 @@ from ffsm_mj.sensing.sensor import Sensor, sensors_of
 from ffsm_mj.sensing.sensor_config import SensorConfig
 from ffsm_mj.sensing.sensor_errors import SensorErrors
 from tests.scenes import compile_paths
-from tests.sensing.scenes import arm, column, pushing, run
+from tests.sensing.scenes import Listener, arm, column, pushing, run
 
 
 def sensor(folder, kind='<gyro name="s" site="imu"/>', **config) -> Sensor:
@@ -123,7 +124,9 @@ def test_samples_that_overtake_and_samples_that_never_arrive(tmp_path):
     ("config", "kind", "words"),
     [
         ({"bias": [1, 2]}, "gyro", "bias has 2 numbers; the errors of a <gyro> have 3 components"),
-        ({"delay_s": 10.0}, "gyro", "delay_s 10 s is not shorter than the run"),
+        ({"delay_s": 10.0}, "gyro", "delay_s the first sample would arrive at 10 s, not before the end (10 s)"),
+        ({"first_s": 4.0, "delay_s": 6.0}, "gyro", "delay_s the first sample would arrive at 10 s"),
+        ({"first_s": 10.0}, "gyro", "first_s the first sample would arrive at 10 s"),
         ({"field_of_view": {"half_angle_rad": 0.5, "site": "imu"}}, "gyro", "only frame sensors see something"),
         ({"field_of_view": {"half_angle_rad": 0.5, "site": "eye"}}, "framepos", "unknown site 'eye'; allowed: robot/imu"),
         ({"quantum": 0.1}, "framequat", "has no meaning for a <framequat>"),
@@ -137,6 +140,29 @@ def test_what_does_not_fit_a_sensor_is_refused(tmp_path, config, kind, words):
     fault = refused.value.faults[0]
     assert words in " ".join((*map(str, fault.path[2:]), fault.message))
     assert fault.path[:2] == ("sensors", "s")
+
+
+@pytest.mark.parametrize(
+    ("scenario", "words"),
+    [
+        ({"actuation": {"delay_s": 0.5}}, r"actuation.delay_s: 0.5 s is not shorter than the run \(0.5 s\)"),
+        (
+            {"actuators": {"m1": {"kind": "ideal", "delay_s": 9.0}}},
+            r"actuators.m1.delay_s: 9 s is not shorter than the run",
+        ),
+        ({"sensors": {"robot/gyro": {"kind": "gyro", "of": "imu"}}}, "sensors.robot/gyro: is a sensor of a model already"),
+        ({"sensors": {"robot_gyro": {"kind": "gyro", "of": "imu"}}}, "are both logged as sensor.robot_gyro_x_rad_s"),
+    ],
+)
+def test_delays_beyond_the_run_and_names_that_are_taken_are_refused(tmp_path, scenario, words):
+    with pytest.raises(InputError, match=words):
+        run(pushing(tmp_path, robot=arm('<gyro name="gyro" site="imu"/>'), **scenario))
+
+
+def test_check_says_where_a_delay_of_a_file_is_longer_than_the_run(tmp_path):
+    path = pushing(tmp_path, robot=arm('<gyro name="gyro" site="imu" delay="9"/>'))
+    lines = ffsm_mj.prepare(path, controllers={"listen": Listener}).describe()
+    assert "    robot/gyro: gyro, every 0.01 s, 9 s late, nothing arrives within the run" in lines
 
 
 def test_an_unknown_kind_is_refused_with_its_line(tmp_path):
