@@ -62,6 +62,7 @@ __all__ = [
     "Estimator",
     "Fault",
     "FileName",
+    "Finishes",
     "FloatArray",
     "GivenCommand",
     "ImpactRecord",
@@ -264,6 +265,14 @@ class Drives(Protocol):
     @property
     def driven_actuators(self) -> Sequence[int] | IntArray:
         """Ids of all actuators that it may power."""
+
+
+@runtime_checkable
+class Finishes(Protocol):
+    """A control law that comes to an end, at which a phase with ``until: finished`` ends; others leave this method out."""
+
+    def is_finished(self, time_s: float) -> bool:
+        """Whether it has nothing more to do from a time on, s; asked at control ticks, after ``start``."""
 
 
 @runtime_checkable

@@ -12,6 +12,7 @@ from ffsm_mj.controller_protocol import (
     Controller,
     ControllerError,
     ControllerReport,
+    Finishes,
     Observation,
     Summarises,
 )
@@ -99,6 +100,10 @@ class Parts:
         both = np.flatnonzero(first.command.powered & part.command.powered)
         names = ", ".join(self._actuators[i] for i in both)
         return f"it drives {names}, which part {first.name!r} ({first.kind}) drives too"
+
+    def is_finished(self, time_s: float) -> bool:
+        """Whether all parts are finished that can be."""
+        return all(part.law.is_finished(time_s) for part in self.parts if isinstance(part.law, Finishes))
 
     def telemetry(self) -> list[float]:
         """Values of the signals of all parts.

@@ -19,6 +19,7 @@ from ffsm_mj.controller_protocol import (
     Controller,
     ControllerError,
     ControllerReport,
+    Finishes,
     GivenCommand,
     Observation,
     PhaseRecord,
@@ -58,11 +59,12 @@ class Phase:
         name: Name in the scenario.
         kind: Kind of its controller; with several parts ``name: kind`` of each.
         controller: What drives the robot in it.
-        until: What ends it after its start, for people: ``impact``, a record of another contact model, ``settled``; empty:
-            nothing.
+        until: What ends it after its start, for people: ``impact``, a record of another contact model, ``settled``,
+            ``finished``; empty: nothing.
         ending: Class of the records that do.
         settled: Says when the tip has settled, which ends it; None where that does not.
         sensed: Bound on a measurement, beyond which it ends; None where that does not.
+        finishes: Whether it ends when its controller has finished.
         duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
         arm: Names of the captures that may close while it lasts.
         release: Names of those that let go as it begins.
@@ -76,6 +78,7 @@ class Phase:
     ending: type | None = None
     settled: SettlingMonitor | None = None
     sensed: MeasurementBound | None = None
+    finishes: bool = False
     duration_s: float | None = None
     arm: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
@@ -162,6 +165,9 @@ class PhaseMachine:
         if phase.settled is not None and phase.settled.look(_of_free(observation)):
             return phase.until
         if phase.sensed is not None and phase.sensed.is_exceeded(observation):
+            return phase.until
+        law = phase.law(self._grasp)
+        if phase.finishes and observation.at_tick and isinstance(law, Finishes) and law.is_finished(observation.time_s):
             return phase.until
         elapsed = observation.time_s - self._start_s
         if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - TIME_TOLERANCE_S:

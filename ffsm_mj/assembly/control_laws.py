@@ -16,7 +16,7 @@ from ffsm_controllers.settled import SettlingMonitor
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
 from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
+from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives, Finishes
 from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
@@ -183,6 +183,8 @@ def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, hel
         until, sensed = config.until.sensor, _sensor_end(config.until, context)
     if config.settled is not None and context.task is not None:
         settled = SettlingMonitor(config.settled, context.system, context.task)
+    elif until == "finished":
+        _refuse_endless(config, controller)
     elif until and sensed is None:
         ending = ImpactRecord if until == "impact" else kind_named(until).record
     return Phase(
@@ -193,11 +195,24 @@ def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, hel
         ending=ending,
         settled=settled,
         sensed=sensed,
+        finishes=until == "finished",
         duration_s=config.for_s,
         arm=config.arm,
         release=config.release,
         held=held,
     )
+
+
+def _refuse_endless(config: PhaseConfig, controller: Any) -> None:
+    """Refuse a phase until its control law has finished where none can finish.
+
+    Raises:
+        ScenarioFaults: None can.
+    """
+    laws = [part.law for part in controller.parts] if isinstance(controller, Parts) else [controller]
+    if not any(isinstance(law, Finishes) for law in laws):
+        message = f"{config.kind} never finishes; playback and joint_path do, and laws with a method is_finished"
+        raise ScenarioFaults([Fault(message, ("until",))])
 
 
 def _sensor_end(config: SensorEndConfig, context: ControllerContext) -> MeasurementBound:

@@ -138,7 +138,7 @@ def _text(place: str, content: bytes) -> RecordedTable:
 
 def _rows(text: str) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each row."""
-    lines = text.splitlines()
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     first = next((line for line in lines if _has_cells(line)), "")
     separator = next((each for each in (",", ";", "\t") if each in first), None)
     for number, line in enumerate(lines, start=1):

@@ -157,7 +157,7 @@ class PhaseRecord:
         name: Name of the phase.
         controller: Kind of its controller.
         start_s: Time at which it begins.
-        reason: ``start``, ``time``, ``settled``, or the record that ended the previous phase, e.g. ``impact``.
+        reason: ``start``, ``time``, ``settled``, ``finished``, or the record that ended the previous phase, e.g. ``impact``.
     """
 
     index: int

@@ -58,5 +58,5 @@ def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
 
 def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, captures: bool) -> str:
     """What is wrong with a phase's ``until``; empty if it is valid."""
-    allowed = (*endings(configs, captures=captures), "settled", "end")
+    allowed = (*endings(configs, captures=captures), "settled", "finished", "end")
     return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)

@@ -54,8 +54,9 @@ class PhaseConfig(StrictModel):
     until: Name | SensorEndConfig | None = None
     """``impact``, ``contact_begins``, ``contact_ends``, ``contact_slips``, ``contact_sticks`` (of a contact with friction),
     ``limit_impact``, ``limit_begins``, ``limit_ends`` (of a joint at a limit), ``capture``, ``release`` or a record of a
-    contact model: the first such event after the start of the phase; ``settled``: see that key; ``end``: the end of the
-    run; ``{sensor: NAME, above: VALUE}`` (or ``below``): a measurement."""
+    contact model: the first such event after the start of the phase; ``settled``: see that key; ``finished``: the control
+    law has finished (``playback``: the record is over; ``joint_path``: the time of the last waypoint); ``end``: the end of
+    the run; ``{sensor: NAME, above: VALUE}`` (or ``below``): a measurement."""
     settled: SettledConfig | None = None
     """With ``until: settled``: the phase ends when the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None

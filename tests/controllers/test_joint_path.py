@@ -225,3 +225,16 @@ def test_a_path_that_leaves_the_range_between_waypoints_is_refused(tmp_path):
 def test_faults(law, said):
     with pytest.raises(InputError, match=said):
         arm(law).assemble()
+
+
+def test_a_phase_ends_at_the_last_waypoint():
+    path = {"kind": "joint_path", "bandwidth_rad_s": 2.0, "waypoints": [{"at_s": 0.3, "positions": [-1.05, 0.75, 1.9]}]}
+    rest = {"name": "rest", "until": "end", "controller": {"kind": "off"}}
+    phases = [
+        {"name": "wait", "for_s": 0.1, "controller": {"kind": "off"}},
+        {"name": "move", "until": "finished", "controller": path},
+        rest,
+    ]
+    run = ffsm_mj.run("air-bearing", {"duration_s": 0.5, "phases": phases})
+    assert [phase.start_s for phase in run.log.phases] == pytest.approx([0.0, 0.1, 0.4])
+    assert run.log.phases[2].reason == "finished"

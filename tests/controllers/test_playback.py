@@ -121,7 +121,7 @@ def test_the_impulse_of_held_samples_with_jitter_is_exact_in_the_mean(tmp_path):
 
 def test_the_mean_of_samples_at_ticks_is_the_sample():
     """At large times too, where the difference of two times is rounded to 1e-8 of a tick."""
-    record = EffortRecord(1e5 + 0.001 * np.arange(9), np.arange(9.0)[:, None] / 7.0, "mean", held_before=False, end_s=2e5)
+    record = EffortRecord(1e5 + 0.001 * np.arange(9), np.arange(9.0)[:, None] / 7.0, "mean", end_s=2e5)
     for i in range(9):
         assert record.over(float(record.times_s[i]), 0.001) == pytest.approx([i / 7.0], rel=1e-7)
     assert record.over(float(record.times_s[8]), 0.001) == pytest.approx([8 / 7.0], rel=1e-15)
@@ -165,6 +165,22 @@ def test_the_clock_begins_with_the_phase_or_the_run(tmp_path):
         phases = [wait, {"name": "play", "until": "end", "controller": law}]
         run = ffsm_mj.run(path, {"phases": phases})
         assert run["state.v_robot_x_m_s"][-1] == pytest.approx(impulse / MASS_KG, abs=1e-13), (since, offset_s)
+
+
+def test_a_phase_ends_with_the_record(tmp_path):
+    path = pushed(tmp_path, [(0.0, 1.0), (0.25, 2.0)], after="hold")
+    law = {"kind": "playback", "file": "force.csv", "after": "hold"}
+    rest = {"name": "rest", "until": "end", "controller": {"kind": "off"}}
+    (tmp_path / "other.csv").write_text("time_s,push_y_N\n0,2\n0.3,0\n")
+    parts = {"controllers": {"along": law, "across": law | {"file": "other.csv"}}}
+    for laws, end_s in (({"controller": law}, 0.5), (parts, 0.6)):
+        run = ffsm_mj.run(path, {"phases": [{"name": "play", "until": "finished", **laws}, rest]})
+        assert [(phase.reason, phase.start_s) for phase in run.log.phases] == [
+            ("start", 0.0),
+            ("finished", pytest.approx(end_s)),
+        ]
+    with pytest.raises(InputError, match=r"phases.0.until: off never finishes; playback and joint_path do"):
+        ffsm_mj.prepare(path, {"phases": [rest | {"until": "finished"}]})
 
 
 def test_several_parts_play_files_of_their_own(tmp_path):
@@ -226,7 +242,7 @@ def test_laws_of_scripts_read_tables_too(tmp_path):
     assert run["state.v_robot_x_m_s"][-1] == again["state.v_robot_x_m_s"][-1] == pytest.approx(3.5 / MASS_KG, abs=1e-13)
 
 
-LINES = EffortRecord(np.array([1.0, 2.0]), np.array([[2.0], [4.0]]), interpolation="linear", held_before=False, end_s=2.0)
+LINES = EffortRecord(np.array([1.0, 2.0]), np.array([[2.0], [4.0]]), interpolation="linear", end_s=2.0)
 
 
 @pytest.mark.parametrize(("time_s", "mean"), [(0.5, None), (0.9, 1.29), (1.0, 2.25), (1.25, 2.75), (2.0, None)])

@@ -19,6 +19,7 @@ from ffsm_controllers.joint_path.limits import Bounds, PathLimits
 from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
 from ffsm_controllers.joint_servo import JointServo, joint_range, refuse_outside_range
 from ffsm_controllers.pd import per_joint
+from ffsm_controllers.settled import TIME_TOLERANCE_S
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -97,6 +98,10 @@ class JointPath:
             wanted = wanted - model.accelerations(data, pushed)[model.joints.dofs]
         command.drive(model.joints.actuators, model.M_c.dot(wanted) + model.c_c)
         self._errors.look(error)
+
+    def is_finished(self, time_s: float) -> bool:
+        """Whether the path has come to its last waypoint."""
+        return time_s - self._start_s >= self._times[-1] - TIME_TOLERANCE_S
 
     def damping_at(self, data: Any) -> Damping:
         """That of the feedback."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -57,8 +56,15 @@ def effort_record(config: PlaybackConfig, table: RecordedTable, system: System) 
     if faults:
         raise ScenarioFaults(faults)
     actuators = np.array([each.actuator for each in driven], dtype=np.intp)
-    held_before, end_s = config.before == "hold", _end_s(config, times)
-    return actuators, EffortRecord(times, np.column_stack(efforts), config.interpolation, held_before, end_s)
+    record = EffortRecord(
+        times,
+        np.column_stack(efforts),
+        config.interpolation,
+        _end_s(config, times),
+        held_before=config.before == "hold",
+        held_after=config.after == "hold",
+    )
+    return actuators, record
 
 
 @contextmanager
@@ -129,7 +135,11 @@ def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, drive
         what = "torque" if allowed is TORQUES else "force"
         actuator = system.names("actuator")[driven.actuator]
         raise TableError(f"column {name!r} is in {unit}, and {actuator} takes a {what}; allowed: {', '.join(allowed)}")
-    return table.numbers(name) * (_FACTORS[unit] * driven.column.scale)
+    with np.errstate(over="ignore"):
+        efforts = table.numbers(name) * (_FACTORS[unit] * driven.column.scale)
+    if not np.isfinite(efforts).all():
+        raise TableError(f"column {name!r} times {driven.column.scale:g} is beyond all numbers")
+    return efforts
 
 
 def _unit(column: str, stated: str | None, units: Collection[str], example: str) -> str:
@@ -192,10 +202,8 @@ def _refuse_single(config: PlaybackConfig, table: RecordedTable) -> None:
 
 
 def _end_s(config: PlaybackConfig, times: FloatArray) -> float:
-    """End of the record, s; infinite if its last efforts are held."""
-    if config.after == "hold":
-        return math.inf
+    """End of the record, s: a held sample lasts as long as the one before it."""
     last = float(times[-1])
     if config.interpolation == "linear":
         return last
-    return last + (config.time.step_s or last - float(times[-2]))
+    return last + (config.time.step_s or (last - float(times[-2]) if len(times) > 1 else 0.0))

@@ -70,6 +70,10 @@ class Playback:
             self._late_s = max(self._late_s, time_s - float(self._record.times_s[sample]))
             self._sample = sample
 
+    def is_finished(self, time_s: float) -> bool:
+        """Whether the record is over, also where its last efforts are held."""
+        return time_s - self._start_s >= self._record.end_s - SAME_TIME_S
+
     def telemetry(self) -> Sequence[float]:
         """Nothing to report."""
         return ()

@@ -27,15 +27,17 @@ class EffortRecord:
         efforts: Efforts of the samples, (n, number of actuators), N or N m.
         interpolation: ``held``: each sample is held until the next one; ``mean``: the same, and a control tick has the mean
             over its period; ``linear``: joined by straight lines, with means likewise.
+        end_s: End of the record, s.
         held_before: Before the first sample its efforts are held; otherwise there are none.
-        end_s: End of the record, s: from then on there are no efforts; infinite: the last ones are held.
+        held_after: After the end the last efforts are held; otherwise there are none.
     """
 
     times_s: FloatArray
     efforts: FloatArray
     interpolation: Interpolation
-    held_before: bool
     end_s: float
+    held_before: bool = False
+    held_after: bool = False
 
     def sample_at(self, time_s: float) -> int:
         """Position of the last sample at or before a time; -1: there is none."""
@@ -53,10 +55,11 @@ class EffortRecord:
         A mean that is held for this time has the impulse of the record.
         """
         begin_s = -math.inf if self.held_before else self._times[0]
+        end_s = math.inf if self.held_after else self.end_s
         if self.interpolation == "held":
-            inside = begin_s - SAME_TIME_S <= time_s < self.end_s - SAME_TIME_S
+            inside = begin_s - SAME_TIME_S <= time_s < end_s - SAME_TIME_S
             return self.efforts[max(self.sample_at(time_s), 0)] if inside else None
-        from_s, to_s = max(0.0, begin_s - time_s), min(duration_s, self.end_s - time_s)
+        from_s, to_s = max(0.0, begin_s - time_s), min(duration_s, end_s - time_s)
         return self._integral(time_s, from_s, to_s) / duration_s if to_s - from_s > SAME_TIME_S else None
 
     def _integral(self, time_s: float, from_s: float, to_s: float) -> FloatArray:
