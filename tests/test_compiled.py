@@ -27,6 +27,9 @@ from ffsm_mj.balance.joint_work import JointWork
 from ffsm_mj.cli.main import main
 from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.contact_models.grasp import state_transfer as following
+from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
+from ffsm_mj.contact_models.persistent.rows import RowEvaluator
+from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
 from ffsm_mj.errors import TwinsError
 from ffsm_mj.records.sampler import Sampler
@@ -350,11 +353,14 @@ PLAIN = (
     BlockLaw,
     Doubling,
     FreeStepper,
+    HeldForces,
     JointWork,
     Limits,
     PlanarLaw,
     PlanarRiccati,
+    RowEvaluator,
     Sampler,
+    Smooth,
     following.StateTransfer,
     TipKinematics,
 )

@@ -6,16 +6,19 @@ functions of MuJoCo instead of its Python bindings.
 
 from ffsm_mj_fast.block_law import BlockLaw
 from ffsm_mj_fast.free_stepper import FreeStepper
+from ffsm_mj_fast.held_rows import HeldForces
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
 from ffsm_mj_fast.planar_law import PlanarLaw
 from ffsm_mj_fast.riccati_doubling import Doubling
 from ffsm_mj_fast.riccati_planar import PlanarRiccati
+from ffsm_mj_fast.rows import RowEvaluator
 from ffsm_mj_fast.sampler import Sampler
+from ffsm_mj_fast.smooth import Smooth
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "1d9f71d0dc5b"
+INTERFACE = "638bc578c686"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
@@ -23,11 +26,14 @@ __all__ = [
     "BlockLaw",
     "Doubling",
     "FreeStepper",
+    "HeldForces",
     "JointWork",
     "Limits",
     "PlanarLaw",
     "PlanarRiccati",
+    "RowEvaluator",
     "Sampler",
+    "Smooth",
     "StateTransfer",
     "TipKinematics",
 ]

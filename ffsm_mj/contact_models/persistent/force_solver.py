@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.compiled import fastest
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.decision import Decision
@@ -38,7 +39,7 @@ class ForceSolver:
 
     def bind(self, motion: Motion) -> None:
         """Use another motion."""
-        self._motion, self._smooth = motion, Smooth(motion, self._data)
+        self._motion, self._smooth = motion, fastest(Smooth)(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
         self._rows: tuple[tuple[Any, ...], ContactRows] | None = None
         self._problem: tuple[tuple[Any, ...], ContactAcceleration] | None = None
@@ -99,5 +100,5 @@ class ForceSolver:
         key = contact_points, self.flat
         found = self._evaluators.get(key)
         if found is None:
-            found = self._evaluators[key] = RowEvaluator(self._motion, self._data, contact_points, self.flat)
+            found = self._evaluators[key] = fastest(RowEvaluator)(self._motion, self._data, contact_points, self.flat)
         return found

@@ -199,7 +199,7 @@ class RowEvaluator:
         self._motion, self._data, self._shape = motion, data, (len(contact_points), motion.model.nv)
         bodies: dict[int, int] = {}
         self._groups = []
-        together = _together(contact_points)
+        together = point_runs(contact_points)
         groups_of_pairs = Counter(contact_points[places.start].pair for places in together)
         # Points over one face have one normal anyway.
         patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
@@ -260,7 +260,7 @@ class RowEvaluator:
         return response
 
 
-def _together(contact_points: Sequence[ContactPoint]) -> list[slice]:
+def point_runs(contact_points: Sequence[ContactPoint]) -> list[slice]:
     """Runs of contact points that are evaluated together."""
     starts = [
         i

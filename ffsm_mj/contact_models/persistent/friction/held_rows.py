@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, solved
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE
 
@@ -24,18 +25,20 @@ class HeldRows:
         count: Number of all rows, 3k.
         rows: Indices of those held, ascending, (r,).
         slides: Indices of sliding points with friction, (m,).
+        problem: Class of the linear problem for their forces.
     """
 
     count: int
     rows: IntArray
     slides: IntArray
+    problem: type[HeldForces]
 
     @classmethod
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
-        return cls(3 * len(kinds), rows, slides)
+        return cls(3 * len(kinds), rows, slides, fastest(HeldForces))
 
     @cached_property
     def key(self) -> bytes:

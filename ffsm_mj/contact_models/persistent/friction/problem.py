@@ -116,7 +116,7 @@ class FrictionProblem:
         key = kinds.tobytes(), structure.key
         found = self._held.get(key)
         if found is None:
-            found = self._held[key] = HeldForces(self, structure)
+            found = self._held[key] = structure.problem(self, structure)
         return found
 
     def redundant(self, kinds: IntArray) -> bool:

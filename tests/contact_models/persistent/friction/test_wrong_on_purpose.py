@@ -46,6 +46,7 @@ def freed_one_at_a_time(monkeypatch):
 
 def fixed_in_the_bodies(monkeypatch):
     """The rate of a row is that of a point fixed in each body, as from ``mj_jacDot``."""
+    monkeypatch.setenv("FFSM_COMPILED", "0")  # the twin has rates of its own
     group = single_point.SingleState
     right = group.tangential_rows
 

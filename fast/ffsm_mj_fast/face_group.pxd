@@ -1,0 +1,40 @@
+cdef struct Twist:  # see ffsm_mj.dynamics.body_twists.BodyTwist
+    double[3] centre
+    double[3] omega
+    double[3] velocity
+    double[3] alpha
+    double[3] acceleration
+
+cdef class FaceGroup:
+    cdef readonly Py_ssize_t count
+    cdef readonly bint swapped
+    cdef bint in_patch
+    cdef double[3] normal
+    cdef double level
+    cdef double[:, ::1] centres, sides
+    cdef double[::1] first_radius, radius, either, others
+    cdef const double[:, ::1] screws
+    cdef const double[::1] first_origin, second_origin, first_axes, second_axes
+    cdef object face
+
+    cdef FaceState at_state(self, const Twist* b, const Twist* a)
+
+cdef class FaceState:
+    cdef FaceGroup group
+    cdef readonly Py_ssize_t count
+    cdef Twist first, second
+    cdef double[3] normal
+    cdef double[3] offset
+    cdef double[3] turning  # rate of the normal
+    cdef double[3] own_turning  # that of the normal of the face, from which it differs in a flat patch
+    cdef double sign
+    cdef object table
+    cdef double[:, ::1] own
+
+    cdef int place_points(self, const double* omega) except -1
+    cdef void screw_row(self, const double* axis, const double* arm, double* J) noexcept
+    cdef double normal_rate(self, const Twist* body, const double* arm) noexcept
+    cdef double normal_gamma(self, Py_ssize_t p) noexcept
+    cdef void outward(self, double* normal) noexcept
+    cdef void normal_rows(self, double* J, double* gamma, Py_ssize_t stride) noexcept
+    cdef void tangential_rows(self, const double* tangents, double* J, double* gamma) noexcept

@@ -1,0 +1,282 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Points of one body over a face of another, evaluated together; see ffsm_mj.contact_models.persistent.face_group.
+
+Formulas are those of that module and of ffsm_mj.dynamics.body_twists, point by point.
+"""
+
+import numpy as np
+
+from ffsm_mj.contact.features.gap_function import FeatureState
+from ffsm_mj.dynamics.body_twists import chain
+
+from libc.math cimport fabs
+
+cdef enum:
+    PLACE = 0  # columns of the table of a state
+    LOCAL = 3
+    POINT = 6
+    POINT_RATE = 9
+    NORMAL = 12
+    GAP = 15
+    LEVEL = 16
+    RATE = 17
+    BEND = 18
+    COLUMNS = 19
+
+cdef inline double dot(const double* a, const double* b) noexcept nogil:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
+    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+cdef inline void minus(const double* a, const double* b, double* out) noexcept nogil:
+    out[0], out[1], out[2] = a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+cdef inline void velocity_at(const Twist* body, const double* arm, double* out) noexcept nogil:
+    """Velocity of the material point at an arm from the centre."""
+    cross(body.omega, arm, out)
+    out[0], out[1], out[2] = body.velocity[0] + out[0], body.velocity[1] + out[1], body.velocity[2] + out[2]
+
+
+cdef inline void spatial_at(const Twist* body, const double* arm, double* out) noexcept nogil:
+    """Rate at qacc = 0 of the velocity of the material points that pass a place fixed in space."""
+    cross(body.alpha, arm, out)
+    out[0] += body.acceleration[0]
+    out[1] += body.acceleration[1]
+    out[2] += body.acceleration[2]
+
+
+cdef class FaceGroup:
+    """Points of one body over a face of another; the first body is that of the face, the second that of the points.
+
+    One point over a face is a group too.
+    """
+
+    def __init__(self, features, pair, model, motion_data, data, *, in_patch):
+        """Store the points.
+
+        Args:
+            features: The points, see ``PointsOnFace.together``.
+            pair: Bodies b and a of the contact in the model of the motion.
+            model: This model.
+            motion_data: Its data.
+            data: Data of the logged system.
+            in_patch: See ``point_groups.py``.
+        """
+        cdef int i
+        face, self.count, self.swapped, self.in_patch = features[0].face, len(features), features[0].swapped, in_patch
+        self.face = face
+        for i in range(3):
+            self.normal[i] = face.normal[i]
+        self.level = float(np.dot(face.normal, face.centre))
+        self.centres = np.array([each.point.centre for each in features])
+        self.first_radius, self.radius = np.ascontiguousarray(np.array([each.radii for each in features]).T)
+        self.sides = np.array([(*inwards, level) for inwards, level in face.sides]).reshape(-1, 4)
+        body, other = reversed(pair) if self.swapped else pair
+        self.others = chain(model, other)
+        self.either = chain(model, body) - np.asarray(self.others)
+        self.screws = motion_data.cdof
+        first, second = face.body.id, features[0].point.body.id
+        self.first_origin, self.first_axes = data.xpos[first], data.xmat[first]
+        self.second_origin, self.second_axes = data.xpos[second], data.xmat[second]
+
+    cdef FaceState at_state(self, const Twist* b, const Twist* a):
+        """The points at the current state, with the twists of both bodies of the contact there."""
+        cdef FaceState state = FaceState.__new__(FaceState)
+        state.group, state.count = self, self.count
+        state.first = b[0] if self.swapped else a[0]
+        state.second = a[0] if self.swapped else b[0]
+        state.place_points(&a.omega[0] if self.in_patch else &state.first.omega[0])
+        return state
+
+
+cdef class FaceState:
+    """Points over a face at one state."""
+
+    cdef int place_points(self, const double* omega) except -1:
+        cdef FaceGroup group = self.group
+        cdef Py_ssize_t p
+        cdef int i
+        cdef double height
+        cdef double* row
+        cdef double[3] arm, other, w, one
+        self.table = np.empty((self.count, <int>COLUMNS))
+        self.own, self.sign = self.table, -1.0 if group.swapped else 1.0
+        for i in range(3):
+            self.normal[i] = (
+                group.first_axes[3 * i] * group.normal[0]
+                + group.first_axes[3 * i + 1] * group.normal[1]
+                + group.first_axes[3 * i + 2] * group.normal[2]
+            )
+        minus(self.second.centre, self.first.centre, self.offset)
+        cross(self.first.omega, self.normal, self.own_turning)
+        cross(omega, self.normal, self.turning)
+        for p in range(self.count):
+            row = &self.own[p, 0]
+            for i in range(3):
+                row[PLACE + i] = group.second_origin[i] + (
+                    group.centres[p, 0] * group.second_axes[3 * i]
+                    + group.centres[p, 1] * group.second_axes[3 * i + 1]
+                    + group.centres[p, 2] * group.second_axes[3 * i + 2]
+                )
+                one[i] = row[PLACE + i] - group.first_origin[i]
+            for i in range(3):
+                row[LOCAL + i] = (
+                    one[0] * group.first_axes[i] + one[1] * group.first_axes[3 + i] + one[2] * group.first_axes[6 + i]
+                )
+            height = dot(row + LOCAL, group.normal) - group.level
+            row[GAP] = height - group.radius[p]
+            row[LEVEL] = group.first_radius[p] + 0.5 * row[GAP] - height
+            minus(row + PLACE, self.second.centre, arm)
+            for i in range(3):
+                other[i] = arm[i] + self.offset[i]
+            velocity_at(&self.second, arm, w)
+            velocity_at(&self.first, other, one)
+            for i in range(3):
+                row[POINT_RATE + i] = w[i]
+                w[i] -= one[i]
+            row[RATE], row[BEND] = dot(self.normal, w), 2.0 * dot(self.own_turning, w)
+            for i in range(3):
+                row[POINT + i] = row[PLACE + i] + row[LEVEL] * self.normal[i]
+                row[POINT_RATE + i] += row[LEVEL] * self.own_turning[i] - 0.5 * row[RATE] * self.normal[i]
+                row[NORMAL + i] = self.sign * self.normal[i]
+        return 0
+
+    cdef void screw_row(self, const double* axis, const double* arm, double* J) noexcept:
+        """Row of the velocity of the second body relative to the first along an axis, at an arm from the second centre."""
+        cdef FaceGroup group = self.group
+        cdef double[3] moment, beyond
+        cdef Py_ssize_t d
+        cdef const double* screw
+        cross(arm, axis, moment)
+        cross(self.offset, axis, beyond)
+        for d in range(group.either.shape[0]):
+            screw = &group.screws[d, 0]
+            J[d] = group.either[d] * (dot(moment, screw) + dot(axis, screw + 3)) - group.others[d] * dot(beyond, screw)
+
+    cdef double normal_rate(self, const Twist* body, const double* arm) noexcept:
+        """Acceleration of a material point along the normal at qacc = 0, and twice its velocity along the normal's rate."""
+        cdef double[3] velocity, bent
+        velocity_at(body, arm, velocity)
+        cross(body.omega, velocity, bent)
+        cdef double total = dot(self.normal, bent) + 2.0 * dot(self.turning, velocity)
+        spatial_at(body, arm, bent)
+        return total + dot(self.normal, bent)
+
+    cdef double normal_gamma(self, Py_ssize_t p) noexcept:
+        cdef double[3] arm, other
+        minus(&self.own[p, PLACE], self.second.centre, arm)
+        minus(&self.own[p, PLACE], self.first.centre, other)
+        return self.normal_rate(&self.second, arm) - self.normal_rate(&self.first, other)
+
+    cdef void outward(self, double* normal) noexcept:
+        """Normal from a to b."""
+        cdef int i
+        for i in range(3):
+            normal[i] = self.sign * self.normal[i]
+
+    cdef void normal_rows(self, double* J, double* gamma, Py_ssize_t stride) noexcept:
+        """Write the rows of the gap rates and the second rates of the gaps at qacc = 0, every so many rows."""
+        cdef Py_ssize_t p, nv = self.group.either.shape[0]
+        cdef double[3] arm
+        for p in range(self.count):
+            minus(&self.own[p, PLACE], self.second.centre, arm)
+            self.screw_row(self.normal, arm, J + stride * p * nv)
+            gamma[stride * p] = self.normal_gamma(p)
+
+    cdef void tangential_rows(self, const double* tangents, double* J, double* gamma) noexcept:
+        """Write the rows of relative velocities along two tangents and their rates into rows (n, t1, t2) of each point."""
+        cdef Py_ssize_t p, nv = self.group.either.shape[0]
+        cdef int i, j
+        cdef double[3] arm, other, here, there, spin, axis
+        minus(self.second.omega, self.first.omega, spin)
+        for p in range(self.count):
+            minus(&self.own[p, POINT], self.second.centre, arm)
+            minus(&self.own[p, POINT], self.first.centre, other)
+            spatial_at(&self.second, arm, here)
+            spatial_at(&self.first, other, there)
+            minus(here, there, here)
+            cross(spin, &self.own[p, POINT_RATE], there)
+            for j in range(2):
+                # The second body moves along minus a tangent relative to the first one if it is a.
+                for i in range(3):
+                    axis[i] = self.sign * tangents[3 * j + i]
+                self.screw_row(axis, arm, J + (3 * p + j + 1) * nv)
+                gamma[3 * p + j + 1] = dot(axis, here) + dot(axis, there)
+
+    def wrench(self, const double[:] forces not None, friction):
+        """Resultant on geom b of normal forces, (m,), and of friction forces in world axes, (m, 3)."""
+        cdef const double[:, :] across
+        cdef Py_ssize_t p
+        cdef int i
+        cdef double[3] force, moment, one, about
+        cdef bint rubs = friction is not None
+        if rubs:
+            across = friction
+        for i in range(3):
+            force[i] = moment[i] = 0.0
+        for p in range(self.count):
+            for i in range(3):
+                one[i] = self.sign * forces[p] * self.normal[i]
+                if rubs:
+                    one[i] += across[p, i]
+                force[i] += one[i]
+            cross(&self.own[p, POINT], one, about)
+            for i in range(3):
+                moment[i] += about[i]
+        return force[0], force[1], force[2], moment[0], moment[1], moment[2]
+
+    @property
+    def gaps(self):
+        """Gaps, m."""
+        return self.table[:, GAP].tolist()
+
+    @property
+    def rates(self):
+        """Their rates, m/s."""
+        return self.table[:, RATE].tolist()
+
+    @property
+    def scales(self):
+        """Largest terms of the curvature, m/s^2."""
+        return [fabs(bend) for bend in self.table[:, BEND].tolist()]
+
+    @property
+    def insides(self):
+        """Distances to the bounds of the features, m."""
+        cdef double[:, ::1] sides = self.group.sides
+        cdef Py_ssize_t p, s
+        cdef double here, least
+        if not len(sides):
+            return [self.group.face.inside(tuple(local)) for local in self.table[:, LOCAL : LOCAL + 3].tolist()]
+        found = []
+        for p in range(self.count):
+            for s in range(sides.shape[0]):
+                here = dot(&self.own[p, LOCAL], &sides[s, 0]) - sides[s, 3]
+                least = here if s == 0 or here < least else least
+            found.append(least)
+        return found
+
+    @property
+    def normals(self):
+        """Normals from a to b, (m, 3)."""
+        return self.table[:, NORMAL : NORMAL + 3]
+
+    @property
+    def points(self):
+        """Points of application of the forces, (m, 3)."""
+        return self.table[:, POINT : POINT + 3]
+
+    @property
+    def states(self):
+        """States of the features."""
+        places, rates = self.table[:, PLACE : PLACE + 3], map(tuple, self.table[:, POINT_RATE : POINT_RATE + 3].tolist())
+        bends = self.table[:, BEND].tolist()
+        each = zip(self.gaps, self.rates, self.normals, self.points, places, bends, self.insides, rates, strict=True)
+        return [
+            FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
+            for gap, rate, normal, point, place, bend, inside, point_rate in each
+        ]

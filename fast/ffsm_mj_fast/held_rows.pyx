@@ -1,0 +1,264 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Forces of held rows; twin of HeldForces in ffsm_mj.contact_models.persistent.friction.held_rows.
+
+Systems have a few rows: loops are faster than LAPACK, which the original calls for the same factors.
+"""
+
+import numpy as np
+
+from ffsm_mj.tolerances import EPSILON, RANK
+
+from libc.math cimport fabs, sqrt
+
+cdef double _RANK = RANK
+cdef int PASSES = 2  # of orthogonalisation: enough for rounding (Giraud et al. 2005)
+
+
+cdef Py_ssize_t pivots(double* A, Py_ssize_t n, Py_ssize_t* order) noexcept:
+    """Rank of a positive semidefinite matrix by Cholesky's method with pivots, largest first; the matrix is overwritten."""
+    cdef Py_ssize_t i, j, l, best
+    cdef double largest = 0.0, root, factor
+    for i in range(n):
+        order[i] = i
+        largest = max(largest, A[i * n + i])
+    for j in range(n):
+        best = j
+        for i in range(j + 1, n):
+            if A[order[i] * (n + 1)] > A[order[best] * (n + 1)]:
+                best = i
+        order[j], order[best] = order[best], order[j]
+        root = A[order[j] * (n + 1)]
+        if not root > _RANK * largest:
+            return j
+        for i in range(j + 1, n):
+            factor = A[order[i] * n + order[j]] / root
+            for l in range(j + 1, n):
+                A[order[i] * n + order[l]] -= factor * A[order[j] * n + order[l]]
+    return n
+
+
+cdef void orthonormal(double* columns, Py_ssize_t n, Py_ssize_t m) noexcept:
+    """Make m independent columns of n rows orthonormal, by the method of Gram and Schmidt, twice."""
+    cdef Py_ssize_t i, j, c
+    cdef int each
+    cdef double product
+    for c in range(m):
+        for each in range(PASSES):
+            for j in range(c):
+                product = 0.0
+                for i in range(n):
+                    product += columns[i * m + j] * columns[i * m + c]
+                for i in range(n):
+                    columns[i * m + c] -= product * columns[i * m + j]
+        product = 0.0
+        for i in range(n):
+            product += columns[i * m + c] * columns[i * m + c]
+        product = sqrt(product)
+        for i in range(n):
+            columns[i * m + c] /= product
+
+
+cdef bint eliminate(double* A, double* b, Py_ssize_t n) noexcept:
+    """Solve A x = b in place by Gauss's method with partial pivots; whether A is regular."""
+    cdef Py_ssize_t i, j, l, best
+    cdef double factor
+    for j in range(n):
+        best = j
+        for i in range(j + 1, n):
+            if fabs(A[i * n + j]) > fabs(A[best * n + j]):
+                best = i
+        if A[best * n + j] == 0.0:
+            return False
+        if best != j:
+            for l in range(j, n):
+                A[j * n + l], A[best * n + l] = A[best * n + l], A[j * n + l]
+            b[j], b[best] = b[best], b[j]
+        for i in range(j + 1, n):
+            factor = A[i * n + j] / A[j * n + j]
+            if factor != 0.0:
+                for l in range(j + 1, n):
+                    A[i * n + l] -= factor * A[j * n + l]
+                b[i] -= factor * b[j]
+    for j in reversed(range(n)):
+        for l in range(j + 1, n):
+            b[j] -= A[j * n + l] * b[l]
+        b[j] /= A[j * n + j]
+    return True
+
+
+cdef class HeldForces:
+    """The linear problem for the forces of held rows, at one state; under several efforts there."""
+
+    cdef object mu, memory
+    cdef double[:, ::1] G
+    cdef const Py_ssize_t[::1] rows, slides, columns
+    cdef Py_ssize_t held, rank, count, sliding
+    # Of the held rows: their elements of G, an orthonormal basis of their range, and what forces along slips do to them.
+    cdef double* square
+    cdef double* basis
+    cdef double* system
+    cdef double* work
+    cdef double* right
+    cdef double* inner
+    cdef double* friction
+
+    def __init__(self, problem, structure):
+        cdef Py_ssize_t i, j, n
+        cdef double* start
+        self.mu, self.G = problem.mu, problem.G
+        self.rows, self.count, n = structure.rows, structure.count, len(structure.rows)
+        self.sliding, self.held = len(structure.slides), n
+        if self.sliding:
+            self.slides, self.columns = structure.slides, structure.columns
+        self.memory = bytearray(<Py_ssize_t>sizeof(double) * (5 * n * n + 2 * n + 2 * self.sliding + 1))
+        start = <double*><char*>self.memory
+        self.square, self.basis, self.system = start, start + n * n, start + 2 * n * n
+        self.work, self.right = start + 3 * n * n, start + 5 * n * n
+        self.inner, self.friction = self.right + n, self.right + 2 * n
+        for i in range(n):
+            for j in range(n):
+                self.square[i * n + j] = self.system[i * n + j] = self.work[i * n + j] = self.G[self.rows[i], self.rows[j]]
+        self.find_range()
+
+    cdef void find_range(self) noexcept:
+        """Determine the rank of the held rows, and a basis of their range: that of the rows themselves if it is all."""
+        cdef Py_ssize_t i, j, n = self.held
+        cdef Py_ssize_t* order = <Py_ssize_t*>(self.work + n * n)
+        self.rank = pivots(self.work, n, order)
+        if self.rank < n:
+            for i in range(n):
+                for j in range(self.rank):
+                    self.basis[i * self.rank + j] = self.square[i * n + order[j]]
+            orthonormal(self.basis, n, self.rank)
+        else:
+            for i in range(n):
+                self.basis[i * n + i] = 1.0
+
+    @property
+    def redundant(self):
+        """Whether rows depend on each other."""
+        return self.rank < self.held
+
+    cdef object matrix(self, const double* values, Py_ssize_t rows, Py_ssize_t columns):
+        return np.array([[values[i * columns + j] for j in range(columns)] for i in range(rows)]).reshape(rows, columns)
+
+    def springs(self, rows, forces):
+        """Forces of springs along other rows, and the inverse masses of these for motions that move held rows."""
+        U, held = self.matrix(self.basis, self.held, self.rank), np.asarray(self.rows)
+        square = self.matrix(self.square, self.held, self.held)
+        along = rows @ U
+        right = np.column_stack((U.T @ forces.ravel()[held], along.T))
+        responses = np.linalg.lstsq(U.T @ square @ U, right, rcond=EPSILON)[0]
+        return along @ responses[:, 0], np.sum(along.T * responses[:, 1:], axis=0)
+
+    def is_regular(self, slips):
+        """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
+        self.turn_to(slips)
+        self.reduce()
+        return bool(np.linalg.slogdet(self.matrix(self.work, self.rank, self.rank))[0] > 0.0)
+
+    def turn_to(self, slips):
+        """Set the directions of slip, (k, 2)."""
+        cdef Py_ssize_t i, j, point, n = self.held
+        cdef const double[:, :] s
+        cdef const double[::1] mu
+        if not self.sliding:
+            return
+        s, mu = slips, self.mu
+        for i in range(n * n):
+            self.system[i] = self.square[i]
+        for j in range(self.sliding):
+            point = self.slides[j]
+            self.friction[2 * j], self.friction[2 * j + 1] = -mu[point] * s[point, 0], -mu[point] * s[point, 1]
+            for i in range(n):
+                self.system[i * n + self.columns[j]] += (
+                    self.friction[2 * j] * self.G[self.rows[i], 3 * point + 1]
+                    + self.friction[2 * j + 1] * self.G[self.rows[i], 3 * point + 2]
+                )
+
+    def forces(self, const double[::1] b not None, slips):
+        """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
+        cdef Py_ssize_t i
+        cdef double[:, ::1] found = np.zeros((self.count // 3, 3))
+        self.turn_to(slips)
+        for i in range(self.held):
+            self.right[i] = -b[self.rows[i]]
+        self.solve()
+        if self.count:
+            self.spread(&found[0, 0])
+        return found.base
+
+    cdef void spread(self, double* forces) noexcept:
+        """Write the forces of the held rows, and the friction of sliding points, into those of all rows."""
+        cdef Py_ssize_t i, j, point
+        for i in range(self.held):
+            forces[self.rows[i]] += self.right[i]
+        for j in range(self.sliding):
+            point = self.slides[j]
+            forces[3 * point + 1] += self.friction[2 * j] * self.right[self.columns[j]]
+            forces[3 * point + 2] += self.friction[2 * j + 1] * self.right[self.columns[j]]
+
+    cdef void reduce(self) noexcept:
+        """Put the system in the range of the held rows, (rank, rank), into the work space."""
+        cdef Py_ssize_t i, j, l, n = self.held, r = self.rank
+        cdef double* half = self.work + n * n
+        cdef double total
+        for i in range(n):
+            for j in range(r):
+                total = 0.0
+                for l in range(n):
+                    total += self.system[i * n + l] * self.basis[l * r + j]
+                half[i * r + j] = total
+        for l in range(r):
+            for j in range(r):
+                total = 0.0
+                for i in range(n):
+                    total += self.basis[i * r + l] * half[i * r + j]
+                self.work[l * r + j] = total
+
+    cdef void project(self) noexcept:
+        """Components of the right side in the range of the held rows."""
+        cdef Py_ssize_t i, j
+        for j in range(self.rank):
+            self.inner[j] = 0.0
+            for i in range(self.held):
+                self.inner[j] += self.basis[i * self.rank + j] * self.right[i]
+
+    cdef int solve(self) except -1:
+        """Replace the right side by the forces of the held rows."""
+        cdef Py_ssize_t i, j
+        self.project()
+        self.reduce()
+        if not eliminate(self.work, self.inner, self.rank):
+            self.solve_singular()
+        for i in range(self.held):
+            self.right[i] = 0.0
+            for j in range(self.rank):
+                self.right[i] += self.basis[i * self.rank + j] * self.inner[j]
+        return 0
+
+    cdef int solve_singular(self) except -1:
+        """Components of forces, large where the system is singular, as at the limit of Painleve's paradox."""
+        self.project()
+        self.reduce()
+        system = self.matrix(self.work, self.rank, self.rank)
+        for j, each in enumerate(np.linalg.lstsq(system, self.matrix(self.inner, self.rank, 1)[:, 0], rcond=EPSILON)[0]):
+            self.inner[<Py_ssize_t>j] = each
+        return 0
+
+    def responses_to_turns(self, points, across, normal_forces):
+        """Changes of all forces per rad by which the directions of slip of some points turn, (3k, m)."""
+        cdef Py_ssize_t i, j, m = len(points)
+        cdef double[:, ::1] found
+        turned, columns = np.zeros((self.count, m)), np.arange(m)
+        friction = -(self.mu[points] * normal_forces)[:, None] * across
+        turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
+        right = np.ascontiguousarray(np.asarray(self.G)[np.asarray(self.rows)].dot(turned).T)
+        found = np.ascontiguousarray(turned.T)
+        for j in range(m):
+            for i in range(self.held):
+                self.right[i] = -right[j, i]
+            self.solve()
+            if self.count:
+                self.spread(&found[j, 0])
+        return found.base.T

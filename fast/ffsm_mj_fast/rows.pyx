@@ -1,0 +1,197 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Rows of contact points; twin of RowEvaluator in ffsm_mj.contact_models.persistent.rows.
+
+Points over faces are evaluated here, also where a pair has one of them; points of other features and joint limits by the
+original.
+"""
+
+from collections import Counter
+
+import numpy as np
+
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.persistent.rows import ContactRows, FrictionalRows, point_runs
+from ffsm_mj.contact_models.persistent.single_point import SinglePoint
+from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian, chain
+
+from libc.math cimport fabs, sqrt
+
+from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist
+from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
+
+cdef void tangents(const double* n, double* out) noexcept:
+    """Two tangents of a normal, (2, 3); see ffsm_mj.contact_models.impact.friction.tangents."""
+    cdef double x = n[0], y = n[1], z = n[2], length
+    cdef int i
+    if fabs(x) <= fabs(y) and fabs(x) <= fabs(z):
+        out[0], out[1], out[2] = 0.0, -z, y
+    elif fabs(y) <= fabs(z):
+        out[0], out[1], out[2] = z, 0.0, -x
+    else:
+        out[0], out[1], out[2] = -y, x, 0.0
+    length = sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    for i in range(3):
+        out[i] /= length
+    out[3], out[4], out[5] = y * out[2] - z * out[1], z * out[0] - x * out[2], x * out[1] - y * out[0]
+
+
+cdef tuple vector(const double* v):
+    return v[0], v[1], v[2]
+
+
+cdef class Group:
+    """Points evaluated together: their places among all, which bodies are b and a, and whether the pair has friction."""
+
+    cdef FaceGroup on_face
+    cdef object other
+    cdef Py_ssize_t start, count, b, a
+    cdef bint rubs
+
+
+cdef class RowEvaluator:
+    """Evaluates the rows of some contact points of a motion, state by state."""
+
+    cdef readonly list at_limits
+    cdef list groups, limits
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef object motion, data
+    cdef Py_ssize_t k, nv, bodies
+    cdef double[:, ::1] chains, screw_rates
+    cdef double[::1] rates
+    cdef list velocities, centres
+    cdef double[:, ::1] memory
+    cdef Twist* twists
+
+    def __init__(self, motion, data, contact_points, flat=()):
+        cdef Group group
+        model, self.motion, self.data = motion.model, motion, data
+        self.m, self.d = <const mjModel*>address(model), <mjData*>address(motion.data)
+        self.k, self.nv, self.groups = len(contact_points), model.nv, []
+        bodies, runs = {}, point_runs(contact_points)
+        groups_of_pairs = Counter(contact_points[places.start].pair for places in runs)
+        patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
+        for places in runs:
+            alike, pair, group = contact_points[places], contact_points[places.start].pair, Group()
+            in_patch, both = pair in patches, (motion.bodies[pair.body_b], motion.bodies[pair.body_a])
+            features = [each.feature for each in alike]
+            if len(alike) > 1 or (isinstance(features[0], PointOnFace) and not in_patch):
+                group.on_face = FaceGroup(features, both, model, motion.data, data, in_patch=in_patch)
+            else:
+                group.other = SinglePoint(features[0], RelativeJacobian(model, motion.data, *both), in_patch=in_patch)
+            group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
+            group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
+            self.groups.append(group)
+        self.bodies = len(bodies)
+        self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
+        self.twists = <Twist*>&self.memory[0, 0]
+        self.chains = np.array([chain(model, body) for body in bodies]).reshape(len(bodies), model.nv)
+        self.screw_rates, self.rates = motion.data.cdof_dot, motion.data.qvel
+        self.velocities = [motion.data.cvel[body] for body in bodies]
+        self.centres = [motion.data.subtree_com[int(model.body_rootid[body])] for body in bodies]
+        limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
+        self.at_limits = list(limits)
+        self.limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
+
+    cdef int evaluate_twists(self) except -1:
+        cdef Py_ssize_t body, dof
+        cdef int i
+        cdef double rate
+        cdef const double[::1] velocity, centre
+        cdef Twist* twist
+        for body in range(self.bodies):
+            twist = &self.twists[body]
+            velocity, centre = self.velocities[body], self.centres[body]
+            for i in range(3):
+                twist.centre[i], twist.omega[i], twist.velocity[i] = centre[i], velocity[i], velocity[3 + i]
+                twist.alpha[i], twist.acceleration[i] = 0.0, 0.0
+            for dof in range(self.nv):
+                rate = self.chains[body, dof] * self.rates[dof]
+                if rate != 0.0:
+                    for i in range(3):
+                        twist.alpha[i] += rate * self.screw_rates[dof, i]
+                        twist.acceleration[i] += rate * self.screw_rates[dof, 3 + i]
+        return 0
+
+    cdef object twist(self, Py_ssize_t body):
+        cdef Twist* of = &self.twists[body]
+        return BodyTwist(
+            vector(of.centre), vector(of.omega), vector(of.velocity), vector(of.alpha), vector(of.acceleration)
+        )
+
+    cdef object state(self, Group group):
+        """The points of a group at the current state."""
+        if group.on_face is not None:
+            return group.on_face.at_state(&self.twists[group.b], &self.twists[group.a])
+        return group.other.at_state(self.data, self.twist(group.b), self.twist(group.a))
+
+    def rows(self):
+        """Rows of the normals; positions and velocities current, mass matrix factored."""
+        cdef Group group
+        cdef double[:, ::1] J = np.empty((self.k, self.nv)), response = np.empty((self.k, self.nv))
+        cdef double[::1] gamma = np.empty(self.k)
+        self.evaluate_twists()
+        states = [self.state(group) for group in self.groups]
+        for group, state in zip(self.groups, states):
+            if group.on_face is not None:
+                (<FaceState>state).normal_rows(&J[group.start, 0], &gamma[group.start], 1)
+            else:
+                part = slice(group.start, group.start + group.count)
+                state.normal_rows(np.asarray(J)[part], np.asarray(gamma)[part])
+        for i, dof, sign in self.limits:
+            J[i, dof] = sign
+        if self.k:
+            mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>self.k)
+        return ContactRows(states, J.base, gamma.base, response.base)
+
+    def frictional_rows(self):
+        """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
+        cdef Group group
+        cdef Py_ssize_t p, first, k = self.k
+        cdef int i
+        cdef double[3] normal
+        cdef double[6] across
+        cdef double[:, ::1] J = np.zeros((3 * k, self.nv)), response = np.empty((3 * k, self.nv))
+        cdef double[::1] gamma = np.zeros(3 * k)
+        cdef double[:, :, ::1] axes = np.zeros((k, 3, 3))
+        self.evaluate_twists()
+        states = [self.state(group) for group in self.groups]
+        for group, state in zip(self.groups, states):
+            first = 3 * group.start
+            if group.on_face is None:
+                self.other_rows(group, state, axes.base, J.base, gamma.base)
+                continue
+            (<FaceState>state).normal_rows(&J[first, 0], &gamma[first], 3)
+            (<FaceState>state).outward(normal)
+            for i in range(6):
+                across[i] = 0.0
+            if group.rubs:
+                tangents(normal, across)
+                (<FaceState>state).tangential_rows(across, &J[first, 0], &gamma[first])
+            for p in range(group.start, group.start + group.count):
+                for i in range(3):
+                    axes[p, 0, i], axes[p, 1, i], axes[p, 2, i] = normal[i], across[i], across[3 + i]
+        for i, dof, sign in self.limits:
+            J[3 * i, dof] = sign
+        if k:
+            mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>(3 * k))
+        return FrictionalRows(states, axes.base, J.base, gamma.base, response.base, np.array(self.rates))
+
+    cdef int other_rows(self, Group group, state, axes, J, gamma) except -1:
+        """Rows of a single point of another feature, or of a joint limit."""
+        cdef double[6] across
+        cdef double[3] normal
+        cdef int i
+        p = group.start
+        J, gamma = J.reshape(-1, 3, self.nv)[p : p + 1], gamma.reshape(-1, 3)[p : p + 1]
+        axes[p, 0] = state.normals[0]
+        if not group.rubs:
+            state.normal_rows(J[:, 0], gamma[:, 0])
+            return 0
+        for i in range(3):
+            normal[i] = axes[p, 0, i]
+        tangents(normal, across)
+        axes[p, 1:] = [vector(across), vector(&across[3])]
+        state.frictional_rows(axes[p], J, gamma)
+        return 0
