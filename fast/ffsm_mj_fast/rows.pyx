@@ -14,11 +14,15 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.rows import ContactRows, FrictionalRows, point_runs
 from ffsm_mj.contact_models.persistent.single_point import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian, chain
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport fabs, sqrt
 
 from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist
 from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
+
+cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
+
 
 cdef void tangents(const double* n, double* out) noexcept:
     """Two tangents of a normal, (2, 3); see ffsm_mj.contact_models.impact.friction.tangents."""
@@ -34,6 +38,39 @@ cdef void tangents(const double* n, double* out) noexcept:
     for i in range(3):
         out[i] /= length
     out[3], out[4], out[5] = y * out[2] - z * out[1], z * out[0] - x * out[2], x * out[1] - y * out[0]
+
+
+class SummedRows(FrictionalRows):
+    """Rows with the sums over points by loops."""
+
+    def acceleration_rounding(self, const double[::1] force not None):
+        """Rounding of the accelerations under a generalised force, m/s^2, (k,): a share of the largest term."""
+        cdef const double[:, ::1] response = self.response
+        cdef const double[::1] gamma = self.gamma
+        cdef Py_ssize_t p, j, d, k = gamma.shape[0] // 3
+        cdef double most
+        cdef double[::1] found = np.empty(k)
+        scales = self.scales
+        for p in range(k):
+            most = scales[p]
+            for j in range(3 * p, 3 * p + 3):
+                most = max(most, fabs(gamma[j]))
+                for d in range(response.shape[1]):
+                    most = max(most, fabs(response[j, d] * force[d]))
+            found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
+        return found.base
+
+    def across(self, components):
+        """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
+        cdef const double[:, :] given = components
+        cdef const double[:, :, ::1] axes = self.axes
+        cdef Py_ssize_t p
+        cdef int i
+        cdef double[:, ::1] found = np.empty((axes.shape[0], 3))
+        for p in range(axes.shape[0]):
+            for i in range(3):
+                found[p, i] = given[p, 0] * axes[p, 1, i] + given[p, 1] * axes[p, 2, i]
+        return found.base
 
 
 cdef tuple vector(const double* v):
@@ -176,7 +213,7 @@ cdef class RowEvaluator:
             J[3 * i, dof] = sign
         if k:
             mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>(3 * k))
-        return FrictionalRows(states, axes.base, J.base, gamma.base, response.base, np.array(self.rates))
+        return SummedRows(states, axes.base, J.base, gamma.base, response.base, np.array(self.rates))
 
     cdef int other_rows(self, Group group, state, axes, J, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""

@@ -291,6 +291,8 @@ class ActiveContactSet:
 
     def pairs_outside_feature(self) -> list[UnilateralConstraint]:
         """Pairs with a contact point outside its feature."""
+        if not self.contact_points or min(self.decide().rows.insides) >= -FEATURE_BOUND_M:
+            return []
         return self._pairs_where(lambda rows: [inside < -FEATURE_BOUND_M for inside in rows.insides])
 
     def pairs_with_drift(self) -> list[UnilateralConstraint]:

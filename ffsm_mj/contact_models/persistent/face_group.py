@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.features.body_motion import Vector, cross, minus, scaled
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
@@ -74,17 +74,29 @@ class FaceState:
 
     def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
-        first, second = self._first, self._second
         # The second body moves along minus an axis relative to the first one if it is a, which b moves along it from.
         along = -axes if self._gaps.swapped else axes
-        arms = self.points - second.centre
-        J[:] = self._screws.rows_along(along, arms, self._offset)
+        J[:] = self._screws.rows_along(along, self.points - self._second.centre, self._offset)
         gamma[:, 0] = self._normal_gamma()
-        turn = minus(second.alpha, first.alpha)
-        rates = arms.dot(turning_matrix(turn))
-        rates += self.point_rates.dot(turning_matrix(minus(second.omega, first.omega)))
-        rates += minus(minus(second.acceleration, first.acceleration), cross(first.alpha, self._offset))
-        gamma[:, 1:] = rates.dot(along[1:].T)
+        (c, one), (d, other) = (self._tangential_rate(axis) for axis in along[1:].tolist())
+        # The points are beyond their places by the level along the normal, and move there with the rate of the gap.
+        of_points = np.column_stack((self._arms, self._levels[1], self.rates))
+        gamma[:, 1:] = of_points.dot(np.array((one, other)).T)
+        gamma[:, 1:] += c, d
+
+    def _tangential_rate(self, axis: Vector) -> tuple[float, tuple[float, ...]]:
+        """Rate at qacc = 0 of the relative velocity along an axis at the contact points.
+
+        It is affine in the arms of the places, how far the contact points are beyond these, and the rates of the gaps.
+        """
+        first, second, normal = self._first, self._second, self._normal
+        turn, spin = minus(second.alpha, first.alpha), minus(second.omega, first.omega)
+        rise = minus(minus(second.acceleration, first.acceleration), cross(first.alpha, self._offset))
+        # axis . (turn x arm + spin x point rate), with the parts of the point rate; see ``point_rates``.
+        bend, weight = cross(axis, turn), cross(axis, spin)
+        x, y, z = shifted(bend, 1.0, cross(weight, second.omega))
+        level = dot(bend, normal) + dot(weight, cross(first.omega, normal))
+        return dot(axis, rise) + dot(weight, second.velocity), (x, y, z, level, -0.5 * dot(weight, normal))
 
     def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
         """See :class:`~.point_groups.GroupState`."""

@@ -32,7 +32,7 @@ from ffsm_mj.contact_models.persistent.point_groups import GroupState, PointGrou
 from ffsm_mj.contact_models.persistent.single_point import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeJacobian, RelativeScrews
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.tolerances import RATE
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, RATE
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +153,12 @@ class FrictionalRows(PointRows):
         """Rounding of the slip speeds, m/s, (k,)."""
         terms = np.abs(self.J * self.qvel).reshape(len(self.axes), -1).max(axis=1, initial=0.0)
         return np.asarray(RATE * (1.0 + terms))
+
+    def acceleration_rounding(self, force: FloatArray) -> FloatArray:
+        """Rounding of the accelerations under a generalised force, m/s^2, (k,): a share of the largest term."""
+        terms = np.abs(self.response * force).reshape(len(self.axes), -1).max(axis=1, initial=0.0).tolist()
+        each = zip(terms, np.abs(self.gamma).reshape(-1, 3).tolist(), self.scales, strict=True)
+        return np.array([ACCELERATION_M_S2 + ACCELERATION * max(term, *rates, scale) for term, rates, scale in each])
 
     def across(self, components: FloatArray) -> FloatArray:
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""

@@ -327,6 +327,7 @@ def test_mistakes_on_purpose_are_noticed(tmp_path, monkeypatch, wrong):
                 made(self, motion, motion.data)
 
             patched.setattr(Smooth, "__init__", stale)
+            patched.setenv("FFSM_COMPILED", "0")  # the twin has an initialiser of its own
         else:
             begin = ExchangeIntegrator.begin
             patched.setattr(ExchangeIntegrator, "begin", lambda self, _: begin(self, frozenset()))

@@ -37,7 +37,14 @@ def same_rows(pair, model, data, found, *, flat=()):
     for kind in (RowEvaluator, twins.RowEvaluator):
         evaluator = kind(motion, data, contact_points, flat)
         with_friction, without = evaluator.frictional_rows(), evaluator.rows()
-        values = [with_friction.axes, with_friction.slips, with_friction.speed_rounding]
+        values = [
+            with_friction.axes,
+            with_friction.slips,
+            with_friction.speed_rounding,
+            with_friction.across(friction[:, 1:]),
+        ]
+        # In units of their largest shares.
+        values.append(1e12 * with_friction.acceleration_rounding(np.linspace(-1.0, 1.0, model.nv)))
         for rows in (with_friction, without):
             values += [rows.J, rows.gamma, rows.response, rows.G, rows.gaps, rows.rates, rows.scales, rows.insides]
             values += [rows.normals, rows.points, rows.starts, rows.wrenches(forces), rows.wrenches(forces, friction)]

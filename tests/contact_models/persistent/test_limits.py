@@ -273,6 +273,7 @@ def test_wrong_signs_are_noticed(tmp_path, monkeypatch):
     with monkeypatch.context() as wrong:
         wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
         wrong.setattr(RowEvaluator, "rows", turned)
+        wrong.setenv("FFSM_COMPILED", "0")  # the twin has rows of its own
         run = gripper(tmp_path, 1.5)
     assert judged(run)
 

@@ -191,7 +191,9 @@ class ModeChoice:
         problem, sticks = self._problem, [i for i, kind in enumerate(kinds.tolist()) if kind == STICK]
         values, mu, inverse_mass = forces.tolist(), problem.mu.tolist(), problem.inverse_mass.tolist()
         inertia: float = sum([inverse_mass[i] for i in sticks]) / len(sticks)
-        allowed = _ON_CONE * (float(np.abs(forces).max()) * inertia + float(self._states.rounding[sticks].max()))
+        rounding: list[float] = self._states.rounding.tolist()
+        largest: float = max([abs(value) for point in values for value in point])
+        allowed: float = _ON_CONE * (largest * inertia + max([rounding[i] for i in sticks]))
         own: float = min([mu[i] * values[i][0] - math.hypot(*values[i][1:]) for i in sticks]) * inertia + allowed
         if own >= 0.0 or not problem.redundant(kinds):
             return own

@@ -23,7 +23,6 @@ from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 _OPENS = 10.0
 """A gap opens where a gap'' exceeds its rounding by this factor."""
@@ -57,11 +56,8 @@ class FrictionalDecision:
 
     @cached_property
     def rounding(self) -> FloatArray:
-        """Rounding of the accelerations of each point, m/s^2, (k,): a share of the largest term."""
-        rows = self.rows
-        terms = np.abs(rows.response * self.here.force).reshape(len(self.contact_points), -1).max(axis=1, initial=0.0)
-        each = zip(terms.tolist(), np.abs(rows.gamma).reshape(-1, 3).tolist(), rows.scales, strict=True)
-        return np.array([ACCELERATION_M_S2 + ACCELERATION * max(term, *rates, scale) for term, rates, scale in each])
+        """Rounding of the accelerations of each point, m/s^2, (k,)."""
+        return self.rows.acceleration_rounding(self.here.force)
 
     @cached_property
     def _choice(self) -> ModeChoice:

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 
+_NONE: IntArray = np.zeros(0, dtype=np.intp)
+"""No indices."""
+
+
 @dataclass(frozen=True, eq=False)
 class HeldRows:
     """The rows held by points in given modes; it stays the same for a step.
@@ -37,7 +41,7 @@ class HeldRows:
     def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
-        slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0]
+        slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else _NONE
         return cls(3 * len(kinds), rows, slides, fastest(HeldForces))
 
     @cached_property

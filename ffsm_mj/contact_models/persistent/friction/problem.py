@@ -97,6 +97,8 @@ class FrictionProblem:
 
     def held_rows(self, kinds: IntArray) -> IntArray:
         """Rows held by points in given modes; rows along which nothing can move are left out."""
+        if set(kinds.tolist()) == {STICK}:
+            return np.asarray(self._movable.ravel().nonzero()[0])
         held = np.zeros((len(kinds), 3), dtype=np.bool_)
         held[:, 0] = kinds != CLOSED
         held[:, 1:] = (kinds == STICK)[:, None]
