@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,16 @@ class RecordedTable:
             message = f"{self.row_place(wrong[0])}: column {name!r} {found}{others}; finite numbers are allowed"
             raise TableError(message)
         return values
+
+    def since_first(self, name: str) -> FloatArray:
+        """A column less its first number, (number of rows,); the digits of stamps since an epoch are not rounded away.
+
+        Raises:
+            TableError: See :meth:`numbers`.
+        """
+        self.numbers(name)
+        first, *others = (Decimal(str(cell).strip()) for cell in self.columns[name])
+        return np.array([0.0, *(float(each - first) for each in others)])
 
 
 def _number(cell: Any) -> float:

@@ -142,6 +142,11 @@ def test_units_scales_clocks_and_forms_of_files(tmp_path):
         "# stamps and two forces\n" + "".join(f"{7000 + 200 * i} 9 {-1e3 * f}\n" for i, f in enumerate(forces))
     )
     pa.parquet.write_table(pa.table({"t_ms": [0, 200, 400], "push_x_mN": [3e3, -1e3, 2e3]}), tmp_path / "force.parquet")
+    stamps = [1_700_000_000_000_000_077 + 200_000_000 * i for i in range(3)]
+    (tmp_path / "epoch.csv").write_text(
+        "stamp_ns,push_x_N\n" + "".join(f"{s},{f}\n" for s, f in zip(stamps, forces, strict=True))
+    )
+    pa.parquet.write_table(pa.table({"stamp_ns": stamps, "push_x_N": forces}), tmp_path / "epoch.parquet")
     (tmp_path / "untimed.csv").write_text('push_x;note\n3;a\n-1;"b; c"\n2;c\n')
     for law in (
         {
@@ -150,11 +155,14 @@ def test_units_scales_clocks_and_forms_of_files(tmp_path):
             "time": {"column": 1, "unit": "ms", "zero": "first_sample"},
         },
         {"file": "force.parquet", "time": {"column": "t_ms"}},
+        {"file": "epoch.csv", "time": {"column": "stamp_ns", "zero": "first_sample"}},  # in floats, stamps round to 256 ns
+        {"file": "epoch.parquet", "time": {"column": "stamp_ns", "zero": "first_sample"}},
         {"file": "untimed.csv", "unit": "N", "time": {"step_s": 0.2}},
         {"file": "force.csv", "columns": {"robot/push_x": "push_x_N"}, "time": {"since": "run"}},
     ):
         run = ffsm_mj.run(tmp_path / "scene.yaml", {"phases": playing(**law)})
         assert run["state.q_robot_x_m"] == pytest.approx(wanted, abs=1e-14)
+        assert "note" not in run.summary()["controller"]["phases"][0]["reports"]
 
 
 def test_the_clock_begins_with_the_phase_or_the_run(tmp_path):

@@ -177,8 +177,7 @@ def _times(config: PlaybackConfig, table: RecordedTable) -> FloatArray:
         )
     name = table.name_of(given)
     factor = _TIME_FACTORS[_unit(name, time.unit, _TIME_FACTORS, "unit: s")]
-    stamps = table.numbers(name)
-    times = (stamps - stamps[0] if time.zero == "first_sample" else stamps) * factor
+    times = (table.since_first(name) if time.zero == "first_sample" else table.numbers(name)) * factor
     backward = np.flatnonzero(np.diff(times) <= 0.0)
     if len(backward):
         k = int(backward[0]) + 1
