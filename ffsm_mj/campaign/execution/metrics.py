@@ -106,11 +106,11 @@ def metric_values(
         elif name in plugins:
             found[name] = _scalar(name, plugins[name](run))
         else:
-            found[name] = _scalar(name, _at(summary, name))
+            found[name] = _scalar(name, value_at(summary, name))
     return of_checks | {"impacts.count": len(summary["impacts"])} | found
 
 
-def _at(summary: Any, name: str) -> Any:
+def value_at(summary: Any, name: str) -> Any:
     """Value at a dotted path; None if the run has none."""
     for part in name.split("."):
         if isinstance(summary, Mapping):
@@ -182,9 +182,9 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
         actuators: Names of the scenario's actuators in the columns of a log.
     """
     head, _, rest = name.partition(".")
-    lists = _lists()
+    lists = record_lists()
     if head in lists:
-        return _fault_in_list(head, rest, lists[head])
+        return fault_in_list(head, rest, lists[head])
     if head == "effort":
         actuator, _, measure = rest.rpartition(".")
         if actuator in actuators and measure in MEASURES:
@@ -201,13 +201,14 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
     return None if name in known else unknown_name("metric", name, known)
 
 
-def _lists() -> dict[str, Any]:
+def record_lists() -> dict[str, Any]:
     """Types of the items of lists in ``summary.json``: records of all kinds, and intervals derived from them."""
     records = {kind.plural: kind.record for kind in kinds() if kind.plural and kind.summarised}
     return records | {"contacts": ContactInterval, "captures": GraspInterval}
 
 
-def _fault_in_list(head: str, rest: str, record: Any) -> str | None:
+def fault_in_list(head: str, rest: str, record: Any) -> str | None:
+    """Why ``head.rest`` is not a value of a list of ``summary.json`` whose items are of a type; None if it may be one."""
     if rest == "count":
         return None
     number, _, key = rest.partition(".")

@@ -1,0 +1,93 @@
+"""Resets of an environment: rows of the design of a campaign, and seeds of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.campaign.plan.bindings import bind_dispersions
+from ffsm_mj.campaign.plan.design import Design
+from ffsm_mj.campaign.plan.loading import Plan, load_campaign
+from ffsm_mj.campaign.plan.targets import Targets
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.scenario.scenario import Scenario, located
+
+_SEEDS = 2**63
+
+
+@dataclass(frozen=True)
+class Reset:
+    """One reset.
+
+    Attributes:
+        overrides: Values by dotted key of the scenario.
+        seed: Seed of the noise: that of the scenario plus the number of the reset, as in a campaign.
+        row: Row of the design; -1 without a design.
+    """
+
+    overrides: dict[str, Any]
+    seed: int
+    row: int
+
+
+@dataclass(frozen=True)
+class Resets:
+    """Numbered resets: number k is row k modulo n of the design, with noise of its own.
+
+    Attributes:
+        design: The design; None: every reset is that of the scenario, with other noise.
+        seed: Key ``seed`` of the scenario.
+    """
+
+    design: Design | None
+    seed: int
+
+    def reset(self, number: int) -> Reset:
+        """A reset by its number, from 0."""
+        row = -1 if self.design is None else number % len(self.design.rows)
+        overrides = {} if self.design is None else self.design.overrides(row)
+        return Reset(overrides, overrides.get("seed", (self.seed + number) % _SEEDS), row)
+
+
+def campaign_of(prepared: PreparedRun) -> Plan | None:
+    """The campaign that the key ``env.design`` of a scenario names; None without the key.
+
+    Raises:
+        InputError: There is no such campaign, or it is invalid.
+    """
+    config: Scenario = prepared.scenario
+    if config.env is None or config.env.design is None:
+        return None
+    path, text = ("env", "design"), config.env.design
+    is_file = text.endswith((".yaml", ".yml")) or "/" in text
+    campaign: str | Path = prepared.source.folder(path) / text if is_file else text
+    try:
+        return load_campaign(campaign)
+    except InputError as error:
+        raise InputError([prepared.source.line(Fault(line, path)) for line in error.lines]) from error
+
+
+def resets_of(plan: Plan | None, scenario: str | Path, overrides: Sequence[str], base: PreparedRun) -> Resets:
+    """Resets of an environment.
+
+    Args:
+        plan: The campaign; its own scenario may be another one, as long as this one has the dispersed keys.
+        scenario: The scenario of the environment.
+        overrides: Its overrides.
+        base: The scenario with these overrides.
+
+    Raises:
+        InputError: The scenario does not have the dispersed keys, or refuses their values.
+    """
+    if plan is None:
+        return Resets(None, base.scenario.seed)
+    of_scenario = prepare(scenario, list(overrides))
+    try:
+        bindings = bind_dispersions(plan.config.dispersions, Targets(of_scenario))
+    except ScenarioFaults as faults:
+        raise located(faults, plan.source) from faults
+    design = replace(plan, base=of_scenario, bindings=bindings).design()
+    return Resets(design, base.scenario.seed)

@@ -1,0 +1,102 @@
+"""Set-up of an environment: its section of the scenario, and its parts bound to a run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.gym.actions import Actions
+from ffsm_mj.gym.endings import Endings
+from ffsm_mj.gym.episode import Episode
+from ffsm_mj.gym.observations import Observations
+from ffsm_mj.gym.rewards import NamedReward, reward_named
+from ffsm_mj.gym.values import Values
+from ffsm_mj.scenario.env_config import EnvConfig, RewardConfig
+
+
+class Bound:
+    """Parts of an environment, bound to one run.
+
+    Attributes:
+        system: Robot and objects.
+        data: MuJoCo data of the run.
+        actions: Its actions.
+        observations: Its observations.
+        episode: Its metrics so far.
+        endings: Its ends.
+    """
+
+    def __init__(self, config: EnvConfig, assembly: Assembly) -> None:
+        """Resolve all names.
+
+        Raises:
+            ScenarioFaults: One fault per unknown name of every part.
+        """
+        self.system, self.data = assembly.system, assembly.data
+        values, self.episode = Values(assembly), Episode(assembly)
+        faults: list[Fault] = []
+        parts: list[Any] = []
+        for make in (
+            lambda: Actions(config, assembly),
+            lambda: Observations(config, values),
+            lambda: Endings(config, values, self.episode),
+        ):
+            try:
+                parts.append(make())
+            except ScenarioFaults as error:
+                faults += error.faults
+        if faults:
+            raise ScenarioFaults(faults)
+        self.actions: Actions
+        self.observations: Observations
+        self.endings: Endings
+        self.actions, self.observations, self.endings = parts
+
+
+def prepared_env(
+    scenario: str | Path, env: Mapping[str, Any] | None, overrides: Sequence[str]
+) -> tuple[PreparedRun, Callable[..., float] | None, list[str]]:
+    """A scenario with its section ``env``, the reward function of a script, and the overrides with those of ``env``.
+
+    Raises:
+        InputError: The scenario is wrong, or has no section ``env``.
+    """
+    keys = dict(env or {})
+    reward = keys.pop("reward") if callable(keys.get("reward")) else None
+    changes = [*overrides, *(f"env.{key}={_json(key, value)}" for key, value in keys.items())]
+    prepared = prepare(scenario, changes)
+    if prepared.scenario.env is None:
+        fault = Fault("is missing: the scenario is no environment yet; see docs/gymnasium.md", ("env",))
+        raise InputError(prepared.source.line(fault))
+    return prepared, reward, changes
+
+
+def _json(key: str, value: Any) -> str:
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"env: {key}: {error}; allowed are the values of YAML") from error
+
+
+def reward_of(function: Callable[..., float] | None, prepared: PreparedRun) -> NamedReward:
+    """The reward function of a script, or else that of the scenario.
+
+    Raises:
+        InputError: There is no reward function of that name.
+    """
+    if function is not None:
+        return NamedReward(getattr(function, "__name__", repr(function)), function, {})
+    assert prepared.scenario.env is not None
+    config = prepared.scenario.env.reward
+    is_long = isinstance(config, RewardConfig)
+    name, arguments = (config.function, config.arguments) if isinstance(config, RewardConfig) else (config, {})
+    try:
+        return NamedReward(name, reward_named(name), arguments)
+    except LookupError as error:
+        path = ("env", "reward", "function") if is_long else ("env", "reward")
+        raise InputError(prepared.source.line(Fault(str(error.args[0]), path))) from error
