@@ -60,6 +60,12 @@ LANDING_DEPTH_M = OTHER_POINT_M + DRIFT_M
 
 It is below CONTACT_GAP_M, so a point that lands is found before the check ``no penetration`` fails.
 """
+FLUSH_M = OTHER_POINT_M / 4.0
+"""Two round sides lie along each other where their gap varies by less than this over the length that they share.
+
+Sides of radii r1 and r2 at an angle part by y^2 / (2 (r1 + r2)) where their axes are offset by y across the normal. Between
+such sides the contact would run over their whole length at a tilt of 1e-9 rad: they touch at both ends instead.
+"""
 PROJECTED_GAP_M, PROJECTED_RATE_M_S = 1e-11, 1e-10
 """Gaps and gap rates within these are not projected: far below DRIFT_M, above the rounding of a gap (about 1e-13 m)."""
 PROJECTED_SLIP_M_S = 1e-12

@@ -7,13 +7,15 @@ span a polygon, and the patch is the intersection of the two polygons.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.cap import cap_of, on_each_other
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.hull import hull, turn
-from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, PARALLEL, STRAIGHT
+from ffsm_mj.tolerances import CONTACT_GAP_M, FLUSH_M, MERGED_M, PARALLEL, STRAIGHT
 
 _KINDS = {1: "point", 2: "edge"}
 
@@ -41,7 +43,14 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
     return a, b
 
 
-def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, level: float = CONTACT_GAP_M) -> FloatArray:
+def flush_offset(radius: float) -> float:
+    """Greatest offset across the normal, m, of two lines that lie along each other, with the sum of their radii in m."""
+    return math.sqrt(2.0 * FLUSH_M * radius)
+
+
+def touching_set(
+    first: FloatArray, second: FloatArray, normal: FloatArray, level: float = CONTACT_GAP_M, flush: float = 0.0
+) -> FloatArray:
     """Extreme points of the intersection of two features, projected onto the plane across the normal, (k, 3).
 
     Args:
@@ -49,6 +58,7 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
         second: Extreme points of the second geom opposite to it, (n, 3).
         normal: Unit normal from the first geom to the second.
         level: Points whose gap exceeds the least gap by more than this, in m, are not in contact.
+        flush: Offset across the normal, m, within which two lines lie along each other; see :func:`flush_offset`.
 
     Returns:
         Points midway between the two features; empty if the projections do not overlap within rounding.
@@ -57,6 +67,8 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
         return first if len(first) == 1 else second
     plane, a, b = _flattened(first, second, normal)
     reach = CONTACT_GAP_M + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
+    if len(a) == len(b) == 2:
+        reach = max(reach, flush)
     candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)] + _crossings(a, b)
     if not candidates:
         return np.empty((0, 3))
@@ -66,20 +78,22 @@ def touching_set(first: FloatArray, second: FloatArray, normal: FloatArray, leve
     return np.asarray(corners[touching] @ plane + np.outer(0.5 * (low + high)[touching], normal))
 
 
-def opposite(first: FloatArray, second: FloatArray, normal: FloatArray) -> bool:
+def opposite(first: FloatArray, second: FloatArray, normal: FloatArray, flush: float = 0.0) -> bool:
     """Whether two features overlap in projection along a direction; if not, the direction is not the contact normal.
 
     Args:
         first: Extreme points of the first geom along the direction, (m, 3).
         second: Extreme points of the second geom opposite to it, (n, 3).
         normal: Unit vector from the first geom to the second.
+        flush: See :func:`touching_set`.
     """
     if len(first) == len(second) == 1:  # the most frequent case
         offset = second[0] - first[0]
         return bool(np.linalg.norm(offset - offset @ normal * normal) <= MERGED_M)
     _, a, b = _flattened(first, second, normal)
     corners = [(p, b) for p in a] + [(p, a) for p in b]
-    return any(_inside(p, polygon, MERGED_M) for p, polygon in corners) or bool(_crossings(a, b))
+    reach = max(MERGED_M, flush) if len(a) == len(b) == 2 else MERGED_M
+    return any(_inside(p, polygon, reach) for p, polygon in corners) or bool(_crossings(a, b))
 
 
 def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

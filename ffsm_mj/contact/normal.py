@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import facing, opposite
+from ffsm_mj.contact.manifold import facing, flush_offset, opposite
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.tolerances import EPSILON, PARALLEL
@@ -64,7 +64,8 @@ def _edges(first: Shape, second: Shape, normal: FloatArray, width: float) -> Flo
 
 def is_normal(first: Shape, second: Shape, direction: FloatArray) -> bool:
     """Whether the extreme features of both geoms along a direction overlap in projection, as along the contact normal."""
-    return opposite(*facing(first, second, direction), direction)
+    flush = flush_offset(first.side_radius + second.side_radius)
+    return opposite(*facing(first, second, direction), direction, flush)
 
 
 def _best_direction(first: Shape, second: Shape, estimate: FloatArray, choices: Iterable[FloatArray]) -> FloatArray:
@@ -86,7 +87,7 @@ def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
 def _choices(edges: FloatArray) -> Iterator[FloatArray]:
     """Sets of edge directions that the normal may be perpendicular to: two, one or none, (k, 3) each."""
     for one, other in combinations(edges, 2):
-        if math.hypot(*cross(one, other)) > _WIDTH:
+        if math.hypot(*cross(one, other)) > PARALLEL:
             yield np.stack((one, other))
     yield from edges[:, None]
     yield edges[:0]

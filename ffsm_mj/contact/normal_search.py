@@ -49,13 +49,15 @@ class ContactNormal(NamedTuple):
 class NormalSearch:
     """Distance queries of one pair of geoms; the last normal is the estimate for the next one."""
 
-    def __init__(self, geoms: tuple[int, int], size: float) -> None:
+    def __init__(self, geoms: tuple[int, int], size: float, flush: float = 0.0) -> None:
         """Start without an estimate.
 
         Args:
             geoms: Ids of geoms a and b.
             size: Half the thinnest extent of both, m.
+            flush: Offset of sides that lie along each other; see :func:`~ffsm_mj.contact.manifold.flush_offset`.
         """
+        self._flush = flush
         self._a, self._b = geoms
         self._shift = min(_LARGEST_SHIFT_M, _SHIFT_SHARE * size)
         self._fromto = np.zeros(6)
@@ -81,7 +83,7 @@ class NormalSearch:
         estimate, witness = self._shifted_query(model, data, self._estimate(model, data), self._shift)
         normal = refine_normal(*shapes, estimate)
         features = facing(*shapes, normal)
-        if not opposite(*features, normal):
+        if not opposite(*features, normal, self._flush):
             # The extreme features do not overlap across the direction, so it is no normal: corners are too close.
             normal, witness = self._nearer_queries(model, data, shapes, (normal, witness))
             features = facing(*shapes, normal)

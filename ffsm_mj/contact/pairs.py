@@ -13,13 +13,13 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.caps import lowest_of_rims
-from ffsm_mj.contact.manifold import touching_set
+from ffsm_mj.contact.manifold import flush_offset, touching_set
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import separation
 from ffsm_mj.contact.normal_search import NormalSearch
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
-from ffsm_mj.contact.shape import Shape, position_tolerance
+from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
 
@@ -54,6 +54,8 @@ class ContactPair:
         mu: Coefficient of friction.
         geom_ids: Ids of both geoms.
         position_tolerance: Sum of the tolerances to which the points of both geoms are known, m: 0 except for meshes.
+        flush_offset: Offset of round sides that lie along each other; see :func:`~ffsm_mj.contact.manifold.flush_offset`.
+        flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
     """
 
@@ -88,7 +90,9 @@ class ContactPair:
         self.size = 0.5 * float(min(model.geom_aabb[self._g1, 3:].min(), model.geom_aabb[self._g2, 3:].min()))
         self.position_tolerance = position_tolerance(model, self._g1) + position_tolerance(model, self._g2)
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
-        self._search, self._bound = NormalSearch(self.ids, self.size), MotionBound(model, self.ids)
+        radius = side_radius(model, self._g1) + side_radius(model, self._g2)
+        self.flush_offset, self.flush_angle = flush_offset(radius), flush_offset(radius) / radius if radius > 0.0 else 0.0
+        self._search, self._bound = NormalSearch(self.ids, self.size, self.flush_offset), MotionBound(model, self.ids)
 
     def _check(self, system: System) -> None:
         model = system.mj
@@ -132,7 +136,7 @@ class ContactPair:
         """Gap, normal, points and rates at the state in ``data`` (kinematics and velocities current)."""
         shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
         normal, features, witness = self._search.normal(model, data, shapes)
-        points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance)
+        points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance, self.flush_offset)
         points = points if len(points) else witness[None]
         rounding = _GAP_ROUNDING_M + 4.0 * EPSILON * float(np.abs(points).max())
         rates, tolerance = self._rates(data, normal, points)

@@ -43,6 +43,11 @@ class Shape:
         """Tolerance to which its points are known, m: 0 except for meshes."""
         return position_tolerance(self._model, self._geom)
 
+    @property
+    def side_radius(self) -> float:
+        """Radius of the side of a capsule or cylinder, m; 0 for other geoms."""
+        return side_radius(self._model, self._geom)
+
     def extreme(self, direction: FloatArray, width: float = 0.0) -> FloatArray:
         """All extreme points along a unit vector, (k, 3).
 
@@ -160,6 +165,11 @@ class Shape:
 def position_tolerance(model: Any, geom: int) -> float:
     """Tolerance to which the points of a geom are known, m: 0 except for meshes, whose vertices are in single precision."""
     return MESH_PRECISION * float(model.geom_rbound[geom]) if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH else 0.0
+
+
+def side_radius(model: Any, geom: int) -> float:
+    """Radius of the side of a capsule or cylinder (id), m; 0 for other geoms."""
+    return float(model.geom_size[geom, 0]) if mujoco.mjtGeom(model.geom_type[geom]) in (_CAPSULE, _CYLINDER) else 0.0
 
 
 def _ends(component: float, half: float, width: float) -> tuple[float, ...]:

@@ -23,6 +23,7 @@ from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
 from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings, rim_towards
 from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.features.round_outline import CylinderOutline, EllipsoidOutline
+from ffsm_mj.contact.manifold import flush_offset
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
@@ -94,7 +95,7 @@ class _Search:
         found = []
         for one in self._a.edges(bounded=True):
             for other in self._b.edges(bounded=True):
-                if self._are_parallel(one, other):
+                if self._lie_along(one, other):
                     # The contact is a segment; its two ends determine the motion of both lines.
                     found += self._touching((one, end) for end in other.ends)
                     found += self._touching((end, other) for end in one.ends)
@@ -150,6 +151,12 @@ class _Search:
     def _are_parallel(self, one: Curve, other: Curve) -> bool:
         """Whether two curves are parallel at the contact."""
         return math.hypot(*cross(self._a.direction(one), self._b.direction(other))) <= PARALLEL
+
+    def _lie_along(self, one: Line, other: Line) -> bool:
+        """Whether two lines are parallel, or so nearly that their round sides touch along the length that they share."""
+        flush = flush_offset(one.radius + other.radius)
+        sine = math.hypot(*cross(self._a.direction(one), self._b.direction(other)))
+        return sine <= max(PARALLEL, 0.5 * flush / min(one.half, other.half))
 
     def _have_no_normal(self, one: Core, other: Core) -> bool:
         """Whether two cores are parallel curves: these have no cross product, and they touch at their ends."""

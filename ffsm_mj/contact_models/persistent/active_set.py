@@ -124,8 +124,9 @@ class ActiveContactSet:
             if abs(at.rate) <= still:
                 return True
             # An edge that lies on a cap is parallel to it only to about 1e-10 rad, and the normals at its ends differ by as
-            # much. Impacts act along the normal of the pair: at a slip of 0.3 m/s they leave gap rates of 3e-11 m/s.
-            parallel = math.dist(at.normal, near.normal) <= PARALLEL
+            # much. Impacts act along the normal of the pair: at a slip of 0.3 m/s they leave gap rates of 3e-11 m/s. The
+            # normals at both ends of round sides along each other differ by more.
+            parallel = math.dist(at.normal, near.normal) <= max(PARALLEL, pair.flush_angle)
             return parallel and abs(pair.rate_along(data, near.normal, at.point)) <= still
 
         found = (feature for feature in features(pair, self._model, data, near) if is_still(feature.at(data)))
@@ -281,11 +282,11 @@ class ActiveContactSet:
         """Features other than the contact points, by which closed pairs overlap."""
         return self._clearance.overlapping_features(self._gaps_of)
 
-    def places(self) -> dict[UnilateralConstraint, list[FloatArray]]:
-        """Positions of the contact points of each closed pair at the state in ``data``, m, world axes."""
+    def states(self) -> dict[UnilateralConstraint, list[FeatureState]]:
+        """States of the contact points of each closed pair."""
         data = self._scene.data
         return {
-            pair: [contact.feature.at(data).point for contact in contact_points]
+            pair: [contact.feature.at(data) for contact in contact_points]
             for pair, contact_points in self.by_pair.items()
         }
 

@@ -22,6 +22,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
@@ -38,7 +39,7 @@ from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.signals import Layout
-from ffsm_mj.tolerances import CLEARLY_APART_M, LANDING_DEPTH_M, SAME_POINT_M
+from ffsm_mj.tolerances import CLEARLY_APART_M, FLUSH_M, LANDING_DEPTH_M, PARALLEL, SAME_POINT_M
 
 _FIRST = np.array((1.0, 0.0, 0.0))
 _LIFTS_M_S = 1e-3
@@ -112,8 +113,12 @@ class ForceCheck:
 
         The second value is the violation of Coulomb's conditions, N; zero without friction.
         """
-        held = self._closed_set.places()
-        points = [(pair, near, point) for pair, near in touching for point in _closed_points(near, held.get(pair, []))]
+        held = self._closed_set.states()
+        points = [
+            (pair, here, point)
+            for pair, near in touching
+            for here, point in _closed_points(pair, near, held.get(pair, []))
+        ]
         if not points:
             return {}, 0.0
         contacts = [as_contact(pair, near, point, motion, 0.0) for pair, near, point in points]
@@ -160,20 +165,33 @@ class ForceCheck:
             motion.path.on_event_located()
 
 
-def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArray]:
-    """Candidate points of a pair that are closed, given its contact points in the contact model.
+def _closed_points(
+    pair: UnilateralConstraint, near: Proximity, held: Sequence[FeatureState]
+) -> list[tuple[Proximity, FloatArray]]:
+    """Candidate points of a pair that are closed, given its contact points in the contact model, each with its normal.
 
     All corners of a face that is flat to 1e-6 rad are candidates; corners that open are no longer in contact.
     """
+    if isinstance(pair, ContactPair) and pair.flush_angle > 0.0 and max(len(held), len(near.points)) > 1:
+        ends = _ends_of_side(pair, near, held)
+        if ends and near.gap >= -LANDING_DEPTH_M:
+            return ends
     points = [(point, abs(rate)) for point, rate in zip(near.points, near.rates.tolist(), strict=True)]
     closed = [
         point
         for point, speed in points
-        if speed <= _LIFTS_M_S and any(math.dist(point, each) <= SAME_POINT_M for each in held)
+        if speed <= _LIFTS_M_S and any(math.dist(point, each.point) <= SAME_POINT_M for each in held)
     ]
-    if closed and near.gap >= -LANDING_DEPTH_M:
-        return closed
-    return [point for point, speed in points if speed <= held_rate_tolerance(near)]
+    if not closed or near.gap < -LANDING_DEPTH_M:
+        closed = [point for point, speed in points if speed <= held_rate_tolerance(near)]
+    return [(near, point) for point in closed]
+
+
+def _ends_of_side(pair: ContactPair, near: Proximity, held: Sequence[FeatureState]) -> list[tuple[Proximity, FloatArray]]:
+    """The same where a round side lies along another one or across a cap: normals at its ends differ by a small angle."""
+    # Until the middle of two sides that turn against each other lands, they part by as much at their ends.
+    angle = max(PARALLEL, math.sqrt(LANDING_DEPTH_M / FLUSH_M) * pair.flush_angle)
+    return [(replace(near, normal=each.normal), each.point) for each in held if math.dist(each.normal, near.normal) <= angle]
 
 
 def _push(motion: Motion, model: Any, data: Any) -> None:
