@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
@@ -286,8 +285,7 @@ class ActiveContactSet:
         """States of the contact points of each closed pair."""
         data = self._scene.data
         return {
-            pair: [contact.feature.at(data) for contact in contact_points]
-            for pair, contact_points in self.by_pair.items()
+            pair: [contact.feature.at(data) for contact in contact_points] for pair, contact_points in self.by_pair.items()
         }
 
     def pairs_outside_feature(self) -> list[UnilateralConstraint]:

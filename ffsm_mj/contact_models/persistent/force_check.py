@@ -117,7 +117,7 @@ class ForceCheck:
         points = [
             (pair, here, point)
             for pair, near in touching
-            for here, point in _closed_points(pair, near, held.get(pair, []))
+            for here, point in _points_with_normals(pair, near, held.get(pair, []))
         ]
         if not points:
             return {}, 0.0
@@ -165,26 +165,31 @@ class ForceCheck:
             motion.path.on_event_located()
 
 
-def _closed_points(
+def _points_with_normals(
     pair: UnilateralConstraint, near: Proximity, held: Sequence[FeatureState]
 ) -> list[tuple[Proximity, FloatArray]]:
-    """Candidate points of a pair that are closed, given its contact points in the contact model, each with its normal.
-
-    All corners of a face that is flat to 1e-6 rad are candidates; corners that open are no longer in contact.
-    """
+    """Points of a pair that are closed, each with the proximity that has its normal."""
     if isinstance(pair, ContactPair) and pair.flush_angle > 0.0 and max(len(held), len(near.points)) > 1:
         ends = _ends_of_side(pair, near, held)
         if ends and near.gap >= -LANDING_DEPTH_M:
             return ends
+    return [(near, point) for point in _closed_points(near, [each.point for each in held])]
+
+
+def _closed_points(near: Proximity, held: Sequence[FloatArray]) -> list[FloatArray]:
+    """Candidate points of a pair that are closed, given its contact points in the contact model.
+
+    All corners of a face that is flat to 1e-6 rad are candidates; corners that open are no longer in contact.
+    """
     points = [(point, abs(rate)) for point, rate in zip(near.points, near.rates.tolist(), strict=True)]
     closed = [
         point
         for point, speed in points
-        if speed <= _LIFTS_M_S and any(math.dist(point, each.point) <= SAME_POINT_M for each in held)
+        if speed <= _LIFTS_M_S and any(math.dist(point, each) <= SAME_POINT_M for each in held)
     ]
-    if not closed or near.gap < -LANDING_DEPTH_M:
-        closed = [point for point, speed in points if speed <= held_rate_tolerance(near)]
-    return [(near, point) for point in closed]
+    if closed and near.gap >= -LANDING_DEPTH_M:
+        return closed
+    return [point for point, speed in points if speed <= held_rate_tolerance(near)]
 
 
 def _ends_of_side(pair: ContactPair, near: Proximity, held: Sequence[FeatureState]) -> list[tuple[Proximity, FloatArray]]:
