@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ffsm_mj.arrays import FloatArray
@@ -42,3 +43,8 @@ class Proximity:
         # A pair that already penetrates by more than rounding must not rest on a tolerance: a slow approach deepens it.
         penetrates = self.gap <= -_PENETRATING * self.rounding
         return self.rate < (-_EXACT * self.rate_tolerance if penetrates else -self.rate_tolerance)
+
+    def point_at(self, place: FloatArray, offset_m: float) -> FloatArray:
+        """The nearest of its points, which impacts act on, if it is within an offset of a place; else the place itself."""
+        nearest = min(self.points, key=lambda point: math.dist(point, place))
+        return nearest if math.dist(nearest, place) <= offset_m else place

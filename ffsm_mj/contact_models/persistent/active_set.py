@@ -126,7 +126,8 @@ class ActiveContactSet:
             # much. Impacts act along the normal of the pair: at a slip of 0.3 m/s they leave gap rates of 3e-11 m/s. The
             # normals at both ends of round sides along each other differ by more.
             parallel = math.dist(at.normal, near.normal) <= max(PARALLEL, pair.flush_angle)
-            return parallel and abs(pair.rate_along(data, near.normal, at.point)) <= still
+            place = near.point_at(at.point, pair.flush_offset)
+            return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
 
         found = (feature for feature in features(pair, self._model, data, near) if is_still(feature.at(data)))
         return tuple(ContactPoint(pair, feature) for feature in found)

@@ -69,6 +69,8 @@ TOUCHES = {
     "a cylinder over a rim": (CYLINDER, THIN, (0.05, 0, 0.2), TURNED, {"rim on cap": 5, "rim on rim": 2}),
     "cylinders side by side": (CYLINDER, CYLINDER, (0.1, 0, 0.05), UPRIGHT, {"side on rim": 2}),
     "cylinders side by side, ends level": (CYLINDER, CYLINDER, (0.1, 0, 0), UPRIGHT, {"side on rim": 4}),
+    "cylinders side by side, turned by 3e-6": (CYLINDER, CYLINDER, (0.1, 0, 0.05), (1, 1.5e-6, 0, 0), {"side on rim": 2}),
+    "cylinders side by side, turned by 1e-4": (CYLINDER, CYLINDER, (0.1, 0, 0.05), (1, 5e-5, 0, 0), {"side on side": 1}),
     "cylinders crossed": (CYLINDER, CYLINDER, (0.1, 0, 0.05), FALLEN, {"side on side": 1}),
     "a cylinder across a cap": (CYLINDER, CYLINDER, (0.01, 0, 0.15), FALLEN, {"side on rim": 2}),
     "a cylinder over a cap": (CYLINDER, CYLINDER, (0.01, 0.08, 0.15), FALLEN, {"rim on cap": 1, "side on rim": 1}),
