@@ -48,6 +48,27 @@ def flush_offset(radius: float) -> float:
     return math.sqrt(2.0 * FLUSH_M * radius)
 
 
+def lie_along(sine: float, length: float, flush: float) -> bool:
+    """Whether two lines are parallel, or so nearly that round sides around them touch along the length that they share.
+
+    Args:
+        sine: Sine of the angle between them.
+        length: Length of the shorter one, m.
+        flush: Their :func:`flush_offset`, m.
+    """
+    return sine <= max(PARALLEL, flush / length)
+
+
+def segments_lie_along(first: FloatArray, second: FloatArray, flush: float) -> bool:
+    """The same for two features: whether both are segments, at least one of which is a round side; (n, 2) or (n, 3) each."""
+    if not len(first) == len(second) == 2 or flush <= 0.0:
+        return False
+    one, other = first[1] - first[0], second[1] - second[0]
+    lengths = math.hypot(*one), math.hypot(*other)
+    sine = math.hypot(*(other / lengths[1] - one / lengths[0] * math.copysign(1.0, one @ other)))
+    return lie_along(sine, min(lengths), flush)
+
+
 def touching_set(
     first: FloatArray, second: FloatArray, normal: FloatArray, level: float = CONTACT_GAP_M, flush: float = 0.0
 ) -> FloatArray:
@@ -67,9 +88,11 @@ def touching_set(
         return first if len(first) == 1 else second
     plane, a, b = _flattened(first, second, normal)
     reach = CONTACT_GAP_M + 1e-7 * max(float(np.ptp(a, axis=0).max()), float(np.ptp(b, axis=0).max()))
-    if len(a) == len(b) == 2:
+    along = segments_lie_along(a, b, flush)
+    if along:
         reach = max(reach, flush)
-    candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)] + _crossings(a, b)
+    candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)]
+    candidates += [] if along else _crossings(a, b)
     if not candidates:
         return np.empty((0, 3))
     corners = hull(np.array(candidates), merge=reach, straight=STRAIGHT)
@@ -92,7 +115,7 @@ def opposite(first: FloatArray, second: FloatArray, normal: FloatArray, flush: f
         return bool(np.linalg.norm(offset - offset @ normal * normal) <= MERGED_M)
     _, a, b = _flattened(first, second, normal)
     corners = [(p, b) for p in a] + [(p, a) for p in b]
-    reach = max(MERGED_M, flush) if len(a) == len(b) == 2 else MERGED_M
+    reach = max(MERGED_M, flush) if segments_lie_along(a, b, flush) else MERGED_M
     return any(_inside(p, polygon, reach) for p, polygon in corners) or bool(_crossings(a, b))
 
 

@@ -15,10 +15,10 @@ from itertools import combinations, product
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.manifold import facing, flush_offset, opposite
+from ffsm_mj.contact.manifold import facing, flush_offset, opposite, segments_lie_along
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.dynamics.rigid_body import cross
-from ffsm_mj.tolerances import EPSILON, PARALLEL
+from ffsm_mj.tolerances import EPSILON, FLUSH_M, PARALLEL
 
 _WIDTH = 1e-4
 """An estimate is accurate to about 1e-5 rad: edges and faces within this angle may be those in contact."""
@@ -44,7 +44,7 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
     """
     best = _best_direction(first, second, estimate, _choices(_edges(first, second, estimate, _WIDTH)))
     if not first.position_tolerance and not second.position_tolerance:
-        return best
+        return _between_sides(first, second, best)
     # Facets of a fine mesh differ by less than the width, and which of them were tried depends on the estimate.
     best = _best_direction(first, second, best, _choices(_edges(first, second, best, PARALLEL)))
     if not is_normal(first, second, best):
@@ -54,7 +54,25 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
         )
         if separation(first, second, finer) >= separation(first, second, best) - _ROUNDING:
             best = finer
-    return best
+    return _between_sides(first, second, best)
+
+
+def _between_sides(first: Shape, second: Shape, normal: FloatArray) -> FloatArray:
+    """The normal where round sides touch along each other: across the longer one, at the middle of the other.
+
+    The direction across both is known to rounding over the angle between them only, which is too little at small angles.
+    """
+    radius = first.side_radius + second.side_radius
+    if radius <= 0.0:
+        return normal
+    a, b = facing(first, second, normal)
+    if not segments_lie_along(a, b, flush_offset(radius)):
+        return normal
+    along = max(a[1] - a[0], b[1] - b[0], key=lambda span: math.hypot(*span))
+    offset = b.mean(axis=0) - a.mean(axis=0) + radius * normal  # from axis to axis
+    middle = _unit(offset - (offset @ along) / (along @ along) * along)
+    # Sides that lean against each other touch at one end, with the normal there.
+    return middle if separation(first, second, middle) >= separation(first, second, normal) - FLUSH_M else normal
 
 
 def _edges(first: Shape, second: Shape, normal: FloatArray, width: float) -> FloatArray:
