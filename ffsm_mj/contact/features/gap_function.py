@@ -50,7 +50,7 @@ class Feature(Protocol):
         ...
 
     def tilt(self, data: Any) -> Vector | None:
-        """Tilt of a rim over a face; None for features of bounded curvature."""
+        """Tilt of a rim over a face, or the like; None for features of bounded curvature."""
         ...
 
     def at(self, data: Any) -> FeatureState:
@@ -78,10 +78,11 @@ class GapFunction:
         raise NotImplementedError
 
     def tilt(self, data: Any) -> Vector | None:  # noqa: ARG002
-        """Tilt of a rim over a face, or of a line over another one; None for features of bounded curvature.
+        """Tilt of a rim over a face, of a line over another one or over a cap; None for features of bounded curvature.
 
         It is the component of the normal of the face across the axis of the rim, in axes of the body of the rim; for lines,
-        their cross product. The contact point travels at the rate of the tilt over the tilt, whatever the step.
+        their cross product; for a line across a level cap, the sine of half the angle of its chord. The contact point
+        travels at the rate of the tilt over the tilt, whatever the step.
         """
         return None
 

@@ -12,13 +12,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Curve, Face, Line, Point
 from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
-from ffsm_mj.tolerances import NEWTON_STEP
-
-_TURNS = 30
-"""Largest number of Newton steps for the angle on a circle; a few suffice from the last angle."""
+from ffsm_mj.contact.features.nearest_on_circle import NearestOnCircle
+from ffsm_mj.tolerances import CROSSING, EPSILON
 
 
 class PointOnFace(GapFunction):
@@ -119,27 +117,31 @@ class LineOnCurve(GapFunction):
         """Store the cores; ``sense`` is the sign of the normal along (direction of the curve) x (direction of the line)."""
         super().__init__(name, swapped, curve.radius, line.radius)
         self._curve, self._line, self._sense = curve, line, sense
-        self._angle = 0.0
+        self._nearest = NearestOnCircle(curve) if isinstance(curve, Circle) else None
 
     def tilt(self, data: Any) -> Vector | None:
-        """Sine of the angle between two lines along their normal, in axes of the first; None for a circle."""
+        """Sine of the angle between two lines along their normal, in axes of the first; for a circle that of a chord."""
         curve, line = self._curve, self._line
+        first, second = curve.body.motion(data), line.body.motion(data)
+        d = second.turned(line.direction)
         if isinstance(curve, Circle):
-            return None
-        first = curve.body.motion(data)
-        return cross(curve.direction, first.local(line.body.motion(data).turned(line.direction)))
+            return self._nearest.chord_sine(first, second.place(line.centre), d) if self._nearest else None
+        return cross(curve.direction, first.local(d))
 
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap: n . d = 0 for both directions gives n', and opposite contact points give the slides."""
         curve, line = self._curve, self._line
         first, second = curve.body.motion(data), line.body.motion(data)
         d, middle = second.turned(line.direction), shifted(second.origin, 1.0, second.turned(line.centre))
-        if isinstance(curve, Circle):
-            arm, c, outward = self._contact_on_circle(curve, first, minus(middle, first.origin), d)
-        else:
+        if isinstance(curve, Line):
             arm, c, outward = first.turned(curve.centre), first.turned(curve.direction), (0.0, 0.0, 0.0)
+        else:
+            assert self._nearest is not None
+            arm, c, outward = self._nearest.follow(first, middle, d)
+            outward = scaled(1.0 / curve.size, outward)  # minus the curvature vector
         product = cross(c, d)
-        square, cosine = dot(product, product), dot(c, d)
+        # Past the end of a chord, where a trial step may go, an edge is parallel to the tangent: the bound alone counts.
+        square, cosine = max(dot(product, product), EPSILON**2), dot(c, d)
         normal = scaled(self._sense / math.sqrt(square), product)
         offset = minus(middle, shifted(first.origin, 1.0, arm))
         along_c, along_d = dot(offset, c), dot(offset, d)
@@ -166,27 +168,9 @@ class LineOnCurve(GapFunction):
         inside = line.half - abs(length)
         if isinstance(curve, Line):
             inside = min(inside, curve.half - abs(sideways))
+        elif curve.bounded:
+            inside = min(inside, curve.inside(first, foot, scaled(curve.size, normal)))
+        else:
+            inside = min(inside, curve.size * (math.sqrt(square) - CROSSING))
         moving = shifted(velocity, slide_d, d)
         return self._state(gap, dot(normal, w), normal, turning, (here, there), moving, terms, inside)
-
-    def _contact_on_circle(
-        self, circle: Circle, motion: BodyMotion, middle: Vector, d: Vector
-    ) -> tuple[Vector, Vector, Vector]:
-        """Contact point on the circle, tangent there, and minus the curvature.
-
-        The tangent is perpendicular to the offset from the line; Newton's method starts from the last angle.
-        """
-        axis, x, centre = motion.turned(circle.axis), motion.turned(circle.start), motion.turned(circle.centre)
-        y = cross(axis, x)
-        for _ in range(_TURNS):
-            cosine, sine = math.cos(self._angle), math.sin(self._angle)
-            outward = shifted(scaled(cosine, x), sine, y)
-            tangent = cross(axis, outward)
-            offset = minus(middle, shifted(centre, circle.size, outward))
-            offset = shifted(offset, -dot(offset, d), d)
-            slope = -circle.size * (1.0 - dot(d, tangent) ** 2) - dot(offset, outward)
-            step = dot(offset, tangent) / slope
-            self._angle -= step
-            if abs(step) < NEWTON_STEP:
-                break
-        return shifted(centre, circle.size, outward), tangent, scaled(1.0 / circle.size, outward)

@@ -14,13 +14,12 @@ from typing import Any
 from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Line
 from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
+from ffsm_mj.contact.features.nearest_on_circle import NearestOnCircle
 from ffsm_mj.contact.features.round_gaps import across_solution, outward_normal
 from ffsm_mj.tolerances import CROSSING, NEWTON_STEP
 
 _TURNS = 30
 """Largest number of Newton steps for the angles on the rims; a few suffice from the last ones."""
-_LONGEST_TURN = 0.3
-"""Longest Newton step on a rim, and the step away from its farthest point, rad."""
 
 
 class RimOnRim(GapFunction):
@@ -93,16 +92,20 @@ class SideOnRim(GapFunction):
         """Store the cores."""
         super().__init__(name, swapped, rim.radius, side.radius)
         self._rim, self._side = rim, side
-        self._angle = 0.0
-        self._end = 0.0  # 1 or -1 where the side leaves a level cap along its direction or against it
+        self._nearest = NearestOnCircle(rim)
+
+    def tilt(self, data: Any) -> Vector | None:
+        """Sine of half the angle of the chord of a level cap; None elsewhere."""
+        second = self._side.body.motion(data)
+        middle, d = second.place(self._side.centre), second.turned(self._side.direction)
+        return self._nearest.chord_sine(self._rim.body.motion(data), middle, d)
 
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap: n . t = 0 on the rim, n . d = 0 along the side and opposite contact points give the slides."""
         rim, side = self._rim, self._side
         first, second = rim.body.motion(data), side.body.motion(data)
         d, middle = second.turned(side.direction), second.place(side.centre)
-        self._contact(first, middle, d)
-        arm, c, outward = rim.at_angle(first, self._angle)
+        arm, c, outward = self._nearest.follow(first, middle, d)
         here = shifted(first.origin, 1.0, arm)
         length = dot(minus(here, middle), d)
         there = shifted(middle, length, d)
@@ -123,30 +126,9 @@ class SideOnRim(GapFunction):
         inside = side.half - abs(length)
         if rim.bounded:
             inside = min(inside, rim.inside(first, arm, scaled(rim.size, normal)))
-        elif self._end != 0.0:
-            inside = min(inside, rim.size * (self._end * dot(outward, d) - CROSSING))
+        elif self._nearest.end != 0.0:
+            inside = min(inside, rim.size * (self._nearest.end * dot(outward, d) - CROSSING))
         return self._state(distance, rate, normal, turning, (here, there), moving, terms, inside)
-
-    def _contact(self, first: BodyMotion, middle: Vector, d: Vector) -> None:
-        """Find the angle of the point nearest to the line, where the tangent is perpendicular to the offset.
-
-        A side that lies across a cap is nearest to the rim at two points, and farthest away midway between them.
-        """
-        rim = self._rim
-        for turn in range(_TURNS):
-            arm, tangent, outward = rim.at_angle(first, self._angle)
-            if turn == 0 and self._end == 0.0 and not rim.bounded and abs(dot(outward, d)) > CROSSING:
-                self._end = math.copysign(1.0, dot(outward, d))
-            offset = minus(minus(middle, first.origin), arm)
-            offset = shifted(offset, -dot(offset, d), d)
-            slope = -rim.size * (1.0 - dot(d, tangent) ** 2) - dot(offset, outward)
-            if slope < 0.0:
-                step = max(-_LONGEST_TURN, min(_LONGEST_TURN, dot(offset, tangent) / slope))
-            else:
-                step = -math.copysign(_LONGEST_TURN, self._end * dot(tangent, d) if self._end else dot(offset, tangent))
-            self._angle -= step
-            if abs(step) < NEWTON_STEP:
-                break
 
 
 class RimOnEllipsoid(GapFunction):

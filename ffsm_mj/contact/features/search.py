@@ -23,7 +23,7 @@ from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
 from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings, rim_towards
 from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.features.round_outline import CylinderOutline, EllipsoidOutline
-from ffsm_mj.contact.manifold import flush_offset
+from ffsm_mj.contact.manifold import flush_offset, lie_along
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
@@ -154,9 +154,8 @@ class _Search:
 
     def _lie_along(self, one: Line, other: Line) -> bool:
         """Whether two lines are parallel, or so nearly that their round sides touch along the length that they share."""
-        flush = flush_offset(one.radius + other.radius)
         sine = math.hypot(*cross(self._a.direction(one), self._b.direction(other)))
-        return sine <= max(PARALLEL, 0.5 * flush / min(one.half, other.half))
+        return lie_along(sine, 2.0 * min(one.half, other.half), flush_offset(one.radius + other.radius))
 
     def _have_no_normal(self, one: Core, other: Core) -> bool:
         """Whether two cores are parallel curves: these have no cross product, and they touch at their ends."""

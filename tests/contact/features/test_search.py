@@ -69,7 +69,6 @@ TOUCHES = {
     "a cylinder over a rim": (CYLINDER, THIN, (0.05, 0, 0.2), TURNED, {"rim on cap": 5, "rim on rim": 2}),
     "cylinders side by side": (CYLINDER, CYLINDER, (0.1, 0, 0.05), UPRIGHT, {"side on rim": 2}),
     "cylinders side by side, ends level": (CYLINDER, CYLINDER, (0.1, 0, 0), UPRIGHT, {"side on rim": 4}),
-    "cylinders side by side, turned by 3e-6": (CYLINDER, CYLINDER, (0.1, 0, 0.05), (1, 1.5e-6, 0, 0), {"side on rim": 2}),
     "cylinders side by side, turned by 1e-4": (CYLINDER, CYLINDER, (0.1, 0, 0.05), (1, 5e-5, 0, 0), {"side on side": 1}),
     "cylinders crossed": (CYLINDER, CYLINDER, (0.1, 0, 0.05), FALLEN, {"side on side": 1}),
     "a cylinder across a cap": (CYLINDER, CYLINDER, (0.01, 0, 0.15), FALLEN, {"side on rim": 2}),
@@ -129,6 +128,20 @@ def check(pair, model, data, expected):
         np.testing.assert_allclose(state.normal, near.normal, rtol=0, atol=1e-12)
     points = {tuple(np.round(feature.at(data).point, 12)) for feature in found}
     assert len(points) > 1 or len(found) == 1
+
+
+@pytest.mark.parametrize("angle", [0.9e-6, 1.1e-6, 3e-6, 1e-5])
+def test_sides_along_each_other_touch_at_both_ends(tmp_path, rng, angle):
+    """Their axes part by y = angle * 0.15 m at most over their overlap, and the normals at its ends by y over both radii."""
+    pair, model, data = placed(tmp_path, CYLINDER, CYLINDER, (0.1, 0, 0.05), (1, 0.5 * angle, 0, 0), rng)
+    near = pair.proximity(model, data)
+    found = [feature.at(data) for feature in features(pair, model, data, near)]
+    assert len(found) == len(near.points) == 2
+    assert math.dist(found[0].point, found[1].point) == pytest.approx(0.15, rel=1e-9)
+    for state in found:
+        assert math.dist(state.normal, near.normal) <= 0.15 * angle / 0.1
+        assert min(math.dist(state.point, point) for point in near.points) <= 0.15 * angle
+        assert 0.0 <= state.gap - near.gap <= (0.15 * angle) ** 2 / 0.2  # two circles part by y^2 / (2 (r1 + r2))
 
 
 CUBES = [name for name, touch in TOUCHES.items() if touch[0] == BOX and "cylinder" not in name]
@@ -305,3 +318,29 @@ def test_a_wrong_distance_query_in_contact_is_corrected(tmp_path):
         assert abs(pair.gap(model, data, 1.0)) < 1e-15
         near = pair.proximity(model, data)
         assert Counter(feature.name for feature in features(pair, model, data, near)) == expected
+
+
+@pytest.mark.parametrize(("across", "height", "edge"), [(CAPSULE, 0.15, 0.0), (LONG, 0.12, -0.02)])
+def test_the_ends_of_a_chord_stay_apart_as_it_shrinks(tmp_path, rng, across, height, edge):
+    """A side or an edge across a cap of R = 0.05 m leaves it at +-R sin of half the angle, wherever it was before.
+
+    Rounding of 1e-16 m of the distance, which is the same along the chord, moves its ends by that over the squared sine.
+    """
+    pair, model, data = placed(tmp_path, CYLINDER, across, (0.01, 0, height), FALLEN, rng)
+    found = [each for each in features(pair, model, data, pair.proximity(model, data)) if each.tilt(data) is not None]
+    start, turn = data.qpos[7:10].copy(), data.xmat[1].reshape(3, 3).copy()
+    places = [turn.T @ (each.at(data).point - data.xpos[1]) for each in found]
+    found = [each for each, place in zip(found, places, strict=True) if edge == 0.0 or place[0] < 0.0]
+    before = [y for x, y, _ in places if edge == 0.0 or x < 0.0]
+    assert len(found) == 2
+    for half_angle in (0.5, 1e-3, 1.2, 2e-4):
+        data.qpos[7:10] = start + turn @ np.array([0.05 * math.cos(half_angle) - edge - 0.01, 0.0, 0.0])
+        mujoco.mj_forward(model, data)
+        for each, side in zip(found, before, strict=True):
+            state = each.at(data)
+            y = (turn.T @ (state.point - data.xpos[1]))[1]
+            assert y == pytest.approx(math.copysign(0.05 * math.sin(half_angle), side), abs=1e-16 / half_angle**2)
+            assert state.inside == pytest.approx(0.05 * (math.sin(half_angle) - CROSSING), abs=1e-6)
+    data.qpos[7:10] = start + turn @ np.array([0.06 - edge - 0.01, 0.0, 0.0])
+    mujoco.mj_forward(model, data)
+    assert all(each.at(data).inside < 0.0 for each in found)
