@@ -12,7 +12,7 @@ _NONE = np.zeros(0)
 
 
 class Measurement(NamedTuple):
-    """The newest sample of a sensor that has arrived.
+    """The newest sample of a sensor that has arrived; its arrays are read-only.
 
     Attributes:
         value: What was measured, in the unit of the sensor, (size,); NaN before the first arrival.

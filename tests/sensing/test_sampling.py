@@ -44,6 +44,34 @@ def test_a_replay_recomputes_every_sample_and_notices_a_changed_one(pushed):
     assert key in str(again.worst["columns"])
 
 
+def test_a_sample_does_not_depend_on_what_else_is_due(tmp_path):
+    """Bit for bit the same values with all sensors at 10 ms as with each at a multiple of its own, in contact too."""
+    names = ("encoder", "gyro", "acc", "force", "torque", "pad", "attitude")
+    pressing = {
+        "law": {"efforts": (0.0, 0.0, 6.0)},
+        "initial": {"joints": {"b/free": [1.28, 0, 0, 1, 0, 0, 0]}},
+        "duration_s": 0.1,
+    }
+    together, apart = (
+        run(
+            pushing(
+                tmp_path,
+                sensors={name: {"interval_s": 0.01 * every} for name, every in zip(names, each, strict=True)},
+                **pressing,
+            )
+        )
+        for each in ((1,) * 7, (1, 2, 3, 1, 2, 3, 2))
+    )
+    for name in names:
+        keys = [key for key in true_keys(apart) if key.startswith(f"sensor.robot_{name}_")]
+        at_one_time = column(together, f"sensor.robot_{name}_sampled_s") == column(apart, f"sensor.robot_{name}_sampled_s")
+        assert keys
+        assert at_one_time.sum() >= 3
+        for key in keys:
+            assert np.array_equal(column(together, key)[at_one_time], column(apart, key)[at_one_time])
+    assert column(together, "sensor.robot_pad_true_N").max() > 0.1
+
+
 def test_samples_inside_steps_have_the_order_of_the_steps(tmp_path, pushed):
     """Forces, sampled at multiples of 3.3 ms: steps of 10 and 5 ms against 2 ms.
 
