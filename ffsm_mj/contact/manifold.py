@@ -8,6 +8,7 @@ span a polygon, and the patch is the intersection of the two polygons.
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from ffsm_mj.hull import hull, turn
 from ffsm_mj.tolerances import CONTACT_GAP_M, FLUSH_M, MERGED_M, PARALLEL, STRAIGHT
 
 _KINDS = {1: "point", 2: "edge"}
+
+_Polygon = list[list[float]]
+"""Corners of a convex polygon in order, a segment or a point: few numbers, with which lists are faster than arrays."""
 
 
 def manifold_name(count: int) -> str:
@@ -91,8 +95,9 @@ def touching_set(
     along = segments_lie_along(a, b, flush)
     if along:
         reach = max(reach, flush)
-    candidates = [p for p in a if _inside(p, b, reach)] + [p for p in b if _inside(p, a, reach)]
-    candidates += [] if along else _crossings(a, b)
+    one, other = a.tolist(), b.tolist()
+    candidates = [p for p in one if _inside(p, other, reach)] + [p for p in other if _inside(p, one, reach)]
+    candidates += [] if along else _crossings(one, other)
     if not candidates:
         return np.empty((0, 3))
     corners = hull(np.array(candidates), merge=reach, straight=STRAIGHT)
@@ -114,9 +119,10 @@ def opposite(first: FloatArray, second: FloatArray, normal: FloatArray, flush: f
         offset = second[0] - first[0]
         return bool(np.linalg.norm(offset - offset @ normal * normal) <= MERGED_M)
     _, a, b = _flattened(first, second, normal)
-    corners = [(p, b) for p in a] + [(p, a) for p in b]
+    one, other = a.tolist(), b.tolist()
+    corners = [(p, other) for p in one] + [(p, one) for p in other]
     reach = max(MERGED_M, flush) if segments_lie_along(a, b, flush) else MERGED_M
-    return any(_inside(p, polygon, reach) for p, polygon in corners) or bool(_crossings(a, b))
+    return any(_inside(p, polygon, reach) for p, polygon in corners) or bool(_crossings(one, other))
 
 
 def _flattened(first: FloatArray, second: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -136,36 +142,34 @@ def _heights(heights: FloatArray, places: FloatArray, corners: FloatArray) -> Fl
     return np.asarray(heights.mean() + (corners - middle) @ slope)
 
 
-def _inside(p: FloatArray, polygon: FloatArray, reach: float) -> bool:
+def _inside(p: list[float], polygon: _Polygon, reach: float) -> bool:
     """Whether a point lies in a convex polygon, on a segment or at a point, within the distance ``reach``."""
     if len(polygon) == 1:
-        return bool(np.linalg.norm(p - polygon[0]) <= reach)
+        return math.dist(p, polygon[0]) <= reach
     if len(polygon) == 2:
-        along = polygon[1] - polygon[0]
-        t = float(np.clip((p - polygon[0]) @ along / (along @ along), 0.0, 1.0))
-        return bool(np.linalg.norm(p - polygon[0] - t * along) <= reach)
-    edges = zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
-    return all(turn(a, b, p) >= -reach * float(np.linalg.norm(b - a)) for a, b in edges)
+        (x, y), (u, v) = polygon[0], (polygon[1][0] - polygon[0][0], polygon[1][1] - polygon[0][1])
+        t = min(max(((p[0] - x) * u + (p[1] - y) * v) / (u * u + v * v), 0.0), 1.0)
+        return math.hypot(p[0] - x - t * u, p[1] - y - t * v) <= reach
+    return all(turn(a, b, p) >= -reach * math.dist(a, b) for a, b in _edges(polygon))
 
 
-def _crossings(a: FloatArray, b: FloatArray) -> list[FloatArray]:
+def _crossings(a: _Polygon, b: _Polygon) -> _Polygon:
     """Points at which an edge of one polygon crosses an edge of the other."""
     found = []
     for p, q in _edges(a):
+        dx, dy = q[0] - p[0], q[1] - p[1]
         for r, s in _edges(b):
-            d, e = q - p, s - r
-            cross = d[0] * e[1] - d[1] * e[0]
-            if abs(cross) <= PARALLEL * float(np.linalg.norm(d) * np.linalg.norm(e)):
+            ex, ey = s[0] - r[0], s[1] - r[1]
+            cross = dx * ey - dy * ex
+            if abs(cross) <= PARALLEL * math.hypot(dx, dy) * math.hypot(ex, ey):
                 continue
-            w = r - p
-            t, v = (w[0] * e[1] - w[1] * e[0]) / cross, (w[0] * d[1] - w[1] * d[0]) / cross
+            x, y = r[0] - p[0], r[1] - p[1]
+            t, v = (x * ey - y * ex) / cross, (x * dy - y * dx) / cross
             if 0.0 <= t <= 1.0 and 0.0 <= v <= 1.0:
-                found.append(p + t * d)
+                found.append([p[0] + t * dx, p[1] + t * dy])
     return found
 
 
-def _edges(polygon: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    if len(polygon) < 2:
-        return []
-    closed = zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
-    return list(closed)[: 1 if len(polygon) == 2 else None]
+def _edges(polygon: _Polygon) -> list[tuple[list[float], list[float]]]:
+    """Sides of a polygon in order; one of a segment, none of a point."""
+    return list(pairwise([*polygon, polygon[0]] if len(polygon) > 2 else polygon))

@@ -18,7 +18,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import facing, flush_offset, opposite, segments_lie_along
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.dynamics.rigid_body import cross
-from ffsm_mj.tolerances import EPSILON, FLUSH_M, PARALLEL
+from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, FLUSH_M, PARALLEL
 
 _WIDTH = 1e-4
 """An estimate is accurate to about 1e-5 rad: edges and faces within this angle may be those in contact."""
@@ -42,8 +42,12 @@ def refine_normal(first: Shape, second: Shape, estimate: FloatArray) -> FloatArr
     It is not known beforehand which of the edges and faces near the estimate are in contact. Each choice of them gives a
     direction, and the normal is the direction with the largest separation.
     """
-    best = _best_direction(first, second, estimate, _choices(_edges(first, second, estimate, _WIDTH)))
-    if not first.position_tolerance and not second.position_tolerance:
+    edges = _edges(first, second, estimate, _WIDTH)
+    exact = not first.position_tolerance and not second.position_tolerance
+    if exact and (found := _between_edges(first, second, estimate, edges)) is not None:
+        return _between_sides(first, second, found)
+    best = _best_direction(first, second, estimate, _choices(edges))
+    if exact:
         return _between_sides(first, second, best)
     # Facets of a fine mesh differ by less than the width, and which of them were tried depends on the estimate.
     best = _best_direction(first, second, best, _choices(_edges(first, second, best, PARALLEL)))
@@ -75,6 +79,20 @@ def _between_sides(first: Shape, second: Shape, normal: FloatArray) -> FloatArra
     return middle if separation(first, second, middle) >= separation(first, second, normal) - FLUSH_M else normal
 
 
+def _between_edges(first: Shape, second: Shape, estimate: FloatArray, edges: FloatArray) -> FloatArray | None:
+    """The normal of a face or of two edges, if it is the one of contact; None if other directions must be tried.
+
+    Of bodies that do not overlap, no direction has a larger separation than one along which their features face each other.
+    """
+    pairs = list(_pairs(edges))
+    if not pairs:
+        return None
+    best = _best_direction(first, second, estimate, pairs)
+    if best is estimate or separation(first, second, best) < -CONTACT_GAP_M:
+        return None
+    return best if is_normal(first, second, best) else None
+
+
 def _edges(first: Shape, second: Shape, normal: FloatArray, width: float) -> FloatArray:
     """Directions of edges of both geoms within ``width`` rad of perpendicular to a normal, (k, 3)."""
     return np.vstack((first.edges(normal, width), second.edges(-normal, width)))
@@ -104,11 +122,16 @@ def separation(first: Shape, second: Shape, normal: FloatArray) -> float:
 
 def _choices(edges: FloatArray) -> Iterator[FloatArray]:
     """Sets of edge directions that the normal may be perpendicular to: two, one or none, (k, 3) each."""
+    yield from _pairs(edges)
+    yield from edges[:, None]
+    yield edges[:0]
+
+
+def _pairs(edges: FloatArray) -> Iterator[FloatArray]:
+    """Pairs of edge directions that determine a normal, (2, 3) each."""
     for one, other in combinations(edges, 2):
         if math.hypot(*cross(one, other)) > PARALLEL:
             yield np.stack((one, other))
-    yield from edges[:, None]
-    yield edges[:0]
 
 
 def _crossed_choices(of_first: FloatArray, of_second: FloatArray) -> Iterator[FloatArray]:

@@ -245,6 +245,24 @@ def test_a_corner_near_the_centre_of_a_cap(rng):
         np.testing.assert_allclose(normal, axis, atol=1e-14)
 
 
+@pytest.mark.parametrize("beyond_m", [-5e-6, 5e-6])
+def test_a_ball_just_beyond_an_edge_is_not_on_the_face(beyond_m):
+    """The face is tried first; beyond the edge the normal is tilted by 3e-5 rad, from an estimate tilted the other way.
+
+    The separation at the normal falls by 0.15 m d^2 / 2 for an error d of the direction, and Newton's method finds its zero
+    slope, known to 1e-16 m / 0.15 m.
+    """
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>{HEAD}<worldbody><geom type="box" size="0.5 0.5 0.5"/>
+      <body><freejoint/><geom type="sphere" size="0.15" mass="1"/></body></worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    tilt = max(beyond_m, 0.0) / 0.15
+    data.qpos[:3] = 0.5 + beyond_m, 0.1, 0.5 + 0.15 * np.sqrt(1.0 - tilt**2)
+    mujoco.mj_forward(model, data)
+    estimate = np.array((-3e-5, 0.0, 1.0))
+    found = refine_normal(Shape(model, data, 0), Shape(model, data, 1), estimate / np.linalg.norm(estimate))
+    np.testing.assert_allclose(found, (tilt, 0.0, np.sqrt(1.0 - tilt**2)), rtol=0, atol=1e-14)
+
+
 def test_the_normal_at_the_border_of_a_small_facet_does_not_depend_on_the_estimate(rng):
     """A ball 1e-9 m inside the border of a facet of a fine mesh: the normal is that of the facet, from any estimate.
 
