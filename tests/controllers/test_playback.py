@@ -69,7 +69,11 @@ def test_force_replaces_the_recorded_file_of_an_earlier_run(tmp_path):
     for _ in range(2):
         ffsm_mj.run(path, out=tmp_path / "run", force=True, rerun=False)
     ffsm_mj.run(
-        path, {"phases": [{"name": "a", "until": "end", "controller": {"kind": "off"}}]}, out=tmp_path / "run", force=True
+        path,
+        {"phases": [{"name": "a", "until": "end", "controller": {"kind": "off"}}]},
+        out=tmp_path / "run",
+        force=True,
+        rerun=False,
     )
     assert not (tmp_path / "run" / "recorded").exists()
 
