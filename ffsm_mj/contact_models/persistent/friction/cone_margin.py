@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.friction.linear_systems import triangular_solution
 
 _MIRROR = np.array((1.0, -1.0, -1.0))
 _ACCURACY = 1e-14
@@ -72,14 +73,15 @@ def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
         if max(gap, float(np.abs(r_z).max())) < _ACCURACY:
             break
         W, W_inverse = _scaling(s, z)
+        scaled = _ScaledRows(A, W_inverse)
         lam = np.einsum("kij,kj->ki", W, z)
         target = -_product(lam, lam)
-        dx, ds, dz = _direction(A, W_inverse, lam, r_x, r_z, target)
+        dx, ds, dz = scaled.direction(lam, r_x, r_z, target)
         step = min(1.0, _to_boundary(s, ds), _to_boundary(z, dz))
         centring = (1.0 - step) ** 3
         both = _product(np.einsum("kij,kj->ki", W_inverse, ds), np.einsum("kij,kj->ki", W, dz))
         target = target - both + centring * gap * np.array((1.0, 0.0, 0.0))
-        dx, ds, dz = _direction(A, W_inverse, lam, (1.0 - centring) * r_x, (1.0 - centring) * r_z, target)
+        dx, ds, dz = scaled.direction(lam, (1.0 - centring) * r_x, (1.0 - centring) * r_z, target)
         step = min(1.0, _STEP * _to_boundary(s, ds), _STEP * _to_boundary(z, dz))
         if not math.isfinite(step) or step < _ACCURACY:
             break
@@ -89,31 +91,26 @@ def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
     return x
 
 
-def _direction(
-    A: FloatArray,
-    W_inverse: FloatArray,
-    lam: FloatArray,
-    r_x: FloatArray,
-    r_z: FloatArray,
-    target: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Newton direction (dx, ds, dz) with lam o (W dz + W^-1 ds) = target."""
-    shape = r_z.shape
-    scaled = _divide(lam, target)
-    # W dz = scaled - W^-1 ds and ds = -r_z - A dx give A^T W^-2 A dx = -r_x - A^T W^-1 (scaled + W^-1 r_z).
-    B = np.einsum("kij,kjd->kid", W_inverse, A.reshape(*shape, -1)).reshape(A.shape)
-    right = scaled + np.einsum("kij,kj->ki", W_inverse, r_z)
-    dx = _least(B, right.ravel(), r_x)
-    ds = -r_z - (A @ dx).reshape(shape)
-    dz = np.einsum("kij,kj->ki", W_inverse, scaled - np.einsum("kij,kj->ki", W_inverse, ds))
-    return dx, ds, dz
+class _ScaledRows:
+    """The rows A in the scaling of one iteration, factored once for both of its Newton directions."""
 
+    def __init__(self, A: FloatArray, W_inverse: FloatArray) -> None:
+        """Factor W^-1 A by the method of Householder, which squares no condition number."""
+        self._A, self._W_inverse, shape = A, W_inverse, (*W_inverse.shape[:2], -1)
+        self._Q, self._R = np.linalg.qr(np.einsum("kij,kjd->kid", W_inverse, A.reshape(shape)).reshape(A.shape))
 
-def _least(B: FloatArray, right: FloatArray, r_x: FloatArray) -> FloatArray:
-    """Solution of B^T B dx = -r_x - B^T right by the QR factors of B, which squares no condition number."""
-    Q, R = np.linalg.qr(B)
-    inner = np.linalg.lstsq(R.T, -r_x, rcond=None)[0]
-    return np.asarray(np.linalg.lstsq(R, inner - Q.T @ right, rcond=None)[0])
+    def direction(
+        self, lam: FloatArray, r_x: FloatArray, r_z: FloatArray, target: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Newton direction (dx, ds, dz) with lam o (W dz + W^-1 ds) = target."""
+        scaled = _divide(lam, target)
+        # W dz = scaled - W^-1 ds and ds = -r_z - A dx give A^T W^-2 A dx = -r_x - A^T W^-1 (scaled + W^-1 r_z).
+        right = scaled + np.einsum("kij,kj->ki", self._W_inverse, r_z)
+        inner = triangular_solution(self._R, -r_x, transposed=True)
+        dx = triangular_solution(self._R, inner - right.ravel() @ self._Q)
+        ds = -r_z - (self._A @ dx).reshape(r_z.shape)
+        dz = np.einsum("kij,kj->ki", self._W_inverse, scaled - np.einsum("kij,kj->ki", self._W_inverse, ds))
+        return dx, ds, dz
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -151,7 +151,9 @@ class FrictionalDecision:
     @cached_property
     def of_pairs(self) -> FrictionOfPairs:
         """Friction of the pairs with mu > 0 that carry force."""
-        return FrictionOfPairs(self.contact_points, self.rows, self.problem, self.solution, self.friction)
+        return FrictionOfPairs(
+            self.contact_points, self.rows, self.problem, self.solution, self.friction, self._modes.estimates
+        )
 
     @property
     def held_forces(self) -> FloatArray:

@@ -59,28 +59,39 @@ def partners(problem: FrictionProblem, points: IntArray, point: int) -> IntArray
     return np.asarray(points[group])
 
 
-def least_use(problem: FrictionProblem, forces: FloatArray, sticks: IntArray, point: int) -> float:
-    """Least share of mu with which a sticking point and those that share its load would still stick, in [0, 1].
+def least_use(
+    problem: FrictionProblem, forces: FloatArray, group: IntArray, estimate: FloatArray | None = None
+) -> tuple[float, FloatArray]:
+    """Least share of mu with which points that share a load would still stick, in [0, 1], and forces that need no more.
 
     Args:
         problem: The contact problem.
         forces: Forces (n, t1, t2) of all points, N, (k, 3).
-        sticks: All sticking points.
-        point: The point, one of them.
+        group: Sticking points that share a load, see :func:`partners`.
+        estimate: Such forces of these points at an earlier state, N, (m, 3): a first estimate.
     """
-    group = partners(problem, sticks, point)
-    freedom, mu = internal_forces(problem, group), problem.mu[group]
-    least, weights = 1.0, np.ones(len(group))
+    given, freedom, mu = forces[group], internal_forces(problem, group), problem.mu[group]
+    least, inside, weights = 1.0, given, np.ones(len(group))
+    if estimate is not None:
+        # The estimate, with the effect of the given forces.
+        inside = given + (freedom @ (freedom.T @ (estimate - given).ravel())).reshape(-1, 3)
+        least = min(1.0, max(limit_ratios(inside, mu)))
+        weights = _weights(mu * inside[:, 0])
     # Dinkelbach's method: forces well inside the cones of a friction coefficient need a smaller one. Margins in units of
     # the limits last found make it converge faster than linearly (Crouzeix, Ferland and Schaible, JOTA 47, 1985).
     for _ in range(_REDUCTIONS):
-        inside = largest_margin(forces[group], freedom, least * mu, weights)[1]
-        ratio = max(limit_ratios(inside, mu))
+        found = largest_margin(given, freedom, least * mu, weights)[1]
+        ratio = max(limit_ratios(found, mu))
         if ratio >= least * (1.0 - _REDUCED):
             break
-        least, limits = ratio, mu * inside[:, 0]
-        weights = np.maximum(limits / limits.max(), _LEAST_WEIGHT)
-    return least
+        least, inside, weights = ratio, found, _weights(mu * found[:, 0])
+    return least, inside
+
+
+def _weights(limits: FloatArray) -> FloatArray:
+    """Units of the margins of some points, in proportion to their limits of friction, (k,)."""
+    largest = float(limits.max())
+    return np.maximum(limits / largest, _LEAST_WEIGHT) if largest > 0.0 else np.ones(len(limits))
 
 
 def limit_ratios(forces: FloatArray, mu: FloatArray) -> list[float]:

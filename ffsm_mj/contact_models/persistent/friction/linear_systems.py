@@ -20,6 +20,15 @@ def solved(system: FloatArray, right: FloatArray) -> FloatArray:
     return solution
 
 
+def triangular_solution(R: FloatArray, right: FloatArray, *, transposed: bool = False) -> FloatArray:
+    """Solution of R x = right, or of R^T x = right, with an upper triangular R; the least one where R is singular."""
+    sizes = np.abs(R.diagonal())
+    if sizes.min() <= EPSILON * sizes.max():
+        return np.asarray(np.linalg.lstsq(R.T if transposed else R, right, rcond=None)[0])
+    solution: FloatArray = _lapack().dtrtrs(R, right, trans=int(transposed))[0]
+    return solution
+
+
 def range_basis(square: FloatArray) -> FloatArray | None:
     """Orthonormal basis of the range of a positive semidefinite matrix, (n, rank); None if its rank is n."""
     order, rank = _pivots(square) if len(square) else (np.zeros(0, dtype=np.int64), 0)

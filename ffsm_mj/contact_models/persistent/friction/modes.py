@@ -127,6 +127,7 @@ class FrictionModes:
         struck: Whether the velocities are those after an impact, which leaves sticking points a slip of rounding.
         beginning: Points that begin to slide at the current state. The slip that they have is the drift of sticking points;
             it is projected out like that before they move.
+        estimates: Forces with the least use of friction found last, N, (m, 3), by the points that share a load.
     """
 
     def __init__(self) -> None:
@@ -134,6 +135,7 @@ class FrictionModes:
         self.released = self.struck = False
         self.beginning: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
+        self.estimates: dict[tuple[ContactPoint, ...], FloatArray] = {}
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
@@ -245,8 +247,8 @@ class FrictionModes:
                 self._kinds[contact] = before
 
     def forget_structures(self) -> None:
-        """Discard the rows held: the modes, the contact points or the motion have changed."""
-        self._of = {}
+        """Discard the rows held and estimates of forces: the modes, the contact points or the motion have changed."""
+        self._of, self.estimates = {}, {}
 
 
 def sliding(

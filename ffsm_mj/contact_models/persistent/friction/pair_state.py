@@ -11,7 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.friction.choice import Solution
-from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, limit_ratios, wedged
+from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, limit_ratios, partners, wedged
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
@@ -53,6 +53,7 @@ class FrictionOfPairs:
         problem: FrictionProblem,
         solution: Solution,
         friction: FloatArray,
+        estimates: dict[tuple[ContactPoint, ...], FloatArray],
     ) -> None:
         """Sum over the points of each pair.
 
@@ -62,7 +63,10 @@ class FrictionOfPairs:
             problem: Their problem.
             solution: Its solution.
             friction: Friction forces, world axes, N, (k, 3).
+            estimates: Forces with the least use found before, by the points that share a load; those found are stored.
         """
+        self._contact_points, self._estimates = contact_points, estimates
+        self._least_uses: dict[tuple[ContactPoint, ...], float] = {}
         self._rows, self._problem, self._solution, self._kinds = rows, problem, solution, solution.kinds.tolist()
         self._sticks: IntArray = (solution.kinds == STICK).nonzero()[0]
         self._points: dict[UnilateralConstraint, list[int]] = {}
@@ -89,7 +93,12 @@ class FrictionOfPairs:
         sticks = self._sticks
         if max([self._ratios[i] for i in sticks.tolist()]) <= 1.0:
             return max([self._ratios[i] for i in mine])
-        return least_use(self._problem, self._solution.forces, sticks, mine[0])
+        group = partners(self._problem, sticks, mine[0])
+        points = tuple([self._contact_points[i] for i in group.tolist()])
+        if points not in self._least_uses:  # pairs may share a load
+            found = least_use(self._problem, self._solution.forces, group, self._estimates.get(points))
+            self._least_uses[points], self._estimates[points] = found
+        return self._least_uses[points]
 
     def is_wedged(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair is wedged: forces inside the friction cones hold it without any load."""
