@@ -51,6 +51,7 @@ cdef class BlockLaw:
     """u = -R^-1 B^T K [y - y_d; ydot]."""
 
     cdef readonly object effort, report, inputs
+    cdef object made_of
     cdef TipKinematics kinematics
     cdef Doubling riccati
     cdef const double[:, ::1] driven
@@ -72,12 +73,17 @@ cdef class BlockLaw:
         if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
             raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
         self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
+        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
         self.gains, self.inputs = np.zeros((driven.shape[0], p)), np.zeros((p, driven.shape[0] // 2))
         self.lengths, self.y, self.y_dot, self.drift = np.zeros((4, p))
         self.target = np.array(target_m, dtype=np.float64)
         self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(5, np.nan)
         self.u, self.told, self.rows = self.effort, self.report, self.inputs
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
+        return type(self), self.made_of
 
     def tick(self):
         """Compute ``effort``, ``report`` and ``inputs`` at the current state.

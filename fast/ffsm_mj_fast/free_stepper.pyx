@@ -10,6 +10,7 @@ MuJoCo itself end the process, whereas the bindings raise.
 """
 
 import mujoco
+import numpy as np
 
 from ffsm_mj.dynamics import free_stepper as plain
 
@@ -39,6 +40,14 @@ cdef class FreeStepper:
         self.state, self.momentum, self.rates = state, momentum, data.qvel
         self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.clear(INFINITY)
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        held = self.energy, self.motion_bound, self.last_increment, self.event_bound, self.unconstrained
+        return type(self), (self.model, self.data, np.asarray(self.state), np.asarray(self.momentum)), held
+
+    def __setstate__(self, held):
+        self.energy, self.motion_bound, self.last_increment, self.event_bound, self.unconstrained = held
 
     def clear(self, double event_bound):
         """Reset the motion bound at the state in ``data``."""

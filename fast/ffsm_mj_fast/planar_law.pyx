@@ -14,6 +14,7 @@ cdef class PlanarLaw:
     """u = -R^-1 B^T K [y - y_d; ydot], along the principal axes of S."""
 
     cdef readonly object effort, report
+    cdef object made_of
     cdef TipKinematics kinematics
     cdef PlanarRiccati riccati
     cdef const double[:, ::1] driven
@@ -36,12 +37,17 @@ cdef class PlanarLaw:
         if driven.shape[1] != len(data.qvel) or kinematics.rows.shape[0] != 2 or not set(axes) <= {0, 1, 2}:
             raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
         self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
+        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
         self.first, self.second = axes
         self.target = (target_m[0], target_m[1])
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
         self.gains = np.zeros((driven.shape[0], 2))
         self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(4, np.nan)
         self.u, self.told = self.effort, self.report
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
+        return type(self), self.made_of
 
     def tick(self):
         """Compute ``effort`` and ``report`` at the current state.

@@ -9,6 +9,6 @@ cdef class TipKinematics:
     cdef const int[::1] axes
     cdef double[:, ::1] jacp, rows, dot, w
     cdef double[::1] place
-    cdef object keep
+    cdef object made_of
 
     cpdef void update(self) noexcept

@@ -12,12 +12,16 @@ cdef class TipKinematics:
     def __init__(self, model, data, int site, axes):
         if not 0 <= site < model.nsite or not set(axes) <= {0, 1, 2}:
             raise ValueError(f"no site {site}, or axes {axes} that are none of 0, 1, 2")
-        self.m, self.d, self.keep = <const mjModel*>address(model), <mjData*>address(data), (model, data)
+        self.m, self.d, self.made_of = <const mjModel*>address(model), <mjData*>address(data), (model, data, site, axes)
         self.site, self.body, self.axes = site, model.site_bodyid[site], np.array(axes, dtype=np.intc)
         count, nv = len(axes), model.nv
         self.J, self.jac_dot, self.W = np.zeros((count, nv)), np.zeros((3, nv)), np.zeros((count, nv))
         self.jacp, self.rows, self.dot, self.w = np.zeros((3, nv)), self.J, self.jac_dot, self.W
         self.point = self.place = data.site_xpos[site]
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: all quantities are computed anew at each tick."""
+        return type(self), self.made_of
 
     cpdef void update(self) noexcept:
         """Compute all quantities at the current state; derived quantities in ``data`` must be current."""

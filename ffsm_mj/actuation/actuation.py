@@ -115,6 +115,12 @@ class Actuation:
         self._data: Any = None
         self._command: Command | None = None
 
+    def bind(self, command: Command, data: Any) -> None:
+        """Bind to the command and the data that :meth:`apply` is going to be called with."""
+        self._data, self._command, self._ctrl = data, command, data.ctrl
+        held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
+        self._limits = fastest(Limits)(self.envelope, *held)
+
     def apply(self, command: Command, data: Any, time_s: float) -> None:
         """Convert a command to ``data.ctrl``, to be held until the next one.
 
@@ -122,9 +128,7 @@ class Actuation:
             ControllerError: A powered effort is not finite.
         """
         if data is not self._data or command is not self._command:
-            self._data, self._command, self._ctrl = data, command, data.ctrl
-            held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
-            self._limits = fastest(Limits)(self.envelope, *held)
+            self.bind(command, data)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
             raise ControllerError(f"the controller commands a non-finite effort for {names}")

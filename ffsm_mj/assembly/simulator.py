@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from contextvars import copy_context
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, NamedTuple
@@ -40,6 +41,25 @@ _SAME_TIME = 1e-9
 
 class SimulatorError(FfsmError):
     """A simulator was used in a way that its state does not allow."""
+
+
+@dataclass(frozen=True)
+class SimulatorState:
+    """State of a simulator; can be pickled.
+
+    Attributes:
+        time_s: Its simulation time, s.
+        overrides: Overrides of the run, beside those of the simulator.
+        seed: Key ``seed`` of the run, if one was given.
+        fingerprint: Fingerprint of the scenario and of the parts of the simulation.
+        contents: What these parts remember.
+    """
+
+    time_s: float
+    overrides: tuple[str, ...]
+    seed: int | None
+    fingerprint: str
+    contents: bytes
 
 
 class Step(NamedTuple):
@@ -127,9 +147,14 @@ class Simulator:
         Raises:
             InputError: The scenario does not allow an override, or the folder cannot be used.
         """
+        self._begin(tuple(_as_list(overrides or ())), self._seed if seed is None else seed)
+        return self.observation
+
+    def _begin(self, overrides: tuple[str, ...], seed: int | None) -> None:
+        """Begin a run in place of one under way."""
         self.close()
-        made = self._seeded(self._recipe(tuple(_as_list(overrides or ()))), self._seed if seed is None else seed)
-        assembly = made.assemble()
+        made = self._seeded(self._recipe(overrides), seed)
+        assembly, self._recipe_of_run = made.assemble(), (overrides, seed)
         self._tap, self._assembly, self._controller = EventTap(), assembly, assembly.controller
         self._period_s, self._reported = made.scenario.control_period_s, 0
         with_rerun = made.scenario.log.rerun if self._rerun is None else self._rerun
@@ -148,9 +173,11 @@ class Simulator:
         recording.simulation.interrupted = self._interrupts.noted
         with collecting(recording.simulation.warnings):
             self._context.run(recording.simulation.begin)
+        recording.simulation.remember()
+        of_scenario = (made.scenario_yaml, *recording.simulation.structure)
+        self._fingerprint = sha256("\n".join(of_scenario).encode()).hexdigest()
         self._recording, self._stack, self._runs = recording, stack, self._runs + 1
         self._release = finalize(self, stack.close)
-        return self.observation
 
     def step(self, command: Any = None, until: str | float = "tick") -> Step:
         """Take the decision that is due, and simulate to the next one.
@@ -168,10 +195,7 @@ class Simulator:
             SimulatorError: There is no run, or it has ended.
             KeyboardInterrupt: The step was interrupted: the run has ended, and can be closed.
         """
-        recording = self._recording
-        if recording is None or recording.simulation.ended is not None:
-            raise SimulatorError(self._why_not())
-        simulation = recording.simulation
+        simulation = self._going()
         end_s = -math.inf if until in _DECISIONS else self._end_s(until)
         self._controller.given = None if command is None else given_command(self._assembly.system, command)
         self._interrupts.begin_step()
@@ -191,6 +215,38 @@ class Simulator:
             simulation.advance(to_event, commanded)
             while end_s > -math.inf and simulation.ended is None and simulation.next_tick_s < end_s:
                 simulation.advance()
+
+    def state(self) -> SimulatorState:
+        """Everything that determines how the run goes on, at the decision that is due.
+
+        Raises:
+            SimulatorError: There is no run, or it has ended.
+            StateError: A control law, an estimator or a contact model of a plug-in holds what cannot be saved.
+        """
+        simulation = self._going()
+        overrides, seed = self._recipe_of_run
+        time_s = simulation.progress.time_s
+        return SimulatorState(time_s, overrides, seed, self._fingerprint, self._context.run(simulation.save))
+
+    def restore(self, state: SimulatorState) -> Observation:
+        """Go on from a state, bit for bit, also from one of another process; a log begins anew, at the time of the state.
+
+        Returns:
+            What a control law sees at the state.
+
+        Raises:
+            SimulatorError: The state is that of another scenario.
+        """
+        goes_on = self._recording is not None and self._record is False
+        if not goes_on or self._recipe_of_run != (state.overrides, state.seed):
+            self._begin(state.overrides, state.seed)
+        if state.fingerprint != self._fingerprint:
+            raise SimulatorError("the state is that of another scenario, of other versions, or of compiled parts")
+        simulation = self._running().simulation
+        simulation.restore(state.contents)
+        self._tap.take()
+        self._reported = len(simulation.progress.due.records) if simulation.progress.due is not None else 0
+        return self.observation
 
     def close(self) -> Run | None:
         """End the run: its log is closed, with its outcome and summary. One that has not reached its end was interrupted.
@@ -291,12 +347,13 @@ class Simulator:
         self._reported = len(due.records)
         return (*events, *due.records)
 
-    def _why_not(self) -> str:
-        """Why no step can be taken."""
+    def _going(self) -> Simulation:
+        """The simulation of a run that has not ended."""
         simulation = self._running().simulation
-        assert simulation.ended is not None
-        how = f"{simulation.ended.outcome.value} at t = {simulation.progress.time_s:.6g} s"
-        return f"the run has ended ({how}): reset() begins another, close() returns it"
+        if simulation.ended is not None:
+            how = f"{simulation.ended.outcome.value} at t = {simulation.progress.time_s:.6g} s"
+            raise SimulatorError(f"the run has ended ({how}): reset() begins another, close() returns it")
+        return simulation
 
 
 def _as_list(overrides: Sequence[str] | Mapping[str, Any]) -> list[str]:

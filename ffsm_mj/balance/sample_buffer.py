@@ -43,11 +43,21 @@ class SampleBuffer:
             *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
             *(data.xpos[root], momentum, data.qvel, accounts),
         )
-        tables = [np.empty((room, *array.shape)) for array in live]
+        self._tables = tables = [np.empty((room, *array.shape)) for array in live]
         self._velocity, self._centre, self._spin, self.jacp, self.jacr, *rest = tables
         self.position, self.h, self.rates, self.accounts = rest
         sampler.copy(list(zip(live, tables, strict=True)))
         self._take = sampler.take
+
+    def state(self) -> list[FloatArray]:
+        """Its samples, to save them."""
+        return [table[: self.used].copy() for table in self._tables]
+
+    def restore(self, state: list[FloatArray]) -> None:
+        """Take back saved samples."""
+        self.used = len(state[0])
+        for table, samples in zip(self._tables, state, strict=True):
+            table[: self.used] = samples
 
     def take(self) -> None:
         """Append the current state."""

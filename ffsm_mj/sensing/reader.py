@@ -58,7 +58,7 @@ class SensorReader:
             bodies_of: Bodies of the two geoms of each pair by its name, ids in the logged system.
         """
         self._model, self._data, self._motion, self._bodies_of = motion.model, motion.data, motion, bodies_of
-        self._options, self._groups = motion.model.opt, tuple(tuple(group) for group in groups)
+        self._groups = tuple(tuple(group) for group in groups)
         self.parts: list[slice] = []
         self._own: dict[str, slice] = {}
         there: list[int] = []
@@ -99,11 +99,12 @@ class SensorReader:
         if found is None:
             found = self._evaluations[due] = self._evaluation(due)
         # Sensors are off while steps are integrated.
-        self._options.disableflags &= ~_DISABLED
+        options = self._model.opt
+        options.disableflags &= ~_DISABLED
         try:
             self._evaluate(found, wrenches() if found.forces else ())
         finally:
-            self._options.disableflags |= _DISABLED
+            options.disableflags |= _DISABLED
         values: FloatArray = self._data.sensordata[self._order]
         if self._missing is not None:
             whole = self._missing.copy()

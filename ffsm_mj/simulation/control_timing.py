@@ -84,6 +84,7 @@ class DelayedControl(EventSource):
         self._under_way: deque[_Arrival] = deque()
         self._sent: list[_Arrival | None] = [None] * len(self._groups)
         self._effective = Command.off(len(delays))
+        actuation.bind(self._effective, scene.data)
         self._lateness = NoiseStream(timing.seed, "control_jitter", 1)
         self._late_tick_s, self._next_tick_s, self._clock_s = math.inf, math.inf, 0.0
         self._replayed: Sequence[EffortChange] = ()

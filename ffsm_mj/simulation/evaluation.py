@@ -27,6 +27,8 @@ class Evaluation:
         """Bind controller and plant."""
         self._plant, self._controller = plant, controller
         self._command = Command.off(int(plant.system.mj.nu))
+        if plant.control is None:
+            plant.actuation.bind(self._command, plant.data)
         self.pending: tuple[Any, ...] = ()
 
     def observed(self, time_s: float, at_tick: bool) -> Observation:

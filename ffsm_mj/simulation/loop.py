@@ -28,6 +28,7 @@ from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
 from ffsm_mj.simulation.ending import Ended, last_reports, outcome_of
 from ffsm_mj.simulation.evaluation import Evaluation
 from ffsm_mj.simulation.internal_error import internal_error
+from ffsm_mj.simulation.memory import Memory
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress
 from ffsm_mj.simulation.rows import RowWriter
@@ -106,6 +107,32 @@ class Simulation:
         started = time.perf_counter()
         self._guarded(self._advance, to_event, commanded)
         self._wall_s += time.perf_counter() - started
+
+    def remember(self) -> None:
+        """Make it possible to save the state; called after :meth:`begin`, before the first decision."""
+        outside = (self, self._recorder, self._rows)
+        parts = {"plant": self._plant, "controller": self._controller, "evaluation": self._evaluation}
+        self._memory = Memory(outside, **parts, progress=self.progress, watch=self._watch)
+
+    @property
+    def structure(self) -> tuple[str, ...]:
+        """Types of the objects whose contents a saved state has."""
+        return self._memory.structure
+
+    def save(self) -> bytes:
+        """The state at the decision that is due; rows so far are written.
+
+        Raises:
+            StateError: A part holds what cannot be saved.
+        """
+        self._recorder.pass_on()
+        return self._memory.save()
+
+    def restore(self, saved: bytes) -> None:
+        """Go on from a saved state of a simulation of the same structure."""
+        self._memory.restore(saved)
+        self._observed = self.ended = self.error = None
+        self.warnings.clear()
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""

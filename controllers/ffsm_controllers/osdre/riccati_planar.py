@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 Pair = tuple[float, float]
 Triple = tuple[float, float, float]
@@ -56,6 +57,14 @@ class PlanarRiccati:
         zero = (0.0, 0.0, 0.0, 0.0)
         self._first = self._second = self._third = (zero, zero)
         self._warm = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How a saved state of a simulation holds it."""
+        return type(self), (self._weight, self._robust), (self._first, self._second, self._third, self._warm)
+
+    def __setstate__(self, held: Any) -> None:
+        """Take back the last solutions."""
+        self._first, self._second, self._third, self._warm = held
 
     def solve(self, A21: Matrix, A22: Matrix, S: Pair, axes: Pair) -> tuple[Blocks, float, bool]:
         """Stabilising solution.

@@ -1,0 +1,96 @@
+"""Memory of a simulation: everything that its parts remember between two steps, saved and restored in place.
+
+The parts are found by walking the objects that can be reached from the simulation as it is assembled: no part can forget to
+mention something. Assembly is deterministic, so that an object is known by its number in the walk, also in another process.
+A state holds the contents of these objects by number; what a run has created since is pickled with them.
+
+What cannot be pickled (extension types, and plug-ins with a resource such as a file) says what it remembers by one pair of
+methods, ``state()`` and ``restore(state)``.
+"""
+
+from __future__ import annotations
+
+import io
+from collections import deque
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ffsm_mj.errors import FfsmError, described
+from ffsm_mj.simulation.array_blocks import ArrayBlocks
+from ffsm_mj.simulation.object_contents import CONSTANT, content_of, is_walked, parts, write
+from ffsm_mj.simulation.state_pickler import StatePickler, StateUnpickler
+
+
+class StateError(FfsmError):
+    """What a part remembers cannot be saved, or does not fit the simulation."""
+
+
+class Memory:
+    """The objects of a simulation as assembled."""
+
+    def __init__(self, outside: Sequence[Any], **roots: Any) -> None:
+        """Walk the objects that can be reached from some parts, before their first step.
+
+        Args:
+            outside: Objects whose contents are not of the state; those that they hold are not reached through them.
+            roots: Parts by name.
+        """
+        self._objects = list(outside)
+        self._places = [type(each).__qualname__ for each in outside]
+        self._numbers = {id(each): number for number, each in enumerate(outside)}
+        self._outside = len(outside)
+        todo = deque(roots.items())
+        while todo:
+            place, found = todo.popleft()
+            if id(found) not in self._numbers and is_walked(found):
+                self._numbers[id(found)] = len(self._objects)
+                self._objects.append(found)
+                self._places.append(place)
+                todo.extend((f"{place}{name}", part) for name, part in parts(found))
+        self._blocks = ArrayBlocks(self._objects)
+
+    @property
+    def structure(self) -> tuple[str, ...]:
+        """Types of the objects, in the order of the walk: equal for simulations of one scenario."""
+        return tuple(type(each).__qualname__ for each in self._objects)
+
+    def save(self) -> bytes:
+        """What the objects remember.
+
+        Raises:
+            StateError: One holds what cannot be saved.
+        """
+        try:
+            return self._pickled([(number, content_of(each)) for number, each in self._changing()])
+        except Exception as error:
+            raise StateError(self._culprit() or described(error)) from error
+
+    def restore(self, saved: bytes) -> None:
+        """Write what the objects remembered back into them; nothing is written if it cannot be read."""
+        unpickler = StateUnpickler(io.BytesIO(saved), self._objects)
+        for number, content in unpickler.load():
+            write(self._objects[number], content)
+
+    def _changing(self) -> Iterator[tuple[int, Any]]:
+        """Objects that change in a run, with their numbers."""
+        for number, each in enumerate(self._objects):
+            if number >= self._outside and not isinstance(each, CONSTANT):
+                yield number, each
+
+    def _pickled(self, what: Any) -> bytes:
+        file = io.BytesIO()
+        StatePickler(file, self._numbers, self._blocks).dump(what)
+        return file.getvalue()
+
+    def _culprit(self) -> str:
+        """Which attribute of which object cannot be saved."""
+        for number, each in self._changing():
+            place, content = self._places[number], content_of(each)
+            for name, value in content.items() if isinstance(content, dict) else [("", content)]:
+                try:
+                    self._pickled(value)
+                except Exception as error:  # noqa: BLE001 (whatever a value's type raises)
+                    where = f"{place}.{name}" if name else place
+                    pair = f"give {type(each).__qualname__} the methods state() and restore(state)"
+                    return f"{where} cannot be saved ({described(error)}): {pair}"
+        return ""
