@@ -15,7 +15,7 @@ cdef class FaceGroup:
     cdef double[::1] first_radius, radius, either, others
     cdef const double[:, ::1] screws
     cdef const double[::1] first_origin, second_origin, first_axes, second_axes
-    cdef object face
+    cdef object face, made_of
 
     cdef FaceState at_state(self, const Twist* b, const Twist* a)
 

@@ -9,7 +9,9 @@ import numpy as np
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.dynamics.body_twists import chain
 
+from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.math cimport fabs
+from libc.string cimport memcpy
 
 cdef enum:
     PLACE = 0  # columns of the table of a state
@@ -67,6 +69,7 @@ cdef class FaceGroup:
             in_patch: See ``point_groups.py``.
         """
         cdef int i
+        self.made_of = (features, pair, model, motion_data, data, in_patch)
         face, self.count, self.swapped, self.in_patch = features[0].face, len(features), features[0].swapped, in_patch
         self.face = face
         for i in range(3):
@@ -83,6 +86,10 @@ cdef class FaceGroup:
         self.first_origin, self.first_axes = data.xpos[first], data.xmat[first]
         self.second_origin, self.second_axes = data.xpos[second], data.xmat[second]
 
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return face_group, self.made_of
+
     cdef FaceState at_state(self, const Twist* b, const Twist* a):
         """The points at the current state, with the twists of both bodies of the contact there."""
         cdef FaceState state = FaceState.__new__(FaceState)
@@ -95,6 +102,12 @@ cdef class FaceGroup:
 
 cdef class FaceState:
     """Points over a face at one state."""
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        cdef bytes first = PyBytes_FromStringAndSize(<char*>&self.first, sizeof(Twist))
+        cdef bytes second = PyBytes_FromStringAndSize(<char*>&self.second, sizeof(Twist))
+        return face_state, (self.group, first, second, self.normal, self.offset, self.turning, self.own_turning, self.table)
 
     cdef int place_points(self, const double* omega) except -1:
         cdef FaceGroup group = self.group
@@ -280,3 +293,19 @@ cdef class FaceState:
             FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
             for gap, rate, normal, point, place, bend, inside, point_rate in each
         ]
+
+
+def face_group(features, pair, model, motion_data, data, in_patch):
+    """Points over a face that were saved."""
+    return FaceGroup(features, pair, model, motion_data, data, in_patch=in_patch)
+
+
+def face_state(FaceGroup group, bytes first, bytes second, normal, offset, turning, own_turning, table):
+    """Points over a face at a state that was saved."""
+    cdef FaceState state = FaceState.__new__(FaceState)
+    state.group, state.count = group, group.count
+    memcpy(&state.first, <const char*>first, sizeof(Twist))
+    memcpy(&state.second, <const char*>second, sizeof(Twist))
+    state.normal, state.offset, state.turning, state.own_turning = normal, offset, turning, own_turning
+    state.table, state.own, state.sign = table, table, -1.0 if group.swapped else 1.0
+    return state

@@ -4,6 +4,8 @@
 Systems have a few rows: loops are faster than LAPACK, which the original calls for the same factors.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from ffsm_mj.tolerances import EPSILON, RANK
@@ -89,7 +91,7 @@ cdef bint eliminate(double* A, double* b, Py_ssize_t n) noexcept:
 cdef class HeldForces:
     """The linear problem for the forces of held rows, at one state; under several efforts there."""
 
-    cdef object mu, memory
+    cdef object mu, memory, structure
     cdef double[:, ::1] G
     cdef const Py_ssize_t[::1] rows, slides, columns
     cdef Py_ssize_t held, rank, count, sliding
@@ -105,7 +107,7 @@ cdef class HeldForces:
     def __init__(self, problem, structure):
         cdef Py_ssize_t i, j, n
         cdef double* start
-        self.mu, self.G = problem.mu, problem.G
+        self.structure, self.mu, self.G = structure, problem.mu, problem.G
         self.rows, self.count, n = structure.rows, structure.count, len(structure.rows)
         self.sliding, self.held = len(structure.slides), n
         if self.sliding:
@@ -119,6 +121,10 @@ cdef class HeldForces:
             for j in range(n):
                 self.square[i * n + j] = self.system[i * n + j] = self.work[i * n + j] = self.G[self.rows[i], self.rows[j]]
         self.find_range()
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return held_forces, (self.mu, np.asarray(self.G), self.structure)
 
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range: that of the rows themselves if it is all."""
@@ -262,3 +268,8 @@ cdef class HeldForces:
             if self.count:
                 self.spread(&found[j, 0])
         return found.base.T
+
+
+def held_forces(mu, G, structure):
+    """The problem of held rows that was saved."""
+    return HeldForces(SimpleNamespace(mu=mu, G=G), structure)

@@ -93,7 +93,7 @@ cdef class RowEvaluator:
     cdef list groups, limits
     cdef const mjModel* m
     cdef mjData* d
-    cdef object motion, data
+    cdef object motion, data, made_of
     cdef Py_ssize_t k, nv, bodies
     cdef double[:, ::1] chains, screw_rates
     cdef double[::1] rates
@@ -103,6 +103,7 @@ cdef class RowEvaluator:
 
     def __init__(self, motion, data, contact_points, flat=()):
         cdef Group group
+        self.made_of = (motion, data, contact_points, flat)
         model, self.motion, self.data = motion.model, motion, data
         self.m, self.d = <const mjModel*>address(model), <mjData*>address(motion.data)
         self.k, self.nv, self.groups = len(contact_points), model.nv, []
@@ -130,6 +131,10 @@ cdef class RowEvaluator:
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
         self.limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory."""
+        return type(self), self.made_of
 
     cdef int evaluate_twists(self) except -1:
         cdef Py_ssize_t body, dof

@@ -16,6 +16,7 @@ cdef class Smooth:
     """State and smooth forces of a motion."""
 
     cdef readonly object motion
+    cdef object seen
     cdef const mjModel* m
     cdef mjData* d
     cdef double[::1] qpos, qvel, ctrl, own_ctrl, passive, bias, actuator
@@ -23,10 +24,15 @@ cdef class Smooth:
 
     def __init__(self, motion, seen):
         data = motion.data
+        self.seen = seen
         self.motion, self.m, self.d = motion, <const mjModel*>address(motion.model), <mjData*>address(data)
         self.qpos, self.qvel, self.ctrl, self.own_ctrl = data.qpos, data.qvel, seen.ctrl, data.ctrl
         self.passive, self.bias, self.actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
         self.follows = data is not seen
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory."""
+        return type(self), (self.motion, self.seen)
 
     def state(self):
         """Current positions and velocities as bytes, for exact comparison."""
