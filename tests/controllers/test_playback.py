@@ -272,7 +272,7 @@ FINAL = {
     "joint_2": 1.036475566442,
     "joint_3": 1.643124353959,
 }
-"""Final state of the published record of torques, which is not shipped: digits of an integration by DOP853 at 1e-13."""
+"""Final state under the published torques, which are not shipped: digits of an integration by DOP853 at 1e-13."""
 
 
 def test_the_published_robot_keeps_its_centre_of_mass():
