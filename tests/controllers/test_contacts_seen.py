@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from tests.scenes import two_balls
 
 
@@ -88,3 +89,34 @@ def test_a_closed_pair_that_nothing_presses_is_seen_without_force(tmp_path):
     (one,) = seen[-1].contacts
     np.testing.assert_allclose(one.force_N, np.zeros(3), atol=1e-12)
     assert one.point_m[0] == pytest.approx(run["state.q_robot_x_m"][-2] + 0.1, abs=1e-9)
+
+
+def test_contacts_that_no_law_reads_are_not_computed(tmp_path, monkeypatch):
+    """Neither in the run of a law that drops its observations, nor once more for one that reads them twice."""
+    computed = []
+    right = PersistentContactModel.active_contacts
+    monkeypatch.setattr(PersistentContactModel, "active_contacts", lambda self: computed.append(1) or right(self))
+    read = []
+
+    class Blind(Ramp):
+        def control(self, observation, command):
+            command.drive([self.motor], [1.0])
+
+    class Reader(Blind):
+        def control(self, observation, command):
+            super().control(observation, command)
+            if observation.contacts:
+                read.append(observation.contacts[-1])
+
+    path = two_balls(
+        tmp_path,
+        restitution=0.0,
+        speed=0.1,
+        gap=0.00345,
+        duration_s=0.1,
+        phases=[{"name": "push", "until": "end", "controller": {"kind": "push"}}],
+    )
+    assert ffsm_mj.run(path, controllers={"push": Blind}).contacts
+    assert not computed
+    ffsm_mj.run(path, controllers={"push": Reader}, out=tmp_path / "again")
+    assert len(computed) == len(read) > 0
