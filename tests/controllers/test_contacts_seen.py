@@ -9,6 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.errors import ControllerError
 from tests.scenes import two_balls
 
 
@@ -25,7 +26,8 @@ class Ramp:
     def start(self, observation): ...
 
     def control(self, observation, command):
-        self.told.append((observation, float(observation.data.ctrl[self.motor])))
+        contacts = tuple(observation.contacts)  # those of an earlier observation cannot be read any more
+        self.told.append((observation._replace(contacts=contacts), float(observation.data.ctrl[self.motor])))
         tick = round(observation.time_s / 0.01)
         command.drive([self.motor], [1.0 + tick if tick < 20 else -5.0])
 
@@ -75,7 +77,7 @@ def test_a_closed_pair_that_nothing_presses_is_seen_without_force(tmp_path):
         def __init__(self, config, context): ...
 
         def control(self, observation, command):
-            seen.append(observation)
+            seen.append(observation._replace(contacts=tuple(observation.contacts)))
 
     path = two_balls(
         tmp_path,
@@ -92,14 +94,15 @@ def test_a_closed_pair_that_nothing_presses_is_seen_without_force(tmp_path):
 
 
 def test_contacts_that_no_law_reads_are_not_computed(tmp_path, monkeypatch):
-    """Neither in the run of a law that drops its observations, nor once more for one that reads them twice."""
+    """Nor once more for a law that reads them twice; and those of an earlier observation are refused."""
     computed = []
     right = PersistentContactModel.active_contacts
     monkeypatch.setattr(PersistentContactModel, "active_contacts", lambda self: computed.append(1) or right(self))
-    read = []
+    kept, read = [], []
 
     class Blind(Ramp):
         def control(self, observation, command):
+            kept.append(observation)
             command.drive([self.motor], [1.0])
 
     class Reader(Blind):
@@ -118,5 +121,7 @@ def test_contacts_that_no_law_reads_are_not_computed(tmp_path, monkeypatch):
     )
     assert ffsm_mj.run(path, controllers={"push": Blind}).contacts
     assert not computed
+    with pytest.raises(ControllerError, match="were not read then"):
+        list(kept[-1].contacts)
     ffsm_mj.run(path, controllers={"push": Reader}, out=tmp_path / "again")
     assert len(computed) == len(read) > 0
