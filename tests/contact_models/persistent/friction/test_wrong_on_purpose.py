@@ -16,6 +16,8 @@ from tests.contact_models.persistent.friction.reading import final
 from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, sphere, thrust
 from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
 
+pytestmark = pytest.mark.usefixtures("unexplained")
+
 
 def along_the_slip(monkeypatch):
     """Friction in the stages acts along the slip, not against it."""
