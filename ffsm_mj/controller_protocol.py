@@ -154,7 +154,8 @@ class Observation(NamedTuple):
         events: Records of what has happened at contacts since it was asked last: an impact just now, contacts that began or
             ended since.
         at_tick: This is a regular control tick, not an impact between two.
-        contacts: Closed pairs with their forces, under the efforts held until now; empty where nothing is closed.
+        contacts: Closed pairs with their forces, under the efforts held until now; empty where nothing is closed. They are
+            computed when they are first read: a law that needs them later keeps ``tuple(observation.contacts)``.
         free: MuJoCo data of the scene as it began, in which every object keeps its own joints; while nothing is held the
             same as ``data``.
         grasp: Name of the capture that holds an object; empty where none does.
@@ -352,6 +353,9 @@ class TaskController(Protocol):
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call, oldest first."""
+
+    def tell_phase_again(self) -> None:
+        """Let the phase under way be among the phases begun since the last call: a log begins with it."""
 
     def reports(self) -> Mapping[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase."""

@@ -117,6 +117,7 @@ class PhaseMachine:
         self.phase_index = -1
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
+        self._current: PhaseRecord | None = None
         self._grasp = ""
         self._requests: list[str] = []
         self._asked: dict[tuple[int, str], Controller] = {}
@@ -182,7 +183,8 @@ class PhaseMachine:
         self._requests += [f"{name}.arm" for name in phase.arm]
         self._live_index[0], self._start_s = index, observation.time_s
         self.telemetry.fill(np.nan)
-        self._begun.append(PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason))
+        self._current = PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason)
+        self._begun.append(self._current)
         if phase.settled is not None:
             phase.settled.begin(_of_free(observation))
         self._take_over(observation)
@@ -198,6 +200,11 @@ class PhaseMachine:
         """Phases begun since the last call."""
         begun, self._begun = self._begun, []
         return begun
+
+    def tell_phase_again(self) -> None:
+        """Let the phase under way be among the phases begun since the last call: a log begins with it."""
+        if self._current is not None:
+            self._begun[:] = [self._current]
 
     def reports(self) -> dict[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase.

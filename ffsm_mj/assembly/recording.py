@@ -32,6 +32,7 @@ from ffsm_mj.records.metadata import (
     free_metadata,
     gravity_metadata,
     model_metadata,
+    start_metadata,
     task_metadata,
 )
 from ffsm_mj.report.run import Run
@@ -60,6 +61,7 @@ class Recording:
         live: str | None = None,
         columns: Collection[str] | None = None,
         watchers: Sequence[Sink] = (),
+        start_s: float = 0.0,
     ) -> None:
         """Create the receivers; nothing is written yet.
 
@@ -70,6 +72,7 @@ class Recording:
             live: ``host:port`` of a Rerun viewer to stream to.
             columns: What a run in memory keeps of its rows, beside the time; None: all.
             watchers: Further receivers of rows and events.
+            start_s: Time of the state from which the run goes on, s.
 
         Raises:
             InputError: There is no room for the run.
@@ -79,7 +82,7 @@ class Recording:
         kept = len(layout.signals) if columns is None else 1 + len(columns)
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
         self._folder, self._layout = folder, layout
-        self._header = _header(assembly, is_whole=columns is None)
+        self._header = _header(assembly, start_s, is_whole=columns is None)
         self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
         sinks: list[Sink] = [self._memory, self._digested, *watchers]
         if folder is not None:
@@ -137,12 +140,14 @@ class Recording:
         return finished
 
 
-def _header(assembly: Assembly, *, is_whole: bool) -> RunHeader:
+def _header(assembly: Assembly, start_s: float, *, is_whole: bool) -> RunHeader:
     """Header of the log; one of a part of the columns is no log that can be made again, and carries no scenario."""
     config, system = assembly.scenario, assembly.system
     kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), delayed_control=assembly.plant.control is not None)
     text = resolved_yaml(config, system, assembly.recorded) if is_whole else ""
-    return RunHeader(config.name, text, assembly.row.layout, assembly.logged_files, _metadata(assembly), kinds)
+    return RunHeader(
+        config.name, text, assembly.row.layout, assembly.logged_files, _metadata(assembly) | start_metadata(start_s), kinds
+    )
 
 
 def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:

@@ -150,7 +150,7 @@ class Simulator:
         self._begin(tuple(_as_list(overrides or ())), self._seed if seed is None else seed)
         return self.observation
 
-    def _begin(self, overrides: tuple[str, ...], seed: int | None) -> None:
+    def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float = 0.0) -> None:
         """Begin a run in place of one under way."""
         self.close()
         made = self._seeded(self._recipe(overrides), seed)
@@ -161,7 +161,7 @@ class Simulator:
         columns = () if self._record is False else None
         folder = self._folder() if isinstance(self._record, str | Path) else None
         recording = Recording(
-            assembly, folder, with_rerun=with_rerun, live=self._live, columns=columns, watchers=[self._tap]
+            assembly, folder, with_rerun=with_rerun, live=self._live, columns=columns, watchers=[self._tap], start_s=start_s
         )
         # Held to the end of the run: to enter these contexts at each step would take as long as a step.
         stack = ExitStack()
@@ -239,7 +239,7 @@ class Simulator:
         """
         goes_on = self._recording is not None and self._record is False
         if not goes_on or self._recipe_of_run != (state.overrides, state.seed):
-            self._begin(state.overrides, state.seed)
+            self._begin(state.overrides, state.seed, state.time_s)
         if state.fingerprint != self._fingerprint:
             raise SimulatorError("the state is that of another scenario, of other versions, or of compiled parts")
         simulation = self._running().simulation

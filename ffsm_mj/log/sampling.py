@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -24,19 +25,20 @@ class Sampling:
         count: Number of all gaps and repetitions.
     """
 
-    def __init__(self, period_s: float, instants: Iterable[float] = ()) -> None:
-        """Expect the first sample at t = 0 and one after every control period.
+    def __init__(self, period_s: float, instants: Iterable[float] = (), start_s: float = 0.0) -> None:
+        """Expect the first sample at the start of the run and one after every control period.
 
         Args:
             period_s: Control period.
             instants: Times of events, s: a run that stops at an event has a sample there, between two ticks.
+            start_s: Start of the run, s; from a state at an event the first sample is at the next tick.
 
         Raises:
             ValueError: The period is not positive.
         """
         if not period_s > 0.0:
             raise ValueError(f"a control period of {period_s} s")
-        self._period, self._last = period_s, NOWHERE
+        self._period, self._last = period_s, math.ceil(start_s / period_s - 1e-6) - 1
         self._instants = np.array(sorted(instants))
         self.breaks: list[str] = []
         self.count = 0

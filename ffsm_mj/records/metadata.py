@@ -22,7 +22,8 @@ FORMAT_VERSION = "3"
 """Version of the log format: names of topics, columns and record fields. A log of another version is refused by it."""
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
-_TIMES = ("time_step_s", "control_period_s")
+_TIMES = ("time_step_s", "control_period_s", "start_s")
+_START = "start_s"
 _DEEPEST = 5  # tree, body, geoms, geom, key
 
 
@@ -48,6 +49,16 @@ class LoggedTask:
     def errors_m(self, tip_m: FloatArray) -> FloatArray:
         """Positions of the tip, (n, 3), less the target, along the regulated axes, (n, number of axes), m."""
         return np.asarray(tip_m[:, self.axes] - self.target_m)
+
+
+def start_metadata(start_s: float) -> dict[str, str]:
+    """Metadata of a run that goes on from a state at a later time than 0, s; empty for others."""
+    return {_START: repr(float(start_s))} if start_s > 0.0 else {}
+
+
+def logged_start_s(metadata: Mapping[str, str]) -> float:
+    """Time of the state from which a run goes on, s; 0 if it begins at the initial state of its scenario."""
+    return float(metadata.get(_START, 0.0))
 
 
 def task_metadata(axes: Iterable[str], target_m: Iterable[float]) -> dict[str, str]:

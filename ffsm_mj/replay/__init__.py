@@ -16,6 +16,7 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.metadata import state_metadata
@@ -45,7 +46,8 @@ def replay_log(
     except InputError as error:
         return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impact_records, FrictionCheck(log))
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
-    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
+    period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
+    sampling = Sampling(period_s, log.instants_s, start_s)
     with collected_warnings([]):
         for block in log.blocks():
             again = replay.take(block, sampling.ticks(block[:, log.header.layout.time]))

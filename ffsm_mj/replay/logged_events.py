@@ -14,6 +14,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import LoggedEvent
 from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.agreement import Agreement, impossible
 
@@ -111,11 +112,13 @@ class LoggedEvents:
         logged = [(kind, i, record) for kind in kinds for i, record in enumerate(log.records.get(kind.plural, ()))]
         if len(kinds) > 1:
             logged.sort(key=lambda each: each[2].event)  # a stable sort keeps the order of kinds and of records
-        counts = Counter[str]()
+        counts, goes_on = Counter[str](), logged_start_s(log.header.metadata) > 0.0
         for _, group in groupby(logged, key=lambda each: getattr(each[2], "event", each[1])):
             found = list(group)
             kind, records = found[0][0], tuple(record for *_, record in found)
             series = kind.event_group if kind.own_numbers else kind.name
+            if goes_on and series not in counts:  # events before the start of the log have numbers too
+                counts[series] = int(getattr(records[0], "event", 0))
             number, counts[series] = counts[series], counts[series] + 1
             event = self._event_of(kind, number, records)
             fault = self._fault_of(kind, event.records) if event is not None else "state"

@@ -20,6 +20,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.replay.log_replay import LogReplay
@@ -56,7 +57,8 @@ def refined(log: RunLog, look: Callable[[], object] = lambda: None) -> Refined |
         return None
     layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
     states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
-    sampling = Sampling(scene.scenario.time_step_s * scene.scenario.steps_per_tick, log.instants_s)
+    period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
+    sampling = Sampling(period_s, log.instants_s, start_s)
     with collected_warnings([]):
         for block in log.blocks():
             look()

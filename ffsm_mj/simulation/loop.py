@@ -130,9 +130,12 @@ class Simulation:
 
     def restore(self, saved: bytes) -> None:
         """Go on from a saved state of a simulation of the same structure."""
+        self._recorder.pass_on()
         self._memory.restore(saved)
         self._observed = self.ended = self.error = None
         self.warnings.clear()
+        self._controller.tell_phase_again()
+        self._report_phases()
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""

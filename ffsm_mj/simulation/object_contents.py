@@ -21,6 +21,8 @@ CONSTANT = (tuple, frozenset, MappingProxyType, FunctionType, MethodType, partia
 """Types whose instances remember nothing themselves; what they hold may."""
 _CONTAINERS = (list, dict, set, deque)
 _TWINS = "ffsm_mj_fast"
+_HEAP_TYPE = 1 << 9
+"""Flag of types that a class statement makes."""
 
 
 def is_walked(found: Any) -> bool:
@@ -28,7 +30,7 @@ def is_walked(found: Any) -> bool:
     if isinstance(found, (type, ModuleType, Enum, BaseException)):
         return False
     known = isinstance(found, (*_CONTAINERS, *CONSTANT, np.ndarray, mujoco.MjModel, mujoco.MjData))
-    return known or _is_twin(found) or bool(_attributes(found))
+    return known or _is_twin(found) or (_is_python(type(found)) and bool(_attributes(found)))
 
 
 def parts(found: Any) -> Iterator[tuple[str, Any]]:
@@ -115,6 +117,11 @@ def _state_of_twin(found: Any) -> Any:
     except TypeError:  # one without a memory need not say so
         return None
     return reduced[2] if len(reduced) > 2 else None
+
+
+def _is_python(kind: type) -> bool:
+    """Whether all that instances hold are attributes: no class above it but ``object`` is an extension type."""
+    return all(each.__flags__ & _HEAP_TYPE for each in kind.__mro__ if each is not object)
 
 
 def _has_pair(found: Any) -> bool:

@@ -26,7 +26,7 @@ from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
-from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version
+from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version, logged_start_s
 from ffsm_mj.records.run_log import RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
@@ -227,7 +227,8 @@ def _text(path: Path, name: str, content: bytes) -> str:
 def _gaps(log: RunLog) -> str:
     """Gaps and repetitions of the samples as text; empty if there are none or the control period is unknown."""
     try:
-        sampling = Sampling(float(log.header.metadata.get("control_period_s", "")), log.instants_s)
+        metadata = log.header.metadata
+        sampling = Sampling(float(metadata.get("control_period_s", "")), log.instants_s, logged_start_s(metadata))
     except ValueError:
         return ""
     sampling.ticks(log.column(TIME))

@@ -1,0 +1,301 @@
+"""The simulator that steps: the same run as in one go, commands of the caller's own, and states that can be restored."""
+
+import pickle
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.simulator import Simulator, SimulatorError
+from ffsm_mj.cli.main import main
+from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import InputError
+from ffsm_mj.simulation.memory import StateError
+
+TAP = {"duration_s": 0.4}
+"""Four impacts with a wall from 0.08 s on, then contact that lasts from 0.22 to 0.33 s; a control tick takes 5 ms."""
+MOTORS = ("thruster_x", "thruster_y", "wheel", "motor_1", "motor_2", "motor_3")
+COMMANDED = [f"{name}_command_{'N' if name.startswith('thruster') else 'N_m'}" for name in MOTORS]
+
+
+def stepped(simulator, until="tick"):
+    """Events of the rest of a run, and the run."""
+    events = []
+    while not simulator.ended:
+        events += simulator.step(until=until).events
+    return events, simulator.close()
+
+
+def same(a, b):
+    """Whether the rows of b are the last ones of a, bit for bit."""
+    return len(b.log.rows) > 5 and np.array_equal(a.log.rows[-len(b.log.rows) :], b.log.rows, equal_nan=True)
+
+
+@pytest.fixture(scope="module")
+def tap():
+    return ffsm_mj.run("tap", TAP)
+
+
+@pytest.mark.parametrize("until", ["tick", "event", 0.2])
+def test_steps_are_the_run(tap, until):
+    """Rows bit for bit, records and their order, whether steps end at ticks, at events or at a time."""
+    simulator = Simulator("tap", TAP)
+    simulator.reset()
+    events = list(simulator.step(until=until).events)
+    more, run = stepped(simulator, "tick" if until == 0.2 else until)
+    assert same(tap, run)
+    assert len(tap.log.rows) == len(run.log.rows)
+    assert repr(run.records) == repr(tap.records)
+    met = [each for each in events + more if hasattr(each, "separation_speed_m_s")]
+    assert [each.time_s for each in met] == [each.time_s for each in tap.impacts]
+
+
+def test_a_step_ends_at_an_event_before_its_decision():
+    """A command given there acts from the event on, and is what the log says of the efforts after it."""
+    simulator = Simulator("tap", TAP)
+    simulator.reset()
+    step = simulator.step(until="event")
+    while not step.events or not hasattr(step.events[-1], "impulse_N_s"):
+        step = simulator.step(until="event")
+    (impact,) = step.events
+    assert step.observation.time_s == impact.time_s == simulator.time_s
+    assert not step.observation.at_tick
+    names = simulator.system.names("actuator")
+    simulator.step(np.full(len(names), 0.01))
+    _, run = stepped(simulator)
+    efforts = run.impacts[0].efforts_after
+    assert {float(np.ravel(value)[0]) for value in efforts.values()} == {0.01}
+    assert all(check.passes for check in run.checks())
+
+
+def test_commands():
+    """All actuators; one, the others left to the control law; a model; off. The law commands what is left to it."""
+    simulator = Simulator("baseline", {"duration_s": 0.01})
+    simulator.reset()
+    names = simulator.system.names("actuator")
+    assert tuple(name.removeprefix("robot/") for name in names) == MOTORS
+    simulator.step()
+    simulator.step({"motor_1": 0.5})
+    simulator.step({"robot": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]})
+    simulator.step({"robot/motor_2": None})
+    simulator.step([0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+    simulator.step(Command.off(6))
+    run = simulator.close()
+    law = ffsm_mj.run("baseline", {"duration_s": 0.01})
+    applied, own = (np.column_stack([each[f"actuators.robot_{key}"] for key in COMMANDED]) for each in (run, law))
+    assert np.array_equal(applied[0], own[0])
+    assert applied[1, 3] == 0.5
+    np.testing.assert_allclose(applied[1, 4:], own[1, 4:], rtol=1e-12)
+    np.testing.assert_array_equal(applied[2], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    assert applied[3, 4] == 0.0
+    assert applied[3, 3] != 0.0
+    np.testing.assert_array_equal(applied[4], [0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+    assert not applied[5].any()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([1.0, 2.0], r"shape \(2,\), but one effort each is needed for robot/thruster_x, .*, robot/motor_3"),
+        ({"motor_9": 1.0}, "unknown actuator 'motor_9'; did you mean|allowed: .*; or a model: robot"),
+        ({"motor_1": [1.0, 2.0]}, r"command of 'motor_1': shape \(2,\)"),
+        ({"motor_1": 1.0, "robot": np.zeros(6)}, "'robot' names actuators that another name gives too"),
+        (np.full(6, np.nan), "efforts must be finite: robot/thruster_x nan"),
+        ("fast", "not numbers"),
+    ],
+)
+def test_wrong_commands_change_nothing(given, message):
+    simulator = Simulator("baseline", {"duration_s": 0.01})
+    simulator.reset()
+    with pytest.raises(InputError, match=message):
+        simulator.step(given)
+    assert simulator.time_s == 0.0
+    _, run = stepped(simulator)
+    assert run.outcome == "completed"
+
+
+def test_misuse_is_named():
+    simulator = Simulator("baseline", {"duration_s": 0.002})
+    for use in (simulator.step, simulator.state, lambda: simulator.observation):
+        with pytest.raises(SimulatorError, match="there is no run: reset"):
+            use()
+    assert simulator.close() is None
+    simulator.reset()
+    for until in ("never", np.nan, 0.0):
+        with pytest.raises(InputError, match="until: "):
+            simulator.step(until=until)
+    with pytest.raises(InputError, match="seed: -1, allowed are"):
+        simulator.reset(seed=-1)
+    simulator.reset()
+    assert simulator.step(until=1.0).ended == ("completed", "")
+    with pytest.raises(SimulatorError, match=r"has ended \(completed at t = 0.002 s\): reset\(\) begins another"):
+        simulator.step()
+    assert simulator.close().outcome == "completed"
+    assert simulator.close() is None
+
+
+@pytest.mark.parametrize("time_s", [0.1, 0.25])
+def test_a_restored_state_goes_on_bit_for_bit(tap, time_s):
+    """Between two impacts, and within contact that lasts; also after the simulator has gone on, and from a pickle."""
+    simulator = Simulator("tap", TAP)
+    simulator.reset()
+    simulator.step(until=time_s)
+    state = pickle.loads(pickle.dumps(simulator.state()))
+    assert same(tap, stepped(simulator)[1])
+    again = Simulator("tap", TAP)
+    assert again.restore(state).time_s == pytest.approx(time_s, abs=1e-12)
+    run = stepped(again)[1]
+    assert same(tap, run)
+    assert run.complete
+    assert all(check.passes for check in run.checks())
+
+
+def test_in_place_without_a_record(tap):
+    """Without a log the same parts go on: as often as a search over commands needs it."""
+    simulator = Simulator("tap", TAP, record=False)
+    simulator.reset()
+    simulator.step(until=0.25)
+    state, seen = simulator.state(), []
+    for _ in range(2):
+        simulator.restore(state)
+        simulator.step(until=0.3)
+        seen.append(simulator.observation.data.qpos.copy())
+        simulator.step(np.ones(simulator.system.mj.nu))
+    assert np.array_equal(*seen)
+    row = np.searchsorted(tap.time, 0.3 - 1e-9)
+    assert np.array_equal(seen[0], tap.qpos[row])
+
+
+def test_a_state_at_an_event(tap):
+    """Its decision is still due: the record that was not written yet comes with the new log."""
+    simulator = Simulator("tap", TAP)
+    simulator.reset()
+    while not simulator.step(until="event").events or simulator.time_s < 0.1:
+        pass
+    state = simulator.state()
+    assert same(tap, stepped(simulator, "event")[1])
+    again = Simulator("tap", TAP)
+    again.restore(state)
+    assert same(tap, stepped(again, "event")[1])
+
+
+def test_in_another_process(tap, tmp_path):
+    """Another order of sets of texts there, another memory."""
+    simulator = Simulator("tap", TAP)
+    simulator.reset()
+    simulator.step(until=0.25)
+    (tmp_path / "state").write_bytes(pickle.dumps(simulator.state()))
+    simulator.close()
+    program = (
+        "import pickle, sys, numpy, ffsm_mj\n"
+        "simulator = ffsm_mj.Simulator('tap', {'duration_s': 0.4})\n"
+        "simulator.restore(pickle.loads(open(sys.argv[1] + '/state', 'rb').read()))\n"
+        "while not simulator.ended: simulator.step()\n"
+        "numpy.save(sys.argv[1] + '/rows', simulator.close().log.rows)\n"
+    )
+    subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=True, timeout=120)
+    rows = np.load(tmp_path / "rows.npy")
+    assert len(rows) == 31
+    assert np.array_equal(tap.log.rows[-len(rows) :], rows, equal_nan=True)
+
+
+def test_the_log_of_a_restored_run_is_whole(tmp_path, capsys):
+    """It begins with the state: its replay recomputes every number, with contacts closed and events numbered as before."""
+    simulator = Simulator("tap", {"duration_s": 1.05}, record=tmp_path / "run")
+    simulator.reset()
+    simulator.step(until=0.25)
+    simulator.restore(simulator.state())
+    stepped(simulator)
+    assert main(["analyze", str(tmp_path / "run-2")]) == 0
+    told = capsys.readouterr().out
+    assert "columns agree with states" in told
+    assert "damaged" not in told
+    assert main(["analyze", str(tmp_path / "run")]) in (0, 1, 3)  # the first one was interrupted at 0.25 s
+    assert "interrupted" in capsys.readouterr().out
+
+
+def test_a_state_of_another_scenario_is_refused():
+    first, second = Simulator("tap", TAP), Simulator("baseline", {"duration_s": 0.01})
+    first.reset()
+    with pytest.raises(SimulatorError, match="that of another scenario"):
+        second.restore(first.state())
+    first.close()
+
+
+class Keeps:
+    """Holds a lock, which no pickle can; with the pair of methods it says what it remembers."""
+
+    telemetry_signals = ()
+
+    def __init__(self, config, context):
+        self.lock, self.calls = threading.Lock(), 0
+
+    def start(self, observation): ...
+
+    def control(self, observation, command):
+        self.calls += 1
+
+    def telemetry(self):
+        return ()
+
+
+def test_a_law_that_cannot_be_saved_says_how():
+    of_script = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "keeps"}}], "duration_s": 0.02}
+    simulator = Simulator("baseline", of_script, controllers={"keeps": Keeps})
+    simulator.reset()
+    simulator.step()
+    message = r"controller\.phases\[0\]\.controller\.lock cannot be saved .*: give Keeps the methods state\(\) and restore"
+    with pytest.raises(StateError, match=message):
+        simulator.state()
+    simulator.close()
+
+    class Says(Keeps):
+        def state(self):
+            return self.calls
+
+        def restore(self, state):
+            self.calls = state
+
+    simulator = Simulator("baseline", of_script, controllers={"keeps": Says}, record=False)
+    simulator.reset()
+    simulator.step()
+    state, law = simulator.state(), simulator._controller.phases[0].controller
+    simulator.step(until=0.01)
+    assert law.calls == 10
+    simulator.restore(state)
+    assert law.calls == 1
+    simulator.close()
+
+
+def test_two_in_turn_and_in_threads(tap):
+    """Nothing is shared: neither MuJoCo's warnings nor the parts of a run."""
+    pair = [Simulator("tap", TAP) for _ in range(2)]
+    for simulator in pair:
+        simulator.reset()
+    while not pair[0].ended:
+        for simulator in pair:
+            simulator.step()
+    assert all(same(tap, simulator.close()) for simulator in pair)
+    runs = []
+
+    def go(simulator):
+        simulator.reset()
+        runs.append(stepped(simulator)[1])
+
+    threads = [threading.Thread(target=go, args=(simulator,)) for simulator in pair]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(same(tap, run) for run in runs)
+
+
+def test_reset_in_contact_begins_anew(tap):
+    simulator = Simulator("tap", TAP)
+    simulator.reset()
+    simulator.step(until=0.25)
+    simulator.reset()
+    assert same(tap, stepped(simulator)[1])
