@@ -20,6 +20,10 @@ API = {
         "`ffsm_mj.Campaign` and `ffsm_mj.sweep`.",
         *("ffsm_mj.campaign.campaign.Campaign", "ffsm_mj.campaign.sweep.sweep"),
     ),
+    "Gymnasium": (
+        "`ffsm_mj.gym`: scenarios as environments.",
+        *("ffsm_mj.gym.make", "ffsm_mj.gym.env.ScenarioEnv", "ffsm_mj.gym.rewards", "ffsm_mj.gym.policies"),
+    ),
     "Impacts": ("`ffsm_mj.contact_models.impact`, usable alone on any MuJoCo model.", "ffsm_mj.contact_models.impact"),
     "Control laws": ("The interface of control laws.", "ffsm_mj.controller_protocol"),
     "Contact models": ("The interface of contact models.", "ffsm_mj.contact_models.interface"),

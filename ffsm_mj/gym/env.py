@@ -68,7 +68,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
             render_mode: ``rgb_array``: :meth:`render` returns an image; ``rerun``: episodes are streamed to a Rerun viewer.
             width: Width of images, pixels.
             height: Height of images, pixels.
-            camera: Name or id of a camera of the models; -1: the free camera.
+            camera: Name or id of a camera of the models; -1: one that frames the scene.
             viewer: ``host:port`` of the Rerun viewer.
             record: Run folder to write, a numbered one for each further episode; False: episodes leave no log.
             force: Replace a run that ``record`` already holds.
@@ -225,7 +225,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         if self._bound is None:
             raise EnvError("there is nothing to render: reset() begins an episode")
         if self._camera is None:
-            self._camera = Camera(self._bound.system.mj, *self._picture)
+            self._camera = Camera(self._bound.system.mj, self._bound.data, *self._picture)
         return self._camera.image(self._bound.data)
 
     def _close_camera(self) -> None:

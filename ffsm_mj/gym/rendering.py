@@ -14,6 +14,10 @@ import numpy.typing as npt
 from ffsm_mj.errors import FfsmError, described, unknown_name
 
 _MODULES = {"egl": "mujoco.egl", "osmesa": "mujoco.osmesa", "glfw": "mujoco.glfw", "cgl": "mujoco.cgl"}
+_AMBIENT, _DIFFUSE = 0.35, 0.6
+"""Light from the camera: models in space have no lamps of their own."""
+_DISTANCE = 0.9
+"""Distance of the camera over the diagonal of the scene."""
 
 
 class RenderError(FfsmError):
@@ -23,21 +27,23 @@ class RenderError(FfsmError):
 class Camera:
     """Renders a scene offscreen. All calls must come from one thread; :meth:`close` must follow."""
 
-    def __init__(self, model: Any, width: int, height: int, camera: str | int) -> None:
+    def __init__(self, model: Any, data: Any, width: int, height: int, camera: str | int) -> None:
         """Create an OpenGL context.
 
         Args:
-            model: MuJoCo model.
+            model: MuJoCo model; lights and the size of its offscreen buffer are set.
+            data: Its data.
             width: Width of images, pixels.
             height: Height of images, pixels.
-            camera: Name or id of a camera of the model; -1: MuJoCo's free camera, which frames the model.
+            camera: Name or id of a camera of the model; -1: a camera that frames the scene as it is now.
 
         Raises:
             RenderError: There is no OpenGL, or no such camera.
         """
-        self._model, self._camera = model, _camera(model, camera)
+        self._model, self._camera = model, _camera(model, data, camera)
         visual = model.vis.global_
         visual.offwidth, visual.offheight = max(visual.offwidth, width), max(visual.offheight, height)
+        model.vis.headlight.ambient[:], model.vis.headlight.diffuse[:] = _AMBIENT, _DIFFUSE
         self._context = _context(width, height)
         self._context.make_current()
         self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -61,9 +67,12 @@ class Camera:
         self._context.free()
 
 
-def _camera(model: Any, camera: str | int) -> Any:
+def _camera(model: Any, data: Any, camera: str | int) -> Any:
     view = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, view)
+    radii = model.geom_rbound[:, None]
+    low, high = (data.geom_xpos - radii).min(axis=0), (data.geom_xpos + radii).max(axis=0)
+    view.lookat[:], view.distance = (low + high) / 2, _DISTANCE * float(np.linalg.norm(high - low))
     names = [model.camera(i).name for i in range(model.ncam)]
     if isinstance(camera, str):
         matches = [i for i, name in enumerate(names) if camera in (name, name.partition("/")[2])]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -114,6 +117,7 @@ def test_a_vector_takes_each_row_once(tmp_path):
         ScenarioEnv(scenario)
 
 
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 def test_processes_step_at_once(tmp_path):
     """AsyncVectorEnv: two worker processes, the same episodes as alone."""
     scenario = pushed_ball(tmp_path)
@@ -128,3 +132,13 @@ def test_processes_step_at_once(tmp_path):
         assert rewards.tolist() == [0.0, 0.0]
     finally:
         vector.close()
+
+
+@pytest.mark.parametrize("word", ["force_N.paddle", pytest.param("BASELINES", marks=pytest.mark.long)])
+def test_examples_of_the_page(word, capsys):
+    """The code of docs/gymnasium.md prints what it promises."""
+    page = (Path(__file__).parents[2] / "docs" / "gymnasium.md").read_text()
+    code = next(block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if word in block)
+    exec(code, {})
+    promised = re.search(r"print\(.*\)  # (.*)$", code, flags=re.MULTILINE).group(1)
+    assert capsys.readouterr().out.strip() == promised
