@@ -6,12 +6,12 @@ The formulas are those of :mod:`.affine_motion`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace

@@ -8,12 +8,12 @@ conditions are solved by Newton's method, with a small compliance that shares fo
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
 from ffsm_mj.contact_models.impact.friction.lemke import lemke
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
 from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
 from ffsm_mj.contact_models.persistent.friction.modes import (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, solved
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE

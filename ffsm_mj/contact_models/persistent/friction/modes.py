@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED
 

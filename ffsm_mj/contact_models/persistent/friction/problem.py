@@ -17,11 +17,11 @@ the modes: a patch that slides over the edge of a face shrinks to a line or to a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldProblems, HeldRows, Structures
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, STICK
 from ffsm_mj.tolerances import CANCELLED, RANK
