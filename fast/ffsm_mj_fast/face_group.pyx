@@ -245,17 +245,20 @@ cdef class FaceState:
     @property
     def gaps(self):
         """Gaps, m."""
-        return self.table[:, GAP].tolist()
+        cdef Py_ssize_t p
+        return [self.own[p, GAP] for p in range(self.count)]
 
     @property
     def rates(self):
         """Their rates, m/s."""
-        return self.table[:, RATE].tolist()
+        cdef Py_ssize_t p
+        return [self.own[p, RATE] for p in range(self.count)]
 
     @property
     def scales(self):
         """Largest terms of the curvature, m/s^2."""
-        return [fabs(bend) for bend in self.table[:, BEND].tolist()]
+        cdef Py_ssize_t p
+        return [fabs(self.own[p, BEND]) for p in range(self.count)]
 
     @property
     def insides(self):

@@ -185,14 +185,15 @@ cdef class HeldForces:
     def forces(self, const double[::1] b not None, slips):
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
         cdef Py_ssize_t i
-        cdef double[:, ::1] found = np.zeros((self.count // 3, 3))
+        forces = np.zeros((self.count // 3, 3))
+        cdef double[:, ::1] found = forces
         self.turn_to(slips)
         for i in range(self.held):
             self.right[i] = -b[self.rows[i]]
         self.solve()
         if self.count:
             self.spread(&found[0, 0])
-        return found.base
+        return forces
 
     cdef void spread(self, double* forces) noexcept:
         """Write the forces of the held rows, and the friction of sliding points, into those of all rows."""
@@ -260,14 +261,15 @@ cdef class HeldForces:
         friction = -(self.mu[points] * normal_forces)[:, None] * across
         turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
         right = np.ascontiguousarray(np.asarray(self.G)[np.asarray(self.rows)].dot(turned).T)
-        found = np.ascontiguousarray(turned.T)
+        answers = np.ascontiguousarray(turned.T)
+        found = answers
         for j in range(m):
             for i in range(self.held):
                 self.right[i] = -right[j, i]
             self.solve()
             if self.count:
                 self.spread(&found[j, 0])
-        return found.base.T
+        return answers.T
 
 
 def held_forces(mu, G, structure):

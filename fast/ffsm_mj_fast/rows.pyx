@@ -49,7 +49,8 @@ class SummedRows(FrictionalRows):
         cdef const double[::1] gamma = self.gamma
         cdef Py_ssize_t p, j, d, k = gamma.shape[0] // 3
         cdef double most
-        cdef double[::1] found = np.empty(k)
+        rounding = np.empty(k)
+        cdef double[::1] found = rounding
         scales = self.scales
         for p in range(k):
             most = scales[p]
@@ -58,7 +59,7 @@ class SummedRows(FrictionalRows):
                 for d in range(response.shape[1]):
                     most = max(most, fabs(response[j, d] * force[d]))
             found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
-        return found.base
+        return rounding
 
     def across(self, components):
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
@@ -66,11 +67,12 @@ class SummedRows(FrictionalRows):
         cdef const double[:, :, ::1] axes = self.axes
         cdef Py_ssize_t p
         cdef int i
-        cdef double[:, ::1] found = np.empty((axes.shape[0], 3))
+        vectors = np.empty((axes.shape[0], 3))
+        cdef double[:, ::1] found = vectors
         for p in range(axes.shape[0]):
             for i in range(3):
                 found[p, i] = given[p, 0] * axes[p, 1, i] + given[p, 1] * axes[p, 2, i]
-        return found.base
+        return vectors
 
 
 cdef tuple vector(const double* v):
@@ -95,9 +97,10 @@ cdef class RowEvaluator:
     cdef mjData* d
     cdef object motion, data, made_of
     cdef Py_ssize_t k, nv, bodies
-    cdef double[:, ::1] chains, screw_rates
+    cdef double[:, ::1] chains, screw_rates, velocities, centres
     cdef double[::1] rates
-    cdef list velocities, centres
+    cdef Py_ssize_t[::1] ids, roots
+    cdef object qvel
     cdef double[:, ::1] memory
     cdef Twist* twists
 
@@ -125,9 +128,10 @@ cdef class RowEvaluator:
         self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
         self.twists = <Twist*>&self.memory[0, 0]
         self.chains = np.array([chain(model, body) for body in bodies]).reshape(len(bodies), model.nv)
-        self.screw_rates, self.rates = motion.data.cdof_dot, motion.data.qvel
-        self.velocities = [motion.data.cvel[body] for body in bodies]
-        self.centres = [motion.data.subtree_com[int(model.body_rootid[body])] for body in bodies]
+        self.screw_rates, self.qvel = motion.data.cdof_dot, motion.data.qvel
+        self.rates, self.velocities, self.centres = self.qvel, motion.data.cvel, motion.data.subtree_com
+        self.ids = np.array([*bodies], dtype=np.intp)
+        self.roots = np.array([int(model.body_rootid[body]) for body in bodies], dtype=np.intp)
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
         self.limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
@@ -140,11 +144,12 @@ cdef class RowEvaluator:
         cdef Py_ssize_t body, dof
         cdef int i
         cdef double rate
-        cdef const double[::1] velocity, centre
+        cdef const double* velocity
+        cdef const double* centre
         cdef Twist* twist
         for body in range(self.bodies):
             twist = &self.twists[body]
-            velocity, centre = self.velocities[body], self.centres[body]
+            velocity, centre = &self.velocities[self.ids[body], 0], &self.centres[self.roots[body], 0]
             for i in range(3):
                 twist.centre[i], twist.omega[i], twist.velocity[i] = centre[i], velocity[i], velocity[3 + i]
                 twist.alpha[i], twist.acceleration[i] = 0.0, 0.0
@@ -171,8 +176,10 @@ cdef class RowEvaluator:
     def rows(self):
         """Rows of the normals; positions and velocities current, mass matrix factored."""
         cdef Group group
-        cdef double[:, ::1] J = np.empty((self.k, self.nv)), response = np.empty((self.k, self.nv))
-        cdef double[::1] gamma = np.empty(self.k)
+        all_rows, all_responses, all_gamma = np.empty((self.k, self.nv)), np.empty((self.k, self.nv)), np.empty(self.k)
+        cdef double[:, ::1] J = all_rows, response = all_responses
+        cdef double[::1] gamma = all_gamma
+        cdef Py_ssize_t at, dof
         self.evaluate_twists()
         states = [self.state(group) for group in self.groups]
         for group, state in zip(self.groups, states):
@@ -180,29 +187,31 @@ cdef class RowEvaluator:
                 (<FaceState>state).normal_rows(&J[group.start, 0], &gamma[group.start], 1)
             else:
                 part = slice(group.start, group.start + group.count)
-                state.normal_rows(np.asarray(J)[part], np.asarray(gamma)[part])
-        for i, dof, sign in self.limits:
-            J[i, dof] = sign
+                state.normal_rows(all_rows[part], all_gamma[part])
+        for at, dof, sign in self.limits:
+            J[at, dof] = sign
         if self.k:
             mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>self.k)
-        return ContactRows(states, J.base, gamma.base, response.base)
+        return ContactRows(states, all_rows, all_gamma, all_responses)
 
     def frictional_rows(self):
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
         cdef Group group
-        cdef Py_ssize_t p, first, k = self.k
+        cdef Py_ssize_t p, first, dof, k = self.k
         cdef int i
         cdef double[3] normal
         cdef double[6] across
-        cdef double[:, ::1] J = np.zeros((3 * k, self.nv)), response = np.empty((3 * k, self.nv))
-        cdef double[::1] gamma = np.zeros(3 * k)
-        cdef double[:, :, ::1] axes = np.zeros((k, 3, 3))
+        all_rows, all_responses = np.zeros((3 * k, self.nv)), np.empty((3 * k, self.nv))
+        all_gamma, all_axes = np.zeros(3 * k), np.zeros((k, 3, 3))
+        cdef double[:, ::1] J = all_rows, response = all_responses
+        cdef double[::1] gamma = all_gamma
+        cdef double[:, :, ::1] axes = all_axes
         self.evaluate_twists()
         states = [self.state(group) for group in self.groups]
         for group, state in zip(self.groups, states):
             first = 3 * group.start
             if group.on_face is None:
-                self.other_rows(group, state, axes.base, J.base, gamma.base)
+                self.other_rows(group, state, all_axes, all_rows, all_gamma)
                 continue
             (<FaceState>state).normal_rows(&J[first, 0], &gamma[first], 3)
             (<FaceState>state).outward(normal)
@@ -214,11 +223,11 @@ cdef class RowEvaluator:
             for p in range(group.start, group.start + group.count):
                 for i in range(3):
                     axes[p, 0, i], axes[p, 1, i], axes[p, 2, i] = normal[i], across[i], across[3 + i]
-        for i, dof, sign in self.limits:
-            J[3 * i, dof] = sign
+        for p, dof, sign in self.limits:
+            J[3 * p, dof] = sign
         if k:
             mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>(3 * k))
-        return SummedRows(states, axes.base, J.base, gamma.base, response.base, np.array(self.rates))
+        return SummedRows(states, all_axes, all_rows, all_gamma, all_responses, self.qvel.copy())
 
     cdef int other_rows(self, Group group, state, axes, J, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""

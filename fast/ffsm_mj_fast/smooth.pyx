@@ -45,10 +45,11 @@ cdef class Smooth:
     def force(self, double[::1] pushes not None):
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""
         cdef Py_ssize_t i
-        cdef double[::1] force = np.empty(self.qvel.shape[0])
+        total = np.empty(self.qvel.shape[0])
+        cdef double[::1] force = total
         if self.follows:
             self.own_ctrl[:] = self.ctrl
         mj.fwdActuation(self.m, self.d)
         for i in range(force.shape[0]):
             force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + pushes[i]
-        return force.base
+        return total
