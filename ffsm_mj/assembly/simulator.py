@@ -287,6 +287,11 @@ class Simulator:
         return self.assembly.system
 
     @property
+    def unhandled_overlaps(self) -> tuple[tuple[str, ...], ...]:
+        """Geoms of the overlaps at the last control tick that no contact model handles and that are not ignored."""
+        return self._running().simulation.unhandled_overlaps
+
+    @property
     def prepared(self) -> PreparedRun:
         """The scenario as it was prepared, with the overrides of the simulator but not those of a reset."""
         return self._recipe(())

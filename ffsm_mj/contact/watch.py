@@ -78,6 +78,11 @@ class ContactWatch:
             self._open[pair] = (start, max(deepest, depth))
         return ended
 
+    @property
+    def open_overlaps(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the geoms of each overlap that was found at the last tick."""
+        return tuple(map(self._names, self._open))
+
     def _overlaps(self) -> dict[frozenset[int], float]:
         """Depth of each current overlap of a watched pair."""
         contact = self._data.contact

@@ -13,6 +13,9 @@ from ffsm_mj.gym.episode import Episode
 from ffsm_mj.gym.values import Values
 from ffsm_mj.scenario.env_config import EnvConfig
 
+UNHANDLED = "unhandled"
+"""Name for overlaps of geoms that no contact model handles, among the forbidden contacts."""
+Overlaps = Callable[[], tuple[tuple[str, ...], ...]]
 _Predicate = tuple[tuple[Condition, Callable[[Observation], Any]], ...]
 
 
@@ -31,14 +34,21 @@ class Ending(NamedTuple):
 class Endings:
     """Ends of episodes of one run."""
 
-    def __init__(self, config: EnvConfig, values: Values, episode: Episode) -> None:
+    def __init__(self, config: EnvConfig, values: Values, episode: Episode, overlaps: Overlaps) -> None:
         """Bind the conditions to a run.
+
+        Args:
+            config: Section of the scenario.
+            values: Values of the run.
+            episode: Its metrics.
+            overlaps: Geoms of the overlaps at the last control tick that no contact model handles.
 
         Raises:
             ScenarioFaults: One fault per unknown name.
         """
         self._faults: list[Fault] = []
         self._values, self._episode = values, episode
+        self._overlaps: Overlaps = overlaps if UNHANDLED in config.forbidden_contacts else tuple
         self._success = self._predicate(config.success, "success")
         self._failure = self._predicate(config.failure, "failure")
         self._bounds = []
@@ -47,6 +57,8 @@ class Endings:
                 self._bounds.append((name, low, high, read))
         self._forbidden: set[str] = set()
         for i, name in enumerate(config.forbidden_contacts):
+            if name == UNHANDLED:
+                continue
             self._forbidden |= self._bound(values.pairs_of, [name], ("env", "forbidden_contacts", i)) or set()
         if self._faults:
             raise ScenarioFaults(self._faults)
@@ -75,6 +87,8 @@ class Endings:
         for record in events:
             if getattr(record, "pair", None) in self._forbidden and not isinstance(record, ContactEnds):
                 return Ending(False, f"forbidden contact {record.pair}")
+        for geoms in self._overlaps():
+            return Ending(False, f"forbidden contact {' and '.join(geoms)}")
         for name, low, high, read in self._bounds:
             if not low <= read(observation) <= high:
                 return Ending(False, f"bound of {name}")

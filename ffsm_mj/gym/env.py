@@ -105,7 +105,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
 
     def _bind(self, assembly: Any) -> Bound:
         try:
-            return Bound(self.config, assembly)
+            return Bound(self.config, assembly, lambda: self.simulator.unhandled_overlaps)
         except ScenarioFaults as faults:
             raise located(faults, self._source) from faults
 
@@ -124,13 +124,13 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         """
         super().reset(seed=seed)
         number = self._next if seed is None else int(seed)
-        self._next = number + self._stride
         reset = self._resets.reset(number)
         self._ending, self._bound = "there is no episode", None
         self._close_camera()
         seen = self.simulator.reset(seed=reset.seed, overrides=reset.overrides | dict((options or {}).get("overrides", {})))
         self._bound = self._bind(self.simulator.assembly)
         self._bound.episode.look(seen)
+        self._next = number + self._stride
         self._vector, self._ending, self._memory = self._bound.observations.read(seen), "", dict[str, Any]()
         return self._vector.copy(), {"row": reset.row, "seed": reset.seed, "time_s": seen.time_s, "events": ()}
 

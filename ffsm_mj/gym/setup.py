@@ -11,7 +11,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.gym.actions import Actions
-from ffsm_mj.gym.endings import Endings
+from ffsm_mj.gym.endings import Endings, Overlaps
 from ffsm_mj.gym.episode import Episode
 from ffsm_mj.gym.observations import Observations
 from ffsm_mj.gym.rewards import NamedReward, reward_named
@@ -31,8 +31,13 @@ class Bound:
         endings: Its ends.
     """
 
-    def __init__(self, config: EnvConfig, assembly: Assembly) -> None:
+    def __init__(self, config: EnvConfig, assembly: Assembly, overlaps: Overlaps = tuple) -> None:
         """Resolve all names.
+
+        Args:
+            config: Section of the scenario.
+            assembly: Components of the run.
+            overlaps: See :class:`~ffsm_mj.gym.endings.Endings`.
 
         Raises:
             ScenarioFaults: One fault per unknown name of every part.
@@ -44,7 +49,7 @@ class Bound:
         for make in (
             lambda: Actions(config, assembly),
             lambda: Observations(config, values),
-            lambda: Endings(config, values, self.episode),
+            lambda: Endings(config, values, self.episode, overlaps),
         ):
             try:
                 parts.append(make())

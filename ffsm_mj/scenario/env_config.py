@@ -134,7 +134,8 @@ class EnvConfig(StrictModel):
     failure: str | None = None
     """Condition that ends an episode with failure."""
     forbidden_contacts: tuple[Name, ...] = ()
-    """Contact rules and pairs whose first contact ends an episode with failure."""
+    """Contact rules and pairs whose first contact ends an episode with failure; ``unhandled``: overlaps of geoms that no
+    contact model handles."""
     bounds: dict[Name, tuple[float, float]] = {}
     """Least and greatest value by column or path; an episode ends with failure where a value leaves them."""
     design: Name | None = None

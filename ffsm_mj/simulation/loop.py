@@ -230,6 +230,11 @@ class Simulation:
             raise RunEnded(Outcome.COMPLETED)
 
     @property
+    def unhandled_overlaps(self) -> tuple[tuple[str, ...], ...]:
+        """Geoms of the overlaps at the last control tick that no contact model handles and that are not ignored."""
+        return self._watch.open_overlaps
+
+    @property
     def next_tick_s(self) -> float:
         """Time of the next control tick of the time grid, s."""
         return self.progress.ticks * (self._settings.time_step_s * self._settings.steps_per_tick)

@@ -120,6 +120,16 @@ def test_ends_of_an_episode(tmp_path):
         assert reward == (1.0 if success else -1.0)
 
 
+def test_overlaps_that_no_rule_covers_are_forbidden_by_name(tmp_path):
+    """Without a rule the balls pass through each other from 0.01 s on: seen one tick later, when its row is written."""
+    rules = {"contacts.rules": [], "duration_s": 0.05, "env.observations": ["q_robot_x_m"]}
+    scenario = pushed_ball(tmp_path)
+    assert episode(ScenarioEnv(scenario, overrides=FAST | rules), 0.0 * ONE)[-1][3]
+    steps = episode(ScenarioEnv(scenario, {"forbidden_contacts": ["unhandled"]}, FAST | rules), 0.0 * ONE)
+    assert steps[-1][4]["ending"] == "forbidden contact robot/ball and target/target"
+    assert steps[-1][4]["time_s"] == pytest.approx(0.014, abs=1e-9)
+
+
 def test_metrics_are_those_of_the_finished_run(tmp_path):
     """Names and numbers of a campaign: the lists of ``summary.json`` when the episode is over."""
     env = ScenarioEnv(pushed_ball(tmp_path), {"success": "phases.count > 9 and contacts.count > 9"}, FAST)
@@ -282,6 +292,9 @@ def test_a_scenario_without_the_section(tmp_path):
 
 def test_options_override_and_information_is_picklable(tmp_path):
     env = ScenarioEnv(pushed_ball(tmp_path))
+    with pytest.raises(InputError, match="unknown key"):
+        env.reset(options={"overrides": {"wind": 1.0}})
+    assert env.reset()[1]["seed"] == 0  # a reset that fails is not counted
     observation, _ = env.reset(options={"overrides": {"initial.joints.target/x": 0.5}})
     assert observation[2] == 0.5
     info = env.step(ONE)[-1]
