@@ -225,10 +225,14 @@ class GivenCommand:
         return bool(self.actuators.all())
 
     def write(self, command: Command) -> None:
-        """Write it into a command, over what control laws have written there."""
+        """Write it into a command, over what control laws have written there.
+
+        Efforts are held to the end of a step, so they are written at every decision in it; requests are made once.
+        """
         np.copyto(command.effort, self.command.effort, where=self.actuators)
         np.copyto(command.powered, self.command.powered, where=self.actuators)
         command.requests.update(self.command.requests)
+        self.command.requests.clear()
 
 
 class Controller(Protocol):

@@ -14,6 +14,8 @@ from ffsm_mj.gym.errors import EnvError
 from ffsm_mj.gym.tip_action import TipAction
 from ffsm_mj.scenario.env_config import EffortAction, EnvConfig, RequestAction
 
+_ARM = ".arm"
+
 
 class Efforts:
     """Efforts of actuators in proportion to the action."""
@@ -117,10 +119,16 @@ class Actions:
         return np.clip(numbers, -1.0, 1.0)
 
     def command(self, action: FloatArray, observation: Observation) -> GivenCommand:
-        """Command at a control tick for a checked action; the control laws of the phase command the other actuators."""
+        """Command at a control tick for a checked action; the control laws of the phase command the other actuators.
+
+        Nothing is armed while a grasp holds an object: only one can be closed at a time.
+        """
         command = self._command
         command.clear()
         for place, part in self._parts:
             command.drive(part.actuators, part.efforts(action[place], observation))
-        command.requests.update(request for place, request in self._requests if action[place] > 0.0)
+        held = observation.grasp
+        command.requests.update(
+            request for place, request in self._requests if action[place] > 0.0 and not (held and request.endswith(_ARM))
+        )
         return GivenCommand(command, self._named)

@@ -13,6 +13,7 @@ from gymnasium.spaces import Box
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import as_overrides
 from ffsm_mj.assembly.simulator import Simulator, Step
+from ffsm_mj.controller_protocol import GivenCommand
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.gym.endings import Ending
 from ffsm_mj.gym.errors import EnvError
@@ -24,9 +25,6 @@ from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.env_config import EnvConfig
 from ffsm_mj.scenario.scenario import located
-
-_SOFTWARE = (Outcome.INTERNAL_ERROR, Outcome.CONTROLLER_FAILED, Outcome.WRITE_FAILED)
-"""Outcomes that say nothing about the motion: they are errors, not ends of an episode."""
 
 
 class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
@@ -85,7 +83,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         plan = campaign_of(first)
         changes = [*(plan.overrides if plan is not None else ()), *given]
         live = viewer if render_mode == "rerun" else None
-        self.simulator = Simulator(scenario, changes, record=record, force=force, live=live, rerun=False)
+        self.simulator = Simulator(scenario, changes, record=record, force=force, live=live, rerun=False, raise_errors=True)
         prepared = self.simulator.prepared
         self.config: EnvConfig = prepared.scenario.env  # type: ignore[assignment]
         self._reward = reward_of(reward, prepared)
@@ -182,7 +180,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         events: list[Any] = []
         seen = self.simulator.observation
         for _ in range(self.config.ticks_per_step):
-            step = self.simulator.step(bound.actions.command(numbers, seen))
+            step = self._tick(bound.actions.command(numbers, seen))
             seen = step.observation
             events += step.events
             bound.episode.add(step.events)
@@ -194,20 +192,32 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
                 break
         return tuple(events), step, ending
 
-    def _ended(self, step: Step) -> Ending | None:
-        """End of an episode whose run has ended; None if its duration is over.
+    def _tick(self, command: GivenCommand) -> Step:
+        """Simulate to the next control tick.
 
         Raises:
-            EnvError: Software failed.
+            EnvError: A control law, an estimator or a contact model failed, or the log cannot be written.
         """
+        try:
+            step = self.simulator.step(command)
+        except Exception as error:
+            raise self._failure() from error
+        if step.ended is not None and step.ended.outcome == Outcome.WRITE_FAILED:
+            raise self._failure()
+        return step
+
+    def _failure(self) -> EnvError:
+        """Error of software that has ended the run, and the episode with it."""
+        ended = self.simulator.ended
+        self._ending = ended.outcome.value if ended is not None else "an error"
+        return EnvError(f"the episode has ended ({self._ending}): {ended.message if ended is not None else ''}")
+
+    def _ended(self, step: Step) -> Ending | None:
+        """End of an episode whose run has ended; None if its duration is over."""
         assert step.ended is not None
-        outcome, message = step.ended
-        if outcome in _SOFTWARE:
-            self._ending = outcome.value
-            raise EnvError(f"the run has ended ({outcome.value}): {message}")
-        if outcome == Outcome.COMPLETED:
-            return None if self._is_over(step) else Ending(False, "end of the run")
-        return Ending(False, outcome.value)
+        if step.ended.outcome != Outcome.COMPLETED:
+            return Ending(False, step.ended.outcome.value)
+        return None if self._is_over(step) else Ending(False, "end of the run")
 
     def _is_over(self, step: Step) -> bool:
         scenario = self.simulator.prepared.scenario

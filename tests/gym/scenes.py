@@ -20,3 +20,8 @@ def pushed_ball(folder: Path, *, env: dict[str, Any] | None = None, **scenario: 
     times = {"duration_s": 0.1, "time_step_s": 0.001, "control_period_s": 0.002}
     rules = {"rules": [{"between": ["ball", "target/target"], "restitution": 0.0, "name": "touch"}]}
     return two_balls(folder, speed=0.0, gap=0.01, **(times | {"contacts": rules, "env": PUSH | (env or {})} | scenario))
+
+
+def steps_reward(step: Any, factor: float) -> float:
+    """A reward function of a package."""
+    return factor * (step.time_s > 0.0)

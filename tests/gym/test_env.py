@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 import pickle
+import sys
 import threading
+from importlib.metadata import EntryPoint
 
 import gymnasium
 import numpy as np
@@ -14,8 +17,9 @@ from gymnasium.utils.env_checker import check_env
 import ffsm_mj
 import ffsm_mj.gym
 from ffsm_mj.cli.main import main
-from ffsm_mj.errors import InputError
-from ffsm_mj.gym import EnvError, ScenarioEnv
+from ffsm_mj.contact_models.impact.model import ImpactModel
+from ffsm_mj.errors import InputError, MissingPackageError
+from ffsm_mj.gym import EnvError, ScenarioEnv, rewards
 from ffsm_mj.records.events import ImpactRecord
 from tests.gym.scenes import PUSH, pushed_ball
 
@@ -304,3 +308,41 @@ def test_options_override_and_information_is_picklable(tmp_path):
 def test_registered_names():
     ids = [name for name in gymnasium.registry if name.startswith("ffsm_mj/")]
     assert ids == ["ffsm_mj/Scenario-v0", "ffsm_mj/Touch-v0", "ffsm_mj/CapturePlanar-v0", "ffsm_mj/Capture-v0"]
+
+
+def test_reward_functions_of_packages(tmp_path, monkeypatch):
+    """By entry point; one that cannot be loaded says why."""
+    points = [
+        EntryPoint("steps", "tests.gym.scenes:steps_reward", rewards.GROUP),
+        EntryPoint("lost", "tests.gym.nowhere:reward", rewards.GROUP),
+    ]
+    monkeypatch.setattr(rewards, "entry_points", lambda group: [point for point in points if point.group == group])
+    rewards.reward_named.cache_clear()
+    scenario = pushed_ball(tmp_path)
+    env = ScenarioEnv(scenario, {"reward": {"function": "steps", "arguments": {"factor": 2.0}}})
+    env.reset()
+    assert env.step(ONE)[1] == 2.0
+    with pytest.raises(InputError, match=r"env\.reward: reward function 'lost' .* cannot be loaded \(ModuleNotFoundError"):
+        ScenarioEnv(scenario, {"reward": "lost"})
+
+
+def test_a_contact_model_that_raises_is_an_error_not_an_end(tmp_path, monkeypatch):
+    """Its exception is the cause; the episode is over."""
+    env = ScenarioEnv(pushed_ball(tmp_path), overrides=FAST)
+    env.reset()
+
+    def fail(*_):
+        raise ZeroDivisionError("no impulse")
+
+    monkeypatch.setattr(ImpactModel, "act", fail)
+    with pytest.raises(EnvError, match=r"the episode has ended \(internal_error\): .*no impulse") as caught:
+        episode(env)
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    with pytest.raises(EnvError, match=r"no step can be taken \(internal_error\)"):
+        env.step(ONE)
+
+
+def test_without_gymnasium(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    with pytest.raises(MissingPackageError, match="needs the package gymnasium"):
+        importlib.reload(ffsm_mj.gym)

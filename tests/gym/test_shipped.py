@@ -142,3 +142,19 @@ def test_examples_of_the_page(word, capsys):
     exec(code, {})
     promised = re.search(r"print\(.*\)  # (.*)$", code, flags=re.MULTILINE).group(1)
     assert capsys.readouterr().out.strip() == promised
+
+
+def test_an_episode_goes_on_after_a_capture():
+    """The number of the request stays above 0: nothing is armed while the box is held, and velocities are still followed."""
+    path, endless = scenarios_dir() / "gym" / "capture-planar.yaml", {"design": None, "success": None, "failure": None}
+    env = ScenarioEnv(path, endless | {"forbidden_contacts": []}, NEAR | {"initial.joints.object/x": 4.095})
+    observation, _ = env.reset(seed=0)
+    held = False
+    while not held:
+        observation, *_, info = env.step(BASELINES["ffsm_mj/CapturePlanar-v0"](observation))
+        held = bool(env.simulator.observation.grasp)
+    for _ in range(10):
+        observation, _, terminated, *_ = env.step(np.array([0.3, 0.2, 1.0]))
+    assert not terminated
+    assert 0.02 < observation[2] < 0.09  # the load is not in the law: slower than 4 1/s, towards 0.09 m/s
+    assert info["time_s"] < 0.6
