@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ffsm_mj import impact as impact
     from ffsm_mj.analysis.run import compare as compare
+    from ffsm_mj.assembly.go_on import go_on as go_on
     from ffsm_mj.assembly.prepare import prepare as prepare
     from ffsm_mj.assembly.prepare import run as run
     from ffsm_mj.assembly.simulator import Simulator as Simulator
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 _LAZY = {
     "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
     "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
+    "go_on": ("ffsm_mj.assembly.go_on", "go_on"),
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
@@ -35,7 +37,7 @@ _LAZY = {
     "impact": ("ffsm_mj.impact", None),
 }
 
-__all__ = ["Campaign", "Run", "Simulator", "compare", "impact", "load_run", "prepare", "run", "sweep"]
+__all__ = ["Campaign", "Run", "Simulator", "compare", "go_on", "impact", "load_run", "prepare", "run", "sweep"]
 
 
 def __getattr__(name: str) -> Any:

@@ -361,5 +361,8 @@ class TaskController(Protocol):
     def tell_phase_again(self) -> None:
         """Let the phase under way be among the phases begun since the last call: a log begins with it."""
 
+    def begin_law_again(self) -> None:
+        """Let the control law of the phase under way begin at its next call."""
+
     def reports(self) -> Mapping[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase."""

@@ -118,6 +118,7 @@ class PhaseMachine:
         self._start_s = 0.0
         self._begun: list[PhaseRecord] = []
         self._current: PhaseRecord | None = None
+        self._begins_again = False
         self._grasp = ""
         self._requests: list[str] = []
         self._asked: dict[tuple[int, str], Controller] = {}
@@ -136,7 +137,7 @@ class PhaseMachine:
         reason = self._ended(observation)
         if reason and self.phase_index + 1 < len(self.phases):
             self._begin(self.phase_index + 1, observation, reason)
-        if observation.grasp != self._grasp:
+        if observation.grasp != self._grasp or self._begins_again:
             self._take_over(observation)
         if self.given is None:
             self._ask(observation, command)
@@ -191,6 +192,7 @@ class PhaseMachine:
 
     def _take_over(self, observation: Observation) -> None:
         """Let the phase's law for what moves now begin."""
+        self._begins_again = False
         self._grasp = observation.grasp
         law = self.phases[self.phase_index].law(self._grasp)
         self._asked[self.phase_index, self._grasp] = law
@@ -205,6 +207,10 @@ class PhaseMachine:
         """Let the phase under way be among the phases begun since the last call: a log begins with it."""
         if self._current is not None:
             self._begun[:] = [self._current]
+
+    def begin_law_again(self) -> None:
+        """Let the control law of the phase under way begin at its next call."""
+        self._begins_again = True
 
     def reports(self) -> dict[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase.

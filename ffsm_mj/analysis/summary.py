@@ -13,7 +13,7 @@ from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record import CAPTURE
 from ffsm_mj.records.kinds import all_fields
-from ffsm_mj.records.metadata import is_conservative, logged_models, logged_task
+from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.checks import Check, CheckAccumulator
 from ffsm_mj.verification.truncation import Truncation
@@ -40,17 +40,19 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
     outcome = log.outcome
     wall = outcome.wall_s if outcome else 0.0
     end = outcome.end_s if outcome else digest.end_s
+    start = logged_start_s(log.header.metadata)
     return {
         "schema_version": SCHEMA_VERSION,
         "scenario": log.header.scenario_name,
         "outcome": outcome.outcome if outcome else "incomplete",
         "message": outcome.message if outcome else "the log breaks off before the end of the run",
+        **({"start_s": start} if start else {}),
         "duration_s": end,
         "steps": outcome.steps if outcome else 0,
         "sub_steps": outcome.sub_steps if outcome else 0,
         "smallest_step_s": outcome.smallest_step_s if outcome else 0.0,
         "wall_s": wall,
-        "real_time_factor": end / wall if wall else 0.0,
+        "real_time_factor": (end - start) / wall if wall else 0.0,
         "conservative": is_conservative(log.header.metadata),
         **_records(log, digest, end),
         "tip": tip_summary(digest.tip),

@@ -33,6 +33,7 @@ from ffsm_mj.scenario.loading import load_scenario, validated
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.simulation.progress import Start
 
 
 def run(
@@ -217,10 +218,13 @@ class PreparedRun:
         live: str | None = None,
         report: Callable[[float, float], None] | None = None,
         raise_errors: bool = False,
+        start: Start | None = None,
     ) -> Run:
-        """Simulate from the start; see :func:`run`."""
-        with_rerun = self.scenario.log.rerun if rerun is None else rerun
-        return simulate(self.assemble(), folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors)
+        """Simulate from the initial state, or from a later one; see :func:`run`."""
+        with_rerun, assembly = self.scenario.log.rerun if rerun is None else rerun, self.assemble()
+        return simulate(
+            assembly, folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors, start=start
+        )
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""

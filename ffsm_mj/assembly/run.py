@@ -15,6 +15,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
+from ffsm_mj.simulation.progress import Start
 
 
 # A run ends if its state is not finite; numpy's warnings would only repeat that.
@@ -31,6 +32,7 @@ def simulate(
     columns: Collection[str] | None = None,
     watchers: Sequence[Sink] = (),
     raise_errors: bool = False,
+    start: Start | None = None,
 ) -> Run:
     """Run an assembly once; its components are left at the end of the run.
 
@@ -44,17 +46,21 @@ def simulate(
             that can be made again, and carries no scenario.
         watchers: Further receivers of rows and events during the run.
         raise_errors: Raise an exception of a control law or an unexpected one again when the log is closed.
+        start: State from which the run goes on; None: the initial state.
 
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
         Exception: With ``raise_errors``, the exception that ended the run.
     """
-    recording = Recording(assembly, folder, with_rerun=with_rerun, live=live, columns=columns, watchers=watchers)
+    start_s = start.time_s if start is not None else 0.0
+    recording = Recording(
+        assembly, folder, with_rerun=with_rerun, live=live, columns=columns, watchers=watchers, start_s=start_s
+    )
     simulation, duration_s = recording.simulation, assembly.scenario.duration_s
     if report is not None:
         simulation.report = lambda time_s: report(time_s, duration_s)
     with noted() as simulation.interrupted, recording:
-        recording.end(simulation.run())
+        recording.end(simulation.run(start))
         if report is not None and simulation.ended and simulation.ended.outcome == Outcome.COMPLETED:
             report(duration_s, duration_s)  # what is left is to close the log
     finished = recording.run()

@@ -134,6 +134,13 @@ def _describe_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("scenario", nargs="?", help="a scenario file, a run folder, or the name of a shipped one (see --list)")
     run.add_argument("--list", action="store_true", help="list the shipped scenarios and exit")
     _add_overrides(run)
+    run.add_argument(
+        "--from",
+        dest="from_s",
+        type=float,
+        metavar="TIME",
+        help="go on from this instant of a run, s: scenario is its folder, overrides change its settings there",
+    )
     run.add_argument("--out", metavar="DIR", help="run folder (default: logs/<scenario>-<UTC time>)")
     run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
     run.add_argument("--no-rerun", action="store_true", help="do not write a recording for the Rerun viewer")

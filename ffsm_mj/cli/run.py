@@ -34,6 +34,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if options.scenario is None:
         complain(f"ffsm run: name a scenario; '{command('run', '--list')}' shows the shipped ones")
         return BAD_INPUT
+    from ffsm_mj.assembly.go_on import GoingOn
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
     from ffsm_mj.campaign.plan.shipped import is_campaign
     from ffsm_mj.log.run_folder import RunFolder
@@ -50,7 +51,8 @@ def run(options: argparse.Namespace, output: Output) -> int:
         given.refuse_earlier_run()
     with progress() as shown:
         shown.stage(f"prepare {options.scenario}")
-        prepared = prepare(options.scenario, options.overrides)
+        going_on = GoingOn(Path(options.scenario), options.from_s, options.overrides) if options.from_s is not None else None
+        prepared = going_on.prepared if going_on else prepare(options.scenario, options.overrides)
         notes = prepared.notes()
     scenario = prepared.scenario
     head = _notes(notes, options)
@@ -60,7 +62,8 @@ def run(options: argparse.Namespace, output: Output) -> int:
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
     with progress() as shown:
         report = shown.stage(scenario.name, "s", scenario.duration_s)
-        done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
+        start = going_on.start if going_on else None
+        done = prepared.run(folder=folder, rerun=rerun, live=live, report=report, start=start)
     if given is None:
         folder.link_latest()
     return _summarise(done, folder, notes, options, output, len(head.splitlines()))

@@ -81,12 +81,13 @@ def headline(run: Run) -> str:
     line = one_line(f"{run.name}: {summary['outcome']}")
     if summary["message"]:
         line += one_line(f" ({summary['message']})")
+    since = f"{summary['start_s']:g} to " if "start_s" in summary else ""
     if run.complete:
-        line += f"; {summary['duration_s']:g} s simulated"
+        line += f"; {since}{summary['duration_s']:g} s simulated"
         if summary["wall_s"]:  # zero if SOURCE_DATE_EPOCH is set
             line += f" in {summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} times real time)"
     else:
-        line += f"; {summary['duration_s']:g} s logged"
+        line += f"; {since}{summary['duration_s']:g} s logged"
     return line
 
 

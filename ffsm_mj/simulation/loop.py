@@ -30,7 +30,7 @@ from ffsm_mj.simulation.evaluation import Evaluation
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.memory import Memory
 from ffsm_mj.simulation.plant import Plant
-from ffsm_mj.simulation.progress import EventDue, Progress
+from ffsm_mj.simulation.progress import EventDue, Progress, Start
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.settings import Settings
 from ffsm_mj.simulation.step_control import StepLimitError
@@ -74,14 +74,20 @@ class Simulation:
         self.interrupted: Callable[[], bool] = bool
         self.report: Callable[[float], object] | None = None
 
-    def run(self) -> OutcomeRecord:
-        """Simulate from the start to the end of the run.
+    def run(self, start: Start | None = None) -> OutcomeRecord:
+        """Simulate to the end of the run.
+
+        Args:
+            start: State from which it goes on; None: the initial state.
 
         Returns:
             The outcome, without software versions. Exceptions become outcomes too, except those raised by ``report``.
         """
         with collected_warnings(self.warnings):
             self.begin()
+            if start is not None:
+                self.remember()
+                self.restore(start.changes, new_laws=start.new_laws)
             while self.ended is None:
                 self.advance()
             return self.finish()
@@ -108,11 +114,17 @@ class Simulation:
         self._guarded(self._advance, to_event, commanded)
         self._wall_s += time.perf_counter() - started
 
-    def remember(self) -> None:
-        """Make it possible to save the state; called after :meth:`begin`, before the first decision."""
+    def remember(self, *, changes: bool = False) -> None:
+        """Make it possible to save the state; called after :meth:`begin`, before the first decision.
+
+        Args:
+            changes: Make it possible to save only what has changed since.
+        """
         outside = (self, self._recorder, self._rows)
         parts = {"plant": self._plant, "controller": self._controller, "evaluation": self._evaluation}
         self._memory = Memory(outside, **parts, progress=self.progress, watch=self._watch)
+        if changes:
+            self._memory.note()
 
     @property
     def structure(self) -> tuple[str, ...]:
@@ -128,13 +140,25 @@ class Simulation:
         self._recorder.pass_on()
         return self._memory.save()
 
-    def restore(self, saved: bytes) -> None:
-        """Go on from a saved state of a simulation of the same structure."""
+    def save_changes(self) -> bytes:
+        """What of the state has changed since the first decision; see :meth:`save`."""
+        self._recorder.pass_on()
+        return self._memory.save_changed()
+
+    def restore(self, saved: bytes, *, new_laws: bool = False) -> None:
+        """Go on from a saved state of a simulation of the same structure.
+
+        Args:
+            saved: The state.
+            new_laws: The control law of the phase is another one: it begins at this state.
+        """
         self._recorder.pass_on()
         self._memory.restore(saved)
         self._observed = self.ended = self.error = None
         self.warnings.clear()
         self._controller.tell_phase_again()
+        if new_laws:
+            self._controller.begin_law_again()
         self._report_phases()
 
     def observation(self) -> Observation:

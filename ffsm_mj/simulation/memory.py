@@ -17,8 +17,10 @@ from typing import Any
 
 from ffsm_mj.errors import FfsmError, described
 from ffsm_mj.simulation.array_blocks import ArrayBlocks
-from ffsm_mj.simulation.object_contents import CONSTANT, content_of, is_walked, parts, write
+from ffsm_mj.simulation.object_contents import CONSTANT, Changed, content_of, is_walked, parts, write
 from ffsm_mj.simulation.state_pickler import StatePickler, StateUnpickler
+
+_WHOLE = ""
 
 
 class StateError(FfsmError):
@@ -64,6 +66,33 @@ class Memory:
             return self._pickled([(number, content_of(each)) for number, each in self._changing()])
         except Exception as error:
             raise StateError(self._culprit() or described(error)) from error
+
+    def note(self) -> None:
+        """Note the present contents: :meth:`save_changed` saves what differs from them."""
+        self._noted = {(number, key): self._pickled(value) for number, key, value in self._items()}
+
+    def save_changed(self) -> bytes:
+        """What the objects remember, as far as it has changed since :meth:`note`.
+
+        What a scenario sets is not among it: restored into a simulation with other settings, the state leaves these alone.
+        """
+        changed: dict[int, Any] = {}
+        for number, key, value in self._items():
+            if self._noted.get((number, key)) != self._pickled(value):
+                if key == _WHOLE:
+                    changed[number] = value
+                else:
+                    changed.setdefault(number, Changed())[key] = value
+        return self._pickled(list(changed.items()))
+
+    def _items(self) -> Iterator[tuple[int, Any, Any]]:
+        """Contents by number: attribute by attribute, or as a whole."""
+        for number, each in self._changing():
+            content = content_of(each)
+            if isinstance(content, dict) and not isinstance(each, dict):
+                yield from ((number, name, value) for name, value in content.items())
+            else:
+                yield number, _WHOLE, content
 
     def restore(self, saved: bytes) -> None:
         """Write what the objects remembered back into them; nothing is written if it cannot be read."""

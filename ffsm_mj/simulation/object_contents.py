@@ -25,6 +25,10 @@ _HEAP_TYPE = 1 << 9
 """Flag of types that a class statement makes."""
 
 
+class Changed(dict[str, Any]):
+    """Some of the attributes of an object, which keeps the others."""
+
+
 def is_walked(found: Any) -> bool:
     """Whether an object has a number; others, as numbers, texts and random generators, are pickled where they are held."""
     if isinstance(found, (type, ModuleType, Enum, BaseException)):
@@ -92,8 +96,9 @@ def write(found: Any, content: Any) -> None:
     elif _has_pair(found):
         found.restore(content)
     else:
-        for name in _attributes(found).keys() - content.keys():
-            object.__delattr__(found, name)
+        if not isinstance(content, Changed):
+            for name in _attributes(found).keys() - content.keys():
+                object.__delattr__(found, name)
         for name, value in content.items():
             object.__setattr__(found, name, value)
 

@@ -26,6 +26,21 @@ class EventDue:
     end: RunEnded | None
 
 
+@dataclass(frozen=True)
+class Start:
+    """State from which a run goes on.
+
+    Attributes:
+        time_s: Its time, s.
+        changes: What the parts of a simulation of the same structure have come to remember until then.
+        new_laws: The control law of the phase is another one than that which came there: it begins at this state.
+    """
+
+    time_s: float
+    changes: bytes
+    new_laws: bool
+
+
 @dataclass
 class Progress:
     """Position on the time grid.
