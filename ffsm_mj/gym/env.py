@@ -11,7 +11,6 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.prepare import as_overrides
 from ffsm_mj.assembly.simulator import Simulator, Step
 from ffsm_mj.controller_protocol import GivenCommand
 from ffsm_mj.errors import InputError, ScenarioFaults
@@ -20,7 +19,7 @@ from ffsm_mj.gym.errors import EnvError
 from ffsm_mj.gym.rendering import Camera
 from ffsm_mj.gym.resets import campaign_of, resets_of
 from ffsm_mj.gym.rewards import Transition
-from ffsm_mj.gym.setup import Bound, prepared_env, reward_of
+from ffsm_mj.gym.setup import Bound, env_of, reward_of, split_env
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.env_config import EnvConfig
@@ -51,7 +50,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         height: int = 480,
         camera: str | int = -1,
         viewer: str = "127.0.0.1:9876",
-        record: str | Path | bool = False,
+        record: str | Path | None = None,
         force: bool = False,
     ) -> None:
         """Read, validate and compile a scenario; :meth:`reset` must follow.
@@ -68,7 +67,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
             height: Height of images, pixels.
             camera: Name or id of a camera of the models; -1: one that frames the scene.
             viewer: ``host:port`` of the Rerun viewer.
-            record: Run folder to write, a numbered one for each further episode; False: episodes leave no log.
+            record: Run folder to write, a numbered one for each further episode; None: episodes leave no log.
             force: Replace a run that ``record`` already holds.
 
         Raises:
@@ -78,16 +77,21 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
             raise InputError(f"render_mode: {render_mode!r}, allowed are {', '.join(self.metadata['render_modes'])}")
         if stride < 1:
             raise InputError(f"stride: {stride}, must be at least 1")
-        given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
-        first, reward, given = prepared_env(scenario, env, given)
-        plan = campaign_of(first)
-        changes = [*(plan.overrides if plan is not None else ()), *given]
-        live = viewer if render_mode == "rerun" else None
-        self.simulator = Simulator(scenario, changes, record=record, force=force, live=live, rerun=False, raise_errors=True)
+        reward, changes = split_env(env, overrides)
+
+        def simulator(changes: Sequence[str]) -> Simulator:
+            live = viewer if render_mode == "rerun" else None
+            kept = record or False  # no rows in memory
+            return Simulator(scenario, changes, record=kept, force=force, live=live, rerun=False, raise_errors=True)
+
+        self.simulator = simulator(changes)
+        plan = campaign_of(self.simulator.prepared)
+        if plan is not None and plan.overrides:
+            self.simulator = simulator([*plan.overrides, *changes])
         prepared = self.simulator.prepared
-        self.config: EnvConfig = prepared.scenario.env  # type: ignore[assignment]
+        self.config: EnvConfig = env_of(prepared)
         self._reward = reward_of(reward, prepared)
-        self._resets, self._stride, self._next = resets_of(plan, scenario, changes, prepared), stride, 0
+        self._resets, self._stride, self._next = resets_of(plan, prepared), stride, 0
         self._source = prepared.source
         bound = self._bind(prepared.assemble())
         self.action_space = Box(-1.0, 1.0, (bound.actions.size,), np.float32)

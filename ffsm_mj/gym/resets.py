@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.campaign.plan.bindings import bind_dispersions
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import Plan, load_campaign
@@ -70,24 +69,20 @@ def campaign_of(prepared: PreparedRun) -> Plan | None:
         raise InputError([prepared.source.line(Fault(line, path)) for line in error.lines]) from error
 
 
-def resets_of(plan: Plan | None, scenario: str | Path, overrides: Sequence[str], base: PreparedRun) -> Resets:
+def resets_of(plan: Plan | None, base: PreparedRun) -> Resets:
     """Resets of an environment.
 
     Args:
         plan: The campaign; its own scenario may be another one, as long as this one has the dispersed keys.
-        scenario: The scenario of the environment.
-        overrides: Its overrides.
-        base: The scenario with these overrides.
+        base: The scenario of the environment, with the overrides of the campaign.
 
     Raises:
         InputError: The scenario does not have the dispersed keys, or refuses their values.
     """
     if plan is None:
         return Resets(None, base.scenario.seed)
-    of_scenario = prepare(scenario, list(overrides))
     try:
-        bindings = bind_dispersions(plan.config.dispersions, Targets(of_scenario))
+        bindings = bind_dispersions(plan.config.dispersions, Targets(base))
     except ScenarioFaults as faults:
         raise located(faults, plan.source) from faults
-    design = replace(plan, base=of_scenario, bindings=bindings).design()
-    return Resets(design, base.scenario.seed)
+    return Resets(replace(plan, base=base, bindings=bindings).design(), base.scenario.seed)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, as_overrides
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.gym.actions import Actions
 from ffsm_mj.gym.endings import Endings, Overlaps
@@ -63,22 +62,29 @@ class Bound:
         self.actions, self.observations, self.endings = parts
 
 
-def prepared_env(
-    scenario: str | Path, env: Mapping[str, Any] | None, overrides: Sequence[str]
-) -> tuple[PreparedRun, Callable[..., float] | None, list[str]]:
-    """A scenario with its section ``env``, the reward function of a script, and the overrides with those of ``env``.
+def split_env(
+    env: Mapping[str, Any] | None, overrides: Sequence[str] | Mapping[str, Any]
+) -> tuple[Callable[..., float] | None, list[str]]:
+    """The reward function of a script, and the overrides of a scenario with those of its section ``env``.
 
     Raises:
-        InputError: The scenario is wrong, or has no section ``env``.
+        InputError: A value is not one of YAML.
     """
-    keys = dict(env or {})
+    given, keys = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides), dict(env or {})
     reward = keys.pop("reward") if callable(keys.get("reward")) else None
-    changes = [*overrides, *(f"env.{key}={_json(key, value)}" for key, value in keys.items())]
-    prepared = prepare(scenario, changes)
+    return reward, [*given, *(f"env.{key}={_json(key, value)}" for key, value in keys.items())]
+
+
+def env_of(prepared: PreparedRun) -> EnvConfig:
+    """The section ``env`` of a scenario.
+
+    Raises:
+        InputError: There is none.
+    """
     if prepared.scenario.env is None:
         fault = Fault("is missing: the scenario is no environment yet; see docs/gymnasium.md", ("env",))
         raise InputError(prepared.source.line(fault))
-    return prepared, reward, changes
+    return prepared.scenario.env
 
 
 def _json(key: str, value: Any) -> str:
@@ -96,8 +102,7 @@ def reward_of(function: Callable[..., float] | None, prepared: PreparedRun) -> N
     """
     if function is not None:
         return NamedReward(getattr(function, "__name__", repr(function)), function, {})
-    assert prepared.scenario.env is not None
-    config = prepared.scenario.env.reward
+    config = env_of(prepared).reward
     is_long = isinstance(config, RewardConfig)
     name, arguments = (config.function, config.arguments) if isinstance(config, RewardConfig) else (config, {})
     try:

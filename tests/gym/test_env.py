@@ -41,7 +41,7 @@ def episode(env, action=ONE, seed=0, **reset):
 
 def test_the_checker_of_gymnasium_has_nothing_to_say(tmp_path):
     """Every warning is an error here; rendering is tested elsewhere."""
-    env = ffsm_mj.gym.make(pushed_ball(tmp_path))  # with the passive checker around it
+    env = ffsm_mj.gym.make(pushed_ball(tmp_path, duration_s=0.03))  # with the passive checker around it
     check_env(env.unwrapped, skip_render_check=True)
     episode(env)
 
@@ -85,15 +85,18 @@ def test_a_reset_in_the_middle_of_a_contact_leaves_nothing(tmp_path):
 
 def test_two_environments_in_turn_and_in_threads_do_not_meet(tmp_path):
     scenario = pushed_ball(tmp_path)
-    alone = [step[0] for step in episode(ScenarioEnv(scenario, overrides=FAST))]
-    a, b = ScenarioEnv(scenario, overrides=FAST), ScenarioEnv(scenario)
+    fast = FAST | {"duration_s": 0.03}
+    alone = [step[0] for step in episode(ScenarioEnv(scenario, overrides=fast))]
+    a, b = ScenarioEnv(scenario, overrides=fast), ScenarioEnv(scenario)
     turns = [(a.reset(seed=0)[0], b.reset(seed=0)[0])]
-    turns += [(a.step(ONE)[0], b.step(-ONE)[0]) for _ in range(10)]
+    turns += [(a.step(ONE)[0], b.step(-ONE)[0]) for _ in alone[1:]]
     np.testing.assert_array_equal([each for each, _ in turns], alone)
+    a.close()
+    b.step(ONE)  # closing one does not end the other
     found = {}
 
     def run(name):
-        found[name] = [step[0] for step in episode(ScenarioEnv(scenario, overrides=FAST))]
+        found[name] = [step[0] for step in episode(ScenarioEnv(scenario, overrides=fast))]
 
     threads = [threading.Thread(target=run, args=(name,)) for name in range(2)]
     for thread in threads:

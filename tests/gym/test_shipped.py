@@ -30,13 +30,14 @@ def ending(env, policy, seed, **options):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("is_scripted", [True, False])
 @pytest.mark.parametrize("name", BASELINES)
-def test_the_scripted_policy_succeeds_and_random_actions_do_not(name, seed):
+def test_the_scripted_policy_succeeds_and_random_actions_do_not(name, is_scripted, seed):
     env = gymnasium.make(name)
-    assert ending(env, BASELINES[name], seed) == "success"
     env.action_space.seed(seed)
-    assert ending(env, lambda _: env.action_space.sample(), seed) != "success"
+    policy = BASELINES[name] if is_scripted else lambda _: env.action_space.sample()
+    assert (ending(env, policy, seed) == "success") is is_scripted
 
 
 def planar(**overrides):
