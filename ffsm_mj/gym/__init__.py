@@ -34,7 +34,7 @@ def make(scenario: str | Path, env: Mapping[str, Any] | None = None, **settings:
 
     Args:
         scenario: A path, or the name of a shipped scenario.
-        env: Keys of the section ``env`` that are added to those of the file; see :class:`ScenarioEnv`.
+        env: Keys of the section ``env`` that replace those of the file; see :class:`ScenarioEnv`.
         **settings: Further arguments of :class:`ScenarioEnv`, and of ``gymnasium.make``, such as ``render_mode``.
     """
     return gymnasium.make(_SCENARIO, scenario=str(scenario), env=env, **settings)

@@ -57,7 +57,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
 
         Args:
             scenario: A path, or the name of a shipped scenario.
-            env: Keys of the section ``env`` that are added to those of the file; ``reward`` may be a function of a
+            env: Keys of the section ``env`` that replace those of the file; ``reward`` may be a function of a
                 :class:`~ffsm_mj.gym.rewards.Transition`.
             overrides: Overrides of the scenario; see :func:`ffsm_mj.run`.
             stride: Numbers by which a reset without a seed moves on; of n environments in a vector that share one design,
