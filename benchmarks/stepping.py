@@ -1,0 +1,59 @@
+"""Cost of stepping: a run in one go, the same by ``Simulator.step`` tick by tick, and reset, state and restore.
+
+``uv run python benchmarks/stepping.py``, with ``--extra fast`` for compiled parts: process time, the best of several
+interleaved runs. Both simulate the baseline for 10 s at ticks of 1 ms, in memory, from a scenario that is compiled once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import ffsm_mj
+from ffsm_mj.compiled import is_compiled
+
+SCENARIO, SETTINGS = "baseline", {"duration_s": 10.0}
+
+
+def seconds(part: Callable[[], object]) -> float:
+    """Process time of a part."""
+    began = time.process_time()
+    part()
+    return time.process_time() - began
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--repeats", type=int, default=9, help="runs of each kind")
+    repeats = parser.parse_args().repeats
+    prepared, simulator = ffsm_mj.prepare(SCENARIO, SETTINGS), ffsm_mj.Simulator(SCENARIO, SETTINGS)
+
+    def whole() -> None:
+        assert prepared.run().outcome == "completed"
+
+    def steps() -> None:
+        simulator.reset()
+        while not simulator.step().ended:
+            pass
+        simulator.close()
+
+    whole()
+    times = [(seconds(whole), seconds(steps)) for _ in range(repeats)]
+    run_s, steps_s = (min(each) for each in zip(*times, strict=True))
+    ticks = prepared.scenario.ticks
+    print(f"{'compiled' if is_compiled() else 'plain'}: {1e6 * run_s / ticks:.1f} us per tick in one go,", end=" ")
+    print(f"{1e6 * (steps_s - run_s) / ticks:.1f} us more per step, ratio {steps_s / run_s:.3f}")
+    alone = ffsm_mj.Simulator(SCENARIO, SETTINGS, record=False)
+    resets = [seconds(lambda: alone.reset()) for _ in range(repeats)]
+    alone.step(until=8.0)
+    state = alone.state()
+    saves = [seconds(lambda: alone.state()) for _ in range(repeats)]
+    restores = [seconds(lambda: alone.restore(state)) for _ in range(repeats)]
+    told = f"reset {1e3 * min(resets):.0f} ms, state {1e3 * min(saves):.1f} ms of {len(state.contents) / 1e3:.0f} kB"
+    print(f"{told}, restore in place {1e3 * min(restores):.1f} ms")
+
+
+if __name__ == "__main__":
+    main()
