@@ -46,10 +46,10 @@ def main() -> None:
     print(f"{'compiled' if is_compiled() else 'plain'}: {1e6 * run_s / ticks:.1f} us per tick in one go,", end=" ")
     print(f"{1e6 * (steps_s - run_s) / ticks:.1f} us more per step, ratio {steps_s / run_s:.3f}")
     alone = ffsm_mj.Simulator(SCENARIO, SETTINGS, record=False)
-    resets = [seconds(lambda: alone.reset()) for _ in range(repeats)]
+    resets = [seconds(alone.reset) for _ in range(repeats)]
     alone.step(until=8.0)
     state = alone.state()
-    saves = [seconds(lambda: alone.state()) for _ in range(repeats)]
+    saves = [seconds(alone.state) for _ in range(repeats)]
     restores = [seconds(lambda: alone.restore(state)) for _ in range(repeats)]
     told = f"reset {1e3 * min(resets):.0f} ms, state {1e3 * min(saves):.1f} ms of {len(state.contents) / 1e3:.0f} kB"
     print(f"{told}, restore in place {1e3 * min(restores):.1f} ms")

@@ -60,7 +60,7 @@ def test_a_script_is_whole(script, shell, tmp_path):
 def test_bash_completes_commands_and_options(complete):
     assert complete("ffsm", "") == list(COMMANDS)
     assert complete("ffsm", "an") == ["analyze"]
-    assert complete("ffsm", "run", "--f") == ["--force"]
+    assert complete("ffsm", "run", "--fo") == ["--force"]
     assert complete("ffsm", "export", "--g") == ["--gif"]
     assert complete("ffsm", "completion", "") == list(SHELLS)
 
