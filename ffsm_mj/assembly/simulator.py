@@ -151,9 +151,9 @@ class Simulator:
         return self.observation
 
     def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float = 0.0) -> None:
-        """Begin a run in place of one under way."""
-        self.close()
+        """Begin a run in place of one under way, which goes on if the overrides or the seed are wrong."""
         made = self._seeded(self._recipe(overrides), seed)
+        self.close()
         assembly, self._recipe_of_run = made.assemble(), (overrides, seed)
         self._tap, self._assembly, self._controller = EventTap(), assembly, assembly.controller
         self._period_s, self._reported = made.scenario.control_period_s, 0
@@ -164,20 +164,20 @@ class Simulator:
             assembly, folder, with_rerun=with_rerun, live=self._live, columns=columns, watchers=[self._tap], start_s=start_s
         )
         # Held to the end of the run: to enter these contexts at each step would take as long as a step.
-        stack = ExitStack()
-        stack.enter_context(one_blas_thread())
-        stack.enter_context(stopped_clock())
-        stack.enter_context(handled_warnings())
-        self._interrupts = stack.enter_context(StepInterrupts())
-        stack.enter_context(recording)
-        recording.simulation.interrupted = self._interrupts.noted
-        with collecting(recording.simulation.warnings):
-            self._context.run(recording.simulation.begin)
-        recording.simulation.remember()
-        of_scenario = (made.scenario_yaml, *recording.simulation.structure)
-        self._fingerprint = sha256("\n".join(of_scenario).encode()).hexdigest()
-        self._recording, self._stack, self._runs = recording, stack, self._runs + 1
-        self._release = finalize(self, stack.close)
+        with ExitStack() as stack:
+            stack.enter_context(one_blas_thread())
+            stack.enter_context(stopped_clock())
+            stack.enter_context(handled_warnings())
+            self._interrupts = stack.enter_context(StepInterrupts())
+            stack.enter_context(recording)
+            recording.simulation.interrupted = self._interrupts.noted
+            with collecting(recording.simulation.warnings):
+                self._context.run(recording.simulation.begin)
+            recording.simulation.remember()
+            of_scenario = (made.scenario_yaml, *recording.simulation.structure)
+            self._fingerprint = sha256("\n".join(of_scenario).encode()).hexdigest()
+            self._recording, self._stack, self._runs = recording, stack.pop_all(), self._runs + 1
+        self._release = finalize(self, self._stack.close)
 
     def step(self, command: Any = None, until: str | float = "tick") -> Step:
         """Take the decision that is due, and simulate to the next one.
@@ -206,7 +206,8 @@ class Simulator:
         if self._raises and simulation.error is not None:
             raise simulation.error
         ended = simulation.ended
-        if ended is not None and ended.outcome == Outcome.INTERRUPTED:
+        if self._interrupts.noted() or (ended is not None and ended.outcome == Outcome.INTERRUPTED):
+            simulation.interrupt()  # by a signal that came after the last time that the step looked for one
             raise KeyboardInterrupt
         return Step(simulation.observation(), self._new_events(simulation.progress.due), ended)
 
@@ -237,30 +238,46 @@ class Simulator:
         Raises:
             SimulatorError: The state is that of another scenario.
         """
-        goes_on = self._recording is not None and self._record is False
-        if not goes_on or self._recipe_of_run != (state.overrides, state.seed):
+        has_parts = self._recording is not None and self._recipe_of_run == (state.overrides, state.seed)
+        if has_parts:
+            self._compare(state)  # the run under way goes on if the state is refused
+        if not has_parts or self._record is not False:
             self._begin(state.overrides, state.seed, state.time_s)
-        if state.fingerprint != self._fingerprint:
-            raise SimulatorError("the state is that of another scenario, of other versions, or of compiled parts")
+            self._compare(state)
         simulation = self._running().simulation
         simulation.restore(state.contents)
         self._tap.take()
         self._reported = len(simulation.progress.due.records) if simulation.progress.due is not None else 0
         return self.observation
 
+    def _compare(self, state: SimulatorState) -> None:
+        """Refuse a state of other parts than those of the run."""
+        if state.fingerprint != self._fingerprint:
+            raise SimulatorError("the state is that of another scenario, of other versions, or of compiled parts")
+
     def close(self) -> Run | None:
         """End the run: its log is closed, with its outcome and summary. One that has not reached its end was interrupted.
 
         Returns:
             The run, as :func:`ffsm_mj.run` returns it; None if there is none. Further calls return None.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C while the files were written; they are whole.
         """
         recording, self._recording = self._recording, None
         if recording is None:
             return None
         self._release.detach()
-        with self._stack, collecting(recording.simulation.warnings):
-            recording.end(self._context.run(recording.simulation.finish))
-        return recording.run()
+        self._interrupts.begin_step()  # a signal waits until the files are written
+        try:
+            with self._stack, collecting(recording.simulation.warnings):
+                recording.end(self._context.run(recording.simulation.finish))
+            run = recording.run()
+        finally:
+            self._interrupts.end_step()
+        if self._interrupts.noted():
+            raise KeyboardInterrupt
+        return run
 
     @property
     def observation(self) -> Observation:

@@ -26,10 +26,11 @@ class StepInterrupts:
         self._is_within, self._is_noted = False, False
 
     def __enter__(self) -> StepInterrupts:
-        """Install the handlers, if no other simulator has."""
+        """Install the handlers, unless they are there: of another simulator, or of one that another thread has closed."""
         if _in_main_thread():
-            if not self._open:
-                self._before.update({number: signal.signal(number, _handle) for number in _SIGNALS})
+            for number in _SIGNALS:
+                if signal.getsignal(number) is not _handle:
+                    self._before[number] = signal.signal(number, _handle)
             self._open.append(self)
         return self
 

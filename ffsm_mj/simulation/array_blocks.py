@@ -59,5 +59,6 @@ def _blocks(owner: Any) -> list[_Part]:
     if not isinstance(owner, (mujoco.MjData, mujoco.MjModel)):
         return []
     fields = ((name, getattr(owner, name)) for name in dir(owner) if not name.startswith("_"))
-    arrays = [(name, each) for name, each in fields if isinstance(each, np.ndarray) and each.size]
+    # Some fields are copies, whose memory soon belongs to other arrays.
+    arrays = [(name, each) for name, each in fields if isinstance(each, np.ndarray) and each.size and not each.flags.owndata]
     return [(*np.lib.array_utils.byte_bounds(each), owner, name) for name, each in arrays]

@@ -172,6 +172,11 @@ class Simulation:
             self._observed = self._evaluation.observed(self.next_tick_s, at_tick=True)
         return self._observed
 
+    def interrupt(self) -> None:
+        """End the run if it was interrupted and has not ended."""
+        if self.ended is None:
+            self._guarded(self._poll)
+
     def finish(self) -> OutcomeRecord:
         """Write what remains; a run that has not reached its end was interrupted.
 

@@ -5,7 +5,7 @@ mention something. Assembly is deterministic, so that an object is known by its 
 A state holds the contents of these objects by number; what a run has created since is pickled with them.
 
 What cannot be pickled (extension types, and plug-ins with a resource such as a file) says what it remembers by one pair of
-methods, ``state()`` and ``restore(state)``.
+methods, ``state()`` and ``restore(state)``. What is held by a class or a module is not of the state.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from typing import Any
 
 from ffsm_mj.errors import FfsmError, described
 from ffsm_mj.simulation.array_blocks import ArrayBlocks
-from ffsm_mj.simulation.object_contents import CONSTANT, Changed, content_of, is_walked, parts, write
+from ffsm_mj.simulation.object_contents import CONSTANT, Changed, content_of, is_lost, is_walked, parts, write
 from ffsm_mj.simulation.state_pickler import StatePickler, StateUnpickler
 
 _WHOLE = ""
+_PAIR = "the methods state() and restore(state)"
+_ELSEWHERE = f"hold it in an object with {_PAIR}"
 
 
 class StateError(FfsmError):
@@ -40,7 +42,7 @@ class Memory:
         self._objects = list(outside)
         self._places = [type(each).__qualname__ for each in outside]
         self._numbers = {id(each): number for number, each in enumerate(outside)}
-        self._outside = len(outside)
+        self._outside, self._lost = len(outside), list[str]()
         todo = deque(roots.items())
         while todo:
             place, found = todo.popleft()
@@ -48,7 +50,10 @@ class Memory:
                 self._numbers[id(found)] = len(self._objects)
                 self._objects.append(found)
                 self._places.append(place)
-                todo.extend((f"{place}{name}", part) for name, part in parts(found))
+                held = [(f"{place}{name}", part) for name, part in parts(found)]
+                todo.extend(held)
+                if isinstance(found, CONSTANT):
+                    self._lost += [f"{name} ({type(part).__name__})" for name, part in held if is_lost(part)]
         self._blocks = ArrayBlocks(self._objects)
 
     @property
@@ -62,6 +67,8 @@ class Memory:
         Raises:
             StateError: One holds what cannot be saved.
         """
+        if self._lost:
+            raise StateError(f"{self._lost[0]} cannot be saved where it is: {_ELSEWHERE}")
         try:
             return self._pickled([(number, content_of(each)) for number, each in self._changing()])
         except Exception as error:
@@ -120,6 +127,7 @@ class Memory:
                     self._pickled(value)
                 except Exception as error:  # noqa: BLE001 (whatever a value's type raises)
                     where = f"{place}.{name}" if name else place
-                    pair = f"give {type(each).__qualname__} the methods state() and restore(state)"
+                    can_have = type(each).__module__ != "builtins"
+                    pair = f"give {type(each).__qualname__} {_PAIR}" if can_have else _ELSEWHERE
                     return f"{where} cannot be saved ({described(error)}): {pair}"
         return ""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from enum import Enum
 from functools import partial
-from types import FunctionType, MappingProxyType, MethodType, ModuleType
+from operator import attrgetter
+from random import Random
+from re import Pattern
+from types import BuiltinFunctionType, FunctionType, MappingProxyType, MethodType, ModuleType
 from typing import Any
 
 import mujoco
@@ -17,9 +21,26 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.sampler import Sampler
 from ffsm_mj.simulation.mujoco_memory import DATA, MODEL
 
-CONSTANT = (tuple, frozenset, MappingProxyType, FunctionType, MethodType, partial, StrictModel, System, Sampler)
+_GENERATORS = (Random, np.random.BitGenerator, np.random.RandomState)
+CONSTANT = (
+    tuple,
+    frozenset,
+    MappingProxyType,
+    MethodType,
+    BuiltinFunctionType,
+    partial,
+    StrictModel,
+    System,
+    Sampler,
+    np.random.Generator,
+)
 """Types whose instances remember nothing themselves; what they hold may."""
 _CONTAINERS = (list, dict, set, deque)
+_KNOWN = (FunctionType, np.ndarray, mujoco.MjModel, mujoco.MjData)
+_NUMBERS = (int, float, complex, np.generic, range, slice)
+_UNCHANGING = (type, ModuleType, Enum, Pattern, np.dtype, np.ufunc, type(None), str, bytes, memoryview, *_NUMBERS)
+_OF_FUNCTIONS = ("fortran", "pybind11")
+"""Starts of the names of types of functions of LAPACK, and of what functions of MuJoCo hold."""
 _TWINS = "ffsm_mj_fast"
 _HEAP_TYPE = 1 << 9
 """Flag of types that a class statement makes."""
@@ -30,50 +51,61 @@ class Changed(dict[str, Any]):
 
 
 def is_walked(found: Any) -> bool:
-    """Whether an object has a number; others, as numbers, texts and random generators, are pickled where they are held."""
+    """Whether an object has a number; others, as numbers and texts, are pickled where they are held."""
     if isinstance(found, (type, ModuleType, Enum, BaseException)):
         return False
-    known = isinstance(found, (*_CONTAINERS, *CONSTANT, np.ndarray, mujoco.MjModel, mujoco.MjData))
-    return known or _is_twin(found) or (_is_python(type(found)) and bool(_attributes(found)))
+    if isinstance(found, (*_CONTAINERS, *CONSTANT, *_GENERATORS, *_KNOWN)) or _is_twin(found):
+        return True
+    return _is_python(type(found)) and (hasattr(found, "__dict__") or bool(_attributes(found)))
+
+
+def is_lost(found: Any) -> bool:
+    """Whether an object without a number may change, so that one that cannot be exchanged must not hold it."""
+    if isinstance(found, (*_UNCHANGING, BaseException)) or type(found).__name__.startswith(_OF_FUNCTIONS):
+        return False
+    return not is_walked(found)
 
 
 def parts(found: Any) -> Iterator[tuple[str, Any]]:
     """What an object holds, with its place in it."""
     if isinstance(found, System):
         yield ".mj", found.mj
-    elif isinstance(found, (StrictModel, Sampler, set, frozenset)) or _has_pair(found):
+        return
+    if isinstance(found, (StrictModel, Sampler, set, frozenset)) or _has_pair(found):
         return  # a set holds numbers and names, in an order that is not the same in every process
-    elif isinstance(found, (dict, MappingProxyType)):
+    if isinstance(found, (*_CONTAINERS, FunctionType)) and hasattr(found, "__dict__"):
+        yield ".__dict__", vars(found)
+    if isinstance(found, (dict, MappingProxyType)):
         yield from ((f"[{key!r}]", part) for key, part in found.items())
     elif isinstance(found, (list, tuple, deque)) or (isinstance(found, np.ndarray) and found.dtype == object):
         yield from ((f"[{i}]", part) for i, part in enumerate(found))
     elif isinstance(found, FunctionType):
-        yield from ((f".{i}", cell.cell_contents) for i, cell in enumerate(found.__closure__ or ()) if _is_filled(cell))
-    elif isinstance(found, MethodType):
+        yield from ((f".{name}", part) for name, part in _bound(found).items())
+        yield from ((".__defaults__", part) for part in (found.__defaults__, found.__kwdefaults__) if part)
+    elif isinstance(found, (MethodType, BuiltinFunctionType)):
         yield ".__self__", found.__self__
     elif isinstance(found, partial):
         yield from ((f".{i}", part) for i, part in enumerate((found.func, *found.args, *found.keywords.values())))
-    elif not isinstance(found, (np.ndarray, mujoco.MjModel, mujoco.MjData)):
+    elif isinstance(found, np.random.Generator):
+        yield ".bit_generator", found.bit_generator
+    elif not isinstance(found, (np.ndarray, mujoco.MjModel, mujoco.MjData, *_GENERATORS)):
         yield from ((f".{name}", part) for name, part in _attributes(found).items())
 
 
-def _is_filled(cell: Any) -> bool:
-    try:
-        return cell.cell_contents is not None
-    except ValueError:
-        return False
+def _bound(function: FunctionType) -> dict[str, Any]:
+    """Variables of outer functions that a function uses, by name; not those without a value, and classes."""
+    bound = {}
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        with suppress(ValueError):
+            bound[name] = cell.cell_contents
+    return {name: value for name, value in bound.items() if not isinstance(value, (type, ModuleType))}
 
 
 def content_of(found: Any) -> Any:
     """What an object remembers."""
-    if isinstance(found, mujoco.MjData):
-        return DATA.content(found)
-    if isinstance(found, mujoco.MjModel):
-        return MODEL.content(found)
-    if isinstance(found, np.ndarray):
-        return found.copy() if found.flags.writeable else None
-    if isinstance(found, _CONTAINERS):
-        return dict(found) if isinstance(found, dict) else list(found)
+    for kind, read, _ in _KINDS:
+        if isinstance(found, kind):
+            return read(found)
     if _is_twin(found):
         return _state_of_twin(found)
     return found.state() if _has_pair(found) else _attributes(found)
@@ -81,16 +113,11 @@ def content_of(found: Any) -> Any:
 
 def write(found: Any, content: Any) -> None:
     """Write into an object what it remembered."""
-    if isinstance(found, mujoco.MjData):
-        DATA.write(found, content)
-    elif isinstance(found, mujoco.MjModel):
-        MODEL.write(found, content)
-    elif isinstance(found, np.ndarray):
-        if content is not None:
-            found[...] = content
-    elif isinstance(found, _CONTAINERS):
-        _fill(found, content)
-    elif _is_twin(found):
+    for kind, _, write_kind in _KINDS:
+        if isinstance(found, kind):
+            write_kind(found, content)
+            return
+    if _is_twin(found):
         if content is not None:
             found.__setstate__(content)
     elif _has_pair(found):
@@ -103,12 +130,41 @@ def write(found: Any, content: Any) -> None:
             object.__setattr__(found, name, value)
 
 
-def _fill(container: list[Any] | dict[Any, Any] | set[Any] | deque[Any], content: Any) -> None:
+def _array(found: np.ndarray[Any, Any]) -> Any:
+    return found.copy() if found.flags.writeable else None
+
+
+def _write_array(found: np.ndarray[Any, Any], content: Any) -> None:
+    if content is not None:
+        found[...] = content
+
+
+def _refill(container: Any, content: Any) -> None:
     container.clear()
     if isinstance(container, (list, deque)):
         container.extend(content)
     else:
         container.update(content)
+
+
+def _bind(function: FunctionType, bound: dict[str, Any]) -> None:
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        if name in bound:
+            cell.cell_contents = bound[name]
+
+
+_KINDS: tuple[tuple[Any, Callable[[Any], Any], Callable[[Any, Any], Any]], ...] = (
+    (mujoco.MjData, DATA.content, DATA.write),
+    (mujoco.MjModel, MODEL.content, MODEL.write),
+    (np.ndarray, _array, _write_array),
+    (dict, dict, _refill),
+    (_CONTAINERS, list, _refill),
+    (FunctionType, _bound, _bind),
+    (Random, Random.getstate, Random.setstate),
+    (np.random.RandomState, np.random.RandomState.get_state, np.random.RandomState.set_state),
+    (np.random.BitGenerator, attrgetter("state"), lambda found, content: setattr(found, "state", content)),
+)
+"""How contents are read and written, by kind; others have a pair of methods, or attributes."""
 
 
 def _is_twin(found: Any) -> bool:
@@ -126,7 +182,9 @@ def _state_of_twin(found: Any) -> Any:
 
 def _is_python(kind: type) -> bool:
     """Whether all that instances hold are attributes: no class above it but ``object`` is an extension type."""
-    return all(each.__flags__ & _HEAP_TYPE for each in kind.__mro__ if each is not object)
+    above = [each for each in kind.__mro__ if each is not object]
+    is_compiled = (isinstance(vars(each).get("__new__"), BuiltinFunctionType) for each in above)
+    return all(each.__flags__ & _HEAP_TYPE for each in above) and not any(is_compiled)
 
 
 def _has_pair(found: Any) -> bool:

@@ -1,10 +1,16 @@
 """The simulator that steps: the same run as in one go, commands of the caller's own, and states that can be restored."""
 
 import pickle
+import signal
 import subprocess
 import sys
 import threading
+from collections import deque
+from dataclasses import replace
+from functools import partial
+from random import Random
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -13,6 +19,7 @@ from ffsm_mj.assembly.simulator import Simulator, SimulatorError
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
+from ffsm_mj.simulation.array_blocks import ArrayBlocks
 from ffsm_mj.simulation.memory import StateError
 
 TAP = {"duration_s": 0.4}
@@ -299,3 +306,144 @@ def test_reset_in_contact_begins_anew(tap):
     simulator.step(until=0.25)
     simulator.reset()
     assert same(tap, stepped(simulator)[1])
+
+
+class Remembers(Keeps):
+    """Keeps state wherever Python has a place for it."""
+
+    def __init__(self, config, context):
+        self.twice = (np.random.default_rng(1), np.random.default_rng(2))
+        self.old, self.normal = Random(3), np.random.RandomState(4).normal
+        self.lately, self.few = deque([1.0, 2.0], maxlen=2), Few()
+        self.few.total = calls = 0
+
+        def closed(memo=[0.0]):  # noqa: B006 (what a user may do)
+            nonlocal calls
+            calls, memo[0] = calls + 1, memo[0] + 0.5
+            return calls + memo[0]
+
+        self.parts = (closed, self.twice[1].normal, partial(Few.grow, self.few))
+        self.seen = []
+
+    def control(self, observation, command):
+        self.late = getattr(self, "late", Few())
+        self.lately.append(sum(self.lately) / 3)
+        drawn = [self.twice[0].random(), self.old.gauss(), self.normal()]
+        self.seen.append((*drawn, self.lately[0], self.late.grow(), *(part() for part in self.parts)))
+
+
+class Few(list):
+    """A list with an attribute."""
+
+    total = 0
+
+    def grow(self):
+        self.append(1)
+        self.total += len(self)
+        return self.total
+
+
+def test_whatever_a_law_remembers():
+    """Random numbers, closures, defaults, bound methods, containers with attributes, attributes that come later."""
+    of_script = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "law"}}], "duration_s": 0.01}
+    with Simulator("baseline", of_script, controllers={"law": Remembers}, record=False) as simulator:
+        simulator.reset()
+        simulator.step(until=0.003)
+        state, law = simulator.state(), simulator._controller.phases[0].controller
+        simulator.step(until=0.006)
+        first = list(law.seen)
+        simulator.restore(state)
+        assert len(law.seen) == 3
+        simulator.step(until=0.006)
+        assert law.seen == first
+
+
+@pytest.mark.parametrize(
+    ("hold", "message"),
+    [
+        (
+            lambda law: setattr(law, "x", (iter([1]),)),
+            r"controller\.x\[0\] \(list_iterator\) cannot be saved where it is: hold it",
+        ),
+        (lambda law: setattr(law, "x", partial(next, (i for i in "a"))), r"controller\.x\.1 \(generator\) cannot be saved"),
+        (
+            lambda law, x=(i for i in "a"): setattr(law, "x", lambda: next(x)),
+            r"controller\.x\.x cannot be saved .*generator",
+        ),
+        (
+            lambda law: setattr(law, "x", law.__class__.file),
+            r"controller\.x cannot be saved .*give .*Holds the methods state",
+        ),
+    ],
+)
+def test_what_cannot_be_saved_is_named(hold, message, tmp_path):
+    class Holds(Keeps):
+        file = (tmp_path / "notes").open("w")
+
+        def __init__(self, config, context):
+            hold(self)
+
+    of_script = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "law"}}], "duration_s": 0.01}
+    with Simulator("baseline", of_script, controllers={"law": Holds}, record=False) as simulator, Holds.file:
+        simulator.reset()
+        with pytest.raises(StateError, match=message):
+            simulator.state()
+
+
+def test_blocks_of_memory_belong_to_their_owners():
+    """Some fields of MuJoCo are copies: their addresses soon belong to other arrays, which would be restored as zeros."""
+    data = mujoco.MjData(
+        mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>")
+    )
+    blocks = ArrayBlocks([data])._blocks
+    held = [getattr(data, name) for *_, name in blocks]  # as long as all are held, no two have one address
+    assert len(held) > 50
+    assert [np.lib.array_utils.byte_bounds(each) for each in held] == [(low, high) for low, high, *_ in blocks]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_late_in_a_step_is_not_lost(number):
+    """It comes after the step has last looked for one: the run ends as interrupted, the handlers are those of before."""
+    before = signal.getsignal(number)
+    simulator = Simulator("baseline", {"duration_s": 0.01})
+    simulator.reset()
+    simulation = simulator._recording.simulation
+    check = simulation._check_finite
+    simulation._check_finite = lambda: (check(), signal.raise_signal(number))
+    with pytest.raises(KeyboardInterrupt):
+        simulator.step()
+    with pytest.raises(SimulatorError, match="the run has ended"):
+        simulator.step()
+    assert simulator.close().outcome == "interrupted"
+    assert signal.getsignal(number) == before
+
+
+def test_a_signal_after_another_thread_closed_a_simulator():
+    """Only the main thread can remove handlers: they still pass a signal on, also when another simulator begins."""
+    for _ in range(2):
+        simulator = Simulator("baseline", {"duration_s": 0.01}, record=False)
+        simulator.reset()
+        thread = threading.Thread(target=simulator.close)
+        thread.start()
+        thread.join()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    with simulator:
+        simulator.reset()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_what_is_refused_leaves_the_run(tmp_path):
+    """A wrong seed, a wrong override, and a state of other parts: the run under way goes on."""
+    simulator = Simulator("baseline", {"duration_s": 0.01}, record=tmp_path / "run", rerun=False)
+    simulator.reset()
+    simulator.step()
+    other = replace(simulator.state(), fingerprint="another")
+    for refused in (lambda: simulator.reset(seed=-1), lambda: simulator.reset(overrides=["duration_s=-1"])):
+        with pytest.raises(InputError):
+            refused()
+    with pytest.raises(SimulatorError, match="that of another scenario"):
+        simulator.restore(other)
+    assert simulator.time_s == 0.001
+    assert stepped(simulator)[1].outcome == "completed"
+    assert [each.name for each in tmp_path.iterdir()] == ["run"]
