@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -25,9 +24,9 @@ from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
-from ffsm_mj.simulation.ending import Ended, last_reports, outcome_of
+from ffsm_mj.simulation.ending import Ended
 from ffsm_mj.simulation.evaluation import Evaluation
-from ffsm_mj.simulation.internal_error import internal_error
+from ffsm_mj.simulation.guard import Guard
 from ffsm_mj.simulation.memory import Memory
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress, Start
@@ -43,11 +42,9 @@ class Simulation:
     """Simulates a plant under a controller; an instance serves one run.
 
     Attributes:
-        error: Exception of a control law or an unexpected one that ended the run, with its traceback; None otherwise.
         interrupted: Called at each step and during event localisation; True ends the run.
         report: Called with the simulation time at each tick; an exception that it raises is not an outcome of the run.
         progress: How far the run has come.
-        ended: How it has ended; None while it lasts.
         warnings: MuJoCo's warnings; the first one ends the run.
     """
 
@@ -67,12 +64,20 @@ class Simulation:
         self.progress = Progress()
         self.warnings: list[str] = []
         self._wall_s = 0.0
-        self.ended: Ended | None = None
+        self._guard = Guard(recorder, self.progress)
         self._observed: Observation | None = None
-        self._report_error: Exception | None = None
-        self.error: Exception | None = None
         self.interrupted: Callable[[], bool] = bool
         self.report: Callable[[float], object] | None = None
+
+    @property
+    def ended(self) -> Ended | None:
+        """How the run has ended; None while it lasts."""
+        return self._guard.ended
+
+    @property
+    def error(self) -> Exception | None:
+        """Exception of a control law or an unexpected one that ended the run, with its traceback; None otherwise."""
+        return self._guard.error
 
     def run(self, start: Start | None = None) -> OutcomeRecord:
         """Simulate to the end of the run.
@@ -94,7 +99,7 @@ class Simulation:
 
     def begin(self) -> None:
         """Begin: the decision of the first control tick is due."""
-        self._guarded(self._begin)
+        self._guard.execute(self._begin)
 
     def _begin(self) -> None:
         self._plant.integrator.interrupt_by(self._poll)
@@ -111,7 +116,7 @@ class Simulation:
             commanded: A command was given: the controller is evaluated even at an event that does not trigger it.
         """
         started = time.perf_counter()
-        self._guarded(self._advance, to_event, commanded)
+        self._guard.execute(self._advance, to_event, commanded)
         self._wall_s += time.perf_counter() - started
 
     def remember(self, *, changes: bool = False) -> None:
@@ -154,7 +159,8 @@ class Simulation:
         """
         self._recorder.pass_on()
         self._memory.restore(saved)
-        self._observed = self.ended = self.error = None
+        self._guard.go_on()
+        self._observed = None
         self.warnings.clear()
         self._controller.tell_phase_again()
         if new_laws:
@@ -175,7 +181,7 @@ class Simulation:
     def interrupt(self) -> None:
         """End the run if it was interrupted and has not ended."""
         if self.ended is None:
-            self._guarded(self._poll)
+            self._guard.execute(self._poll)
 
     def finish(self) -> OutcomeRecord:
         """Write what remains; a run that has not reached its end was interrupted.
@@ -183,20 +189,11 @@ class Simulation:
         Returns:
             The outcome, without software versions.
         """
-        ended = self.ended or Ended(Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
-        self.ended = None
-        self._guarded(self._finish)
-        finished = self.ended or Ended(Outcome.COMPLETED)
-        # The first cause is the outcome, except that a failed write of the log is always reported.
-        completed = ended[0] == Outcome.COMPLETED or finished[0] == Outcome.WRITE_FAILED
-        outcome, message = finished if completed else ended
-        reports, error, failure = last_reports(self._controller)
-        if error is not None and outcome == Outcome.COMPLETED:
-            self.error, outcome, message = error, Outcome.CONTROLLER_FAILED, failure
-        self.ended = Ended(outcome, message)
+        reports = self._guard.finish(self._finish, self._controller)
+        assert self.ended is not None
         return OutcomeRecord(
-            outcome=outcome.value,
-            message=message,
+            outcome=self.ended.outcome.value,
+            message=self.ended.message,
             end_s=self.progress.time_s,
             steps=self.progress.steps,
             wall_s=self._wall_s,
@@ -209,26 +206,6 @@ class Simulation:
         """Statistics of step-size control; empty without it."""
         control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
-
-    def _guarded(self, part: Callable[..., None], *args: bool) -> None:
-        """Execute a part of the run; what ends it becomes its outcome."""
-        try:
-            part(*args)
-        except (Exception, KeyboardInterrupt) as error:
-            if error is self._report_error:
-                raise
-            if isinstance(error, RunEnded) and error.outcome == Outcome.CONTROLLER_FAILED:
-                self.error = error.__cause__ if isinstance(error.__cause__, Exception) else None
-            self.ended = outcome_of(error) or self._failed(error)
-
-    def _failed(self, error: BaseException) -> Ended:
-        """Log an unexpected exception with its traceback."""
-        assert isinstance(error, Exception)
-        self.error = self.error or error
-        record = internal_error(error, self.progress.time_s, self.progress.steps)
-        with suppress(Exception):  # the log itself may have raised it; the outcome reports it in any case
-            self._recorder.event(record)
-        return Ended(Outcome.INTERNAL_ERROR, f"at t = {record.time_s:.6g} s: {record.error} ({record.where})")
 
     def _finish(self) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
@@ -284,7 +261,7 @@ class Simulation:
             try:
                 self.report(now)
             except Exception as error:
-                self._report_error = error
+                self._guard.passed_on = error
                 raise
 
     def _is_on_time(self, time_s: float, tick: int) -> bool:
