@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -178,7 +179,7 @@ class PreparedRun:
         """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in."""
         return changes_of(self.system, self.controller_system)
 
-    @property
+    @cached_property
     def scenario_yaml(self) -> str:
         """The scenario with every default written out, as logs keep it."""
         return resolved_yaml(self.scenario, self.system, self.recorded)

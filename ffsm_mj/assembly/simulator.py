@@ -174,7 +174,7 @@ class Simulator:
             with collecting(recording.simulation.warnings):
                 self._context.run(recording.simulation.begin)
             recording.simulation.remember()
-            of_scenario = (made.scenario_yaml, *recording.simulation.structure)
+            of_scenario = (self._recipe(overrides).scenario_yaml, str(seed), *recording.simulation.structure)
             self._fingerprint = sha256("\n".join(of_scenario).encode()).hexdigest()
             self._recording, self._stack, self._runs = recording, stack.pop_all(), self._runs + 1
         self._release = finalize(self, self._stack.close)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from ffsm_mj.errors import FfsmError, described
@@ -67,30 +68,50 @@ class Memory:
         Raises:
             StateError: One holds what cannot be saved.
         """
+        with self._named():
+            return self._pickled([(number, content_of(each)) for number, each in self._changing()])
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Say what cannot be saved.
+
+        Raises:
+            StateError: Something cannot.
+        """
         if self._lost:
             raise StateError(f"{self._lost[0]} cannot be saved where it is: {_ELSEWHERE}")
         try:
-            return self._pickled([(number, content_of(each)) for number, each in self._changing()])
+            yield
         except Exception as error:
             raise StateError(self._culprit() or described(error)) from error
 
     def note(self) -> None:
-        """Note the present contents: :meth:`save_changed` saves what differs from them."""
-        self._noted = {(number, key): self._pickled(value) for number, key, value in self._items()}
+        """Note the present contents: :meth:`save_changed` saves what differs from them.
+
+        Raises:
+            StateError: An object holds what cannot be saved.
+        """
+        with self._named():
+            self._noted = {(number, key): self._pickled(value) for number, key, value in self._items()}
 
     def save_changed(self) -> bytes:
         """What the objects remember, as far as it has changed since :meth:`note`.
 
         What a scenario sets is not among it: restored into a simulation with other settings, the state leaves these alone.
+
+        Raises:
+            StateError: An object holds what cannot be saved.
         """
         changed: dict[int, Any] = {}
-        for number, key, value in self._items():
-            if self._noted.get((number, key)) != self._pickled(value):
+        with self._named():
+            for number, key, value in self._items():
+                if self._noted.get((number, key)) == self._pickled(value):
+                    continue
                 if key == _WHOLE:
                     changed[number] = value
                 else:
                     changed.setdefault(number, Changed())[key] = value
-        return self._pickled(list(changed.items()))
+            return self._pickled(list(changed.items()))
 
     def _items(self) -> Iterator[tuple[int, Any, Any]]:
         """Contents by number: attribute by attribute, or as a whole."""
