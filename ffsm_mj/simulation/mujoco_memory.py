@@ -6,19 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
-_EMPTY = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
 _OF_SOLVER = ("efc_", "iefc_", "dof_island", "island_", "map_", "tendon_efcadr", "tree_", "contact")
 """Fields of MuJoCo's own constraints and contacts, of which nothing lasts from one step to the next."""
 _NUMBERS = ("time", "flg_")
 """The time, and which quantities are computed at the present state."""
-_ARRAYS = frozenset(
-    name
-    for name, value in ((name, getattr(_EMPTY, name)) for name in dir(_EMPTY) if not name.startswith("_"))
-    if isinstance(value, np.ndarray)
-)
 
 
 @dataclass(frozen=True)
@@ -33,10 +26,11 @@ class Fields:
 
     def content(self, struct: Any) -> dict[str, Any]:
         """Copies of arrays, and numbers, by name."""
+        values = ((name, getattr(struct, name)) for name in dir(struct) if self.is_kept(name))
         return {
             name: value.copy() if isinstance(value, np.ndarray) else value
-            for name in dir(struct)
-            if self.is_kept(name) and isinstance(value := getattr(struct, name), (np.ndarray, int, float))
+            for name, value in values
+            if isinstance(value, np.ndarray) or (isinstance(value, (int, float)) and name.startswith(_NUMBERS))
         }
 
     def write(self, struct: Any, content: dict[str, Any]) -> None:
@@ -49,7 +43,7 @@ class Fields:
 
 
 def _is_of_state(name: str) -> bool:
-    return name.startswith(_NUMBERS) or (name in _ARRAYS and not name.startswith(_OF_SOLVER))
+    return not name.startswith(("_", *_OF_SOLVER))
 
 
 DATA = Fields(_is_of_state)
