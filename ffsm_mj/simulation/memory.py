@@ -14,11 +14,12 @@ import io
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 from ffsm_mj.errors import FfsmError, described
 from ffsm_mj.simulation.array_blocks import ArrayBlocks
-from ffsm_mj.simulation.object_contents import CONSTANT, Changed, content_of, is_lost, is_walked, parts, write
+from ffsm_mj.simulation.object_contents import CONSTANT, Changed, content_of, is_lost, is_walked, parts, place_in, write
 from ffsm_mj.simulation.state_pickler import StatePickler, StateUnpickler
 
 _WHOLE = ""
@@ -41,21 +42,21 @@ class Memory:
             roots: Parts by name.
         """
         self._objects = list(outside)
-        self._places = [type(each).__qualname__ for each in outside]
+        self._holders: list[int | str] = [type(each).__qualname__ for each in outside]
         self._numbers = {id(each): number for number, each in enumerate(outside)}
-        self._outside, self._lost = len(outside), list[str]()
-        todo = deque(roots.items())
+        self._outside, self._lost = len(outside), list[tuple[int, Any]]()
+        todo = deque[tuple[int | str, Any]](roots.items())
         while todo:
-            place, found = todo.popleft()
-            if id(found) not in self._numbers and is_walked(found):
-                self._numbers[id(found)] = len(self._objects)
-                self._objects.append(found)
-                self._places.append(place)
-                held = [(f"{place}{name}", part) for name, part in parts(found)]
-                todo.extend(held)
-                if isinstance(found, CONSTANT):
-                    self._lost += [f"{name} ({type(part).__name__})" for name, part in held if is_lost(part)]
-        self._blocks = ArrayBlocks(self._objects)
+            holder, found = todo.popleft()
+            if id(found) in self._numbers or not is_walked(found):
+                continue
+            number = self._numbers[id(found)] = len(self._objects)
+            self._objects.append(found)
+            self._holders.append(holder)
+            held = list(parts(found))
+            todo.extend((number, part) for part in held)
+            if isinstance(found, CONSTANT):
+                self._lost += [(number, part) for part in held if is_lost(part)]
 
     @property
     def structure(self) -> tuple[str, ...]:
@@ -71,6 +72,10 @@ class Memory:
         with self._named():
             return self._pickled([(number, content_of(each)) for number, each in self._changing()])
 
+    @cached_property
+    def _blocks(self) -> ArrayBlocks:
+        return ArrayBlocks(self._objects)
+
     @contextmanager
     def _named(self) -> Iterator[None]:
         """Say what cannot be saved.
@@ -79,7 +84,9 @@ class Memory:
             StateError: Something cannot.
         """
         if self._lost:
-            raise StateError(f"{self._lost[0]} cannot be saved where it is: {_ELSEWHERE}")
+            holder, part = self._lost[0]
+            where = self._place(holder) + place_in(self._objects[holder], part)
+            raise StateError(f"{where} ({type(part).__name__}) cannot be saved where it is: {_ELSEWHERE}")
         try:
             yield
         except Exception as error:
@@ -139,15 +146,22 @@ class Memory:
         StatePickler(file, self._numbers, self._blocks).dump(what)
         return file.getvalue()
 
+    def _place(self, number: int) -> str:
+        """Place of an object, from the part that leads to it."""
+        holder = self._holders[number]
+        if isinstance(holder, str):
+            return holder
+        return self._place(holder) + place_in(self._objects[holder], self._objects[number])
+
     def _culprit(self) -> str:
         """Which attribute of which object cannot be saved."""
         for number, each in self._changing():
-            place, content = self._places[number], content_of(each)
+            content = content_of(each)
             for name, value in content.items() if isinstance(content, dict) else [("", content)]:
                 try:
                     self._pickled(value)
                 except Exception as error:  # noqa: BLE001 (whatever a value's type raises)
-                    where = f"{place}.{name}" if name else place
+                    where = self._place(number) + (f".{name}" if name else "")
                     can_have = type(each).__module__ != "builtins"
                     pair = f"give {type(each).__qualname__} {_PAIR}" if can_have else _ELSEWHERE
                     return f"{where} cannot be saved ({described(error)}): {pair}"
