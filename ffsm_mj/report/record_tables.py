@@ -198,7 +198,11 @@ def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:
         counts = ", ".join(f"{kind.plural.replace('_', ' ')}: {len(records)}" for kind, records in counted)
         lines.append(wrapped(f"{counts} (listed by analyze)", 2))
     missing = [kind.plural.replace("_", " ") for kind, records in kinds if not records]
-    return "\n".join([*lines, *([f"no {', no '.join(missing)}"] if missing else [])])
+    return "\n".join([*lines, *([wrapped(f"no {_listed(missing)}", 2)] if missing else [])])
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def _lines(run: Run, kind: RecordKind, records: Sequence[Any], most: int) -> Iterator[str]:
