@@ -13,7 +13,7 @@ from operator import attrgetter
 from random import Random
 from re import Pattern
 from types import BuiltinFunctionType, FunctionType, MappingProxyType, MethodType, ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import mujoco
 import numpy as np
@@ -46,10 +46,16 @@ _OF_FUNCTIONS = ("fortran", "pybind11")
 _TWINS = "ffsm_mj_fast"
 _HEAP_TYPE = 1 << 9
 """Flag of types that a class statement makes."""
+_Result = TypeVar("_Result")
 
 
 class Changed(dict[str, Any]):
     """Some of the attributes of an object, which keeps the others."""
+
+
+def _by_type(function: Callable[[Any], _Result]) -> Callable[[Any], _Result]:
+    """Remember the results of a function of a type."""
+    return lru_cache(maxsize=4096)(function)
 
 
 def is_walked(found: Any) -> bool:
@@ -57,8 +63,8 @@ def is_walked(found: Any) -> bool:
     return _is_walked(type(found))
 
 
-@lru_cache(maxsize=4096)
-def _is_walked(kind: type) -> bool:
+@_by_type
+def _is_walked(kind: Any) -> bool:
     if issubclass(kind, (type, ModuleType, Enum, BaseException)):
         return False
     if issubclass(kind, (*_CONTAINERS, *CONSTANT, *_GENERATORS, *_KNOWN)) or _is_twin(kind):
@@ -213,8 +219,8 @@ def _state_of_twin(found: Any) -> Any:
     return reduced[2] if len(reduced) > 2 else None
 
 
-@lru_cache(maxsize=4096)
-def _is_instance(kind: type) -> bool:
+@_by_type
+def _is_instance(kind: Any) -> bool:
     """Whether what an object holds is in its attributes."""
     others = (*_CONTAINERS, *CONSTANT, *_GENERATORS, *_KNOWN)
     return not issubclass(kind, others) and not _is_twin(kind) and not _has_pair(kind) and _is_python(kind)
@@ -238,8 +244,8 @@ def _attributes(found: Any) -> dict[str, Any]:
     return in_slots | getattr(found, "__dict__", {})
 
 
-@lru_cache(maxsize=4096)
-def _slots(kind: type) -> tuple[str, ...]:
+@_by_type
+def _slots(kind: Any) -> tuple[str, ...]:
     """Names of the slots of a class and of those above it."""
     return tuple(name for each in kind.__mro__ for name in _slots_of(each))
 
