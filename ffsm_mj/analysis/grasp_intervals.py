@@ -17,7 +17,7 @@ from ffsm_mj.records.signals import Layout
 COLUMNS = {
     "grasp": ("", "name of the grasp"),
     "time_s": ("s", "time of the capture"),
-    "release_s": ("s", "time of the release; NaN if the grasp is closed at the end of the log"),
+    "release_s": ("s", "time of the release, or at which another grasp takes over; NaN if closed at the end of the log"),
     "loss_J": ("J", "kinetic energy lost at the capture"),
     "impulse_{xyz}": ("N s", "impulse on the object at the capture, world frame"),
     "peak_force_N": ("N", "greatest force on the object in the interval, of the samples and right after events"),
@@ -33,7 +33,8 @@ class GraspInterval:
     Attributes:
         grasp: Name of the grasp.
         time_s: Time of the capture.
-        release_s: Time of the release; None if the grasp is closed at the end of the log.
+        release_s: Time of the release, or at which another grasp of the same two sites takes over; None if the grasp is
+            closed at the end of the log.
         loss_J: Kinetic energy lost at the capture.
         impulse: Impulse on the object at the capture, world axes, N s.
         peak_force_N: Greatest force on the object in the interval, of the samples and right after events.
@@ -96,6 +97,8 @@ class GraspIntervals:
     def event(self, event: Event) -> None:
         """Process the next record; other kinds are ignored."""
         if isinstance(event, CaptureRecord):
+            if event.replaces and self._spells:
+                self._spells[-1].end_s = event.time_s
             self._spells.append(_OpenGrasp(event))
             self._awaited.append(self._spells[-1])
         elif isinstance(event, ReleaseRecord) and self._spells:  # otherwise its capture is in a damaged part of the log

@@ -10,6 +10,7 @@ from ffsm_controllers.phases import Phase, PhaseMachine
 
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj.model.grasp import WRITTEN
 
 
 class ControllerModel:
@@ -39,7 +40,8 @@ class ControllerModel:
     def update(self) -> None:
         """Update derived quantities for the state in ``data``."""
         if self._truth is not None:  # the pose of a grasped object is written as the grasp closes
-            self.model.body_pos[:], self.model.body_quat[:] = self._truth.body_pos, self._truth.body_quat
+            for field in WRITTEN:
+                getattr(self.model, field)[:] = getattr(self._truth, field)
         mujoco.mj_forward(self.model, self.data)
 
 

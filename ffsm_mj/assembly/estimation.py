@@ -14,6 +14,7 @@ from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.assembly.column_faults import signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel
+from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, Observation
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
 from ffsm_mj.errors import Fault, ScenarioFaults, described, raised_at
@@ -110,10 +111,11 @@ class _GraspedEstimate:
 
     def __init__(self, system: System, grasped: System, model: ControllerModel) -> None:
         self._model = model
-        own = [(joint, system.joints[name]) for name, joint in grasped.joints.items()]
+        own = [(joint, system.joints[name]) for name, joint in grasped.joints.items() if name in system.joints]
         self._qpos = _places(own, "qpos")
         self._dofs = _places(own, "dofs")
         assert grasped.grasp is not None
+        self._latch = LatchJoints(system, grasped, grasped.grasp)
         tree = next(tree for tree in system.trees if tree.name == grasped.grasp.tree)
         self._joint, self._object = tree.joints[0], grasped.mj.body(system.mj.body(tree.root).name).id
         self._scratch = np.zeros(6)
@@ -123,6 +125,8 @@ class _GraspedEstimate:
         data, scene = self._model.data, free.data
         (theirs, ours), (their_rates, our_rates) = self._qpos, self._dofs
         data.qpos[theirs], data.qvel[their_rates] = scene.qpos[ours], scene.qvel[our_rates]
+        self._latch.write_coordinates(scene, data.qpos)
+        data.qvel[self._latch.dofs] = self._latch.rate_rows(scene) @ scene.qvel
         data.ctrl[:], data.time = scene.ctrl, scene.time
         self._model.update()
         if self._joint.kind == "free":

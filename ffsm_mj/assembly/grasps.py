@@ -58,7 +58,15 @@ def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
         link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
         if tree is not None:
             grasps.append(
-                Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, system.mj.body(tree.root).name)
+                Grasp(
+                    name,
+                    sites["robot_site"],
+                    sites["object_site"],
+                    link,
+                    tree.name,
+                    system.mj.body(tree.root).name,
+                    config.latch_joint,
+                )
             )
     if faults:
         raise ScenarioFaults(faults)

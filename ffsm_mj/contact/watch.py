@@ -24,10 +24,10 @@ class ContactWatch:
     """Tracks unhandled overlaps from their first tick to their last.
 
     Attributes:
-        rigid: Pairs of geoms that are currently on one rigid body, and are ignored.
+        disabled: Pairs of geoms on two bodies that a closed grasp joins, which are ignored.
     """
 
-    rigid: frozenset[frozenset[int]] = frozenset()
+    disabled: frozenset[frozenset[int]] = frozenset()
 
     def __init__(
         self,
@@ -91,7 +91,7 @@ class ContactWatch:
         depths: dict[frozenset[int], float] = {}
         for i in found.tolist():
             pair = frozenset(geoms[i].tolist())
-            if pair not in self.rigid:
+            if pair not in self.disabled:
                 depths[pair] = max(depths.get(pair, 0.0), -float(distances[i]))
         return depths
 

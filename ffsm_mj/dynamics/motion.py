@@ -31,12 +31,12 @@ class Motion:
         pushes: Applied forces in its stages that depend on the state alone.
         grasp: Name of the closed grasp; empty for the motion of the logged system itself.
         grasped_object: The grasped object, as a tree of the logged system; None if there is none.
-        rigid: Pairs of the system's geoms that are on one rigid body in this model, but not in the logged system.
+        disabled: Pairs of the system's geoms that a closed grasp disables: those on the two bodies that it joins.
     """
 
     grasp = ""
     grasped_object: Tree | None = None
-    rigid: frozenset[frozenset[int]] = frozenset()
+    disabled: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any) -> None:
         """Start at the state in ``data`` (all derived quantities current)."""
@@ -74,6 +74,10 @@ class Motion:
         """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""
         if isinstance(self.flight, ForcedStepper):
             self.flight.refresh()
+
+    def own_rates(self, rates: FloatArray) -> FloatArray:
+        """Rates of this model for those of the logged system, (nv,): the same for the motion of that system itself."""
+        return rates
 
     def follow(self) -> None:
         """Transfer positions and velocities to the logged system; no effect for the motion of that system itself."""

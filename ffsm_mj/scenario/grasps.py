@@ -49,15 +49,24 @@ def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
     for i, phase in enumerate(scenario.phases):
         if holding is not None and set(phase.release) & set(holding[0]):
             holding = None
-        if holding is not None and phase.arm:
-            names, since = holding
-            message = f"{phase.arm[0]!r} cannot close while {' or '.join(map(repr, names))} is closed"
-            reason = f"since the end of phase {since!r}: only one grasp can be closed at a time; release it first"
-            yield Fault(f"{message}, {reason}", ("phases", i, "arm", 0))
+        for k, name in enumerate(phase.arm if holding is not None else ()):
+            names, since = holding or ((), "")
+            if any(other != name and _sites(scenario, other) == _sites(scenario, name) for other in names):
+                continue  # it may take over
+            message = f"{name!r} cannot close while {' or '.join(map(repr, names))} is closed"
+            reason = f"since the end of phase {since!r}: one grasp can be closed at a time; release it first"
+            yield Fault(f"{message}, {reason}, or give both the same sites, so that it takes over", ("phases", i, "arm", k))
+            break
         if phase.until == "capture" and phase.for_s is None and phase.arm:
             holding = phase.arm, phase.name
         elif phase.until == "release" or not _asks_for_nothing(phase):
             holding = None
+
+
+def _sites(scenario: Scenario, name: str) -> tuple[str, str]:
+    """Sites that a grasp joins, without prefixes that may be left out."""
+    config = scenario.captures[name]
+    return config.robot_site.rpartition("/")[2], config.object_site.rpartition("/")[2]
 
 
 def _asks_for_nothing(phase: PhaseConfig) -> bool:

@@ -44,9 +44,7 @@ class ImpulseReader:
         try:
             mujoco.mj_fwdPosition(model, still)
             mujoco.mj_fwdVelocity(model, still)
-            for dof, own in enumerate(motion.dofs):
-                if own >= 0:  # the object's base joint is gone while it is held
-                    still.qacc[own] = jump[dof]
+            still.qacc[:] = motion.own_rates(jump)
             apply_wrenches(motion, still, wrenches)
             mujoco.mj_rnePostConstraint(model, still)
             mujoco.mj_sensorAcc(model, still)

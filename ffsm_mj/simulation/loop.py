@@ -336,7 +336,7 @@ class Simulation:
         if effect is None:
             return
         if effect.motion is not None:
-            self._watch.rigid = effect.motion.rigid
+            self._watch.disabled = effect.motion.disabled
         stops = to_event and effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records)
         due = self._due(effect, time_s)
         if stops:

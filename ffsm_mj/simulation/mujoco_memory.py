@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.model.grasp import WRITTEN
+
 _OF_SOLVER = ("efc_", "iefc_", "dof_island", "island_", "map_", "tendon_efcadr", "tree_", "contact")
 """Fields of MuJoCo's own constraints and contacts, of which nothing lasts from one step to the next."""
 _NUMBERS = ("time", "flg_")
@@ -47,5 +49,5 @@ def _is_of_state(name: str) -> bool:
 
 
 DATA = Fields(_is_of_state)
-MODEL = Fields(("body_pos", "body_quat").__contains__)
-"""The pose of a grasped object on the hand is written into the model when a grasp closes."""
+MODEL = Fields(WRITTEN.__contains__)
+"""The pose of a grasped object on the hand, and the latch's joints, are written into the model when a grasp closes."""

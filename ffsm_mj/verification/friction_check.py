@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE
+from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE, CaptureRecord
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
@@ -130,7 +130,6 @@ class FrictionCheck:
         """The impact from its states and models; None without models, or if the states do not match them."""
         import mujoco
 
-        from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
         from ffsm_mj.dynamics.rigid_body import mass_matrix
 
         if self._models is None:
@@ -139,7 +138,6 @@ class FrictionCheck:
         try:
             rates = [np.concatenate([v[joint] for joint in system.joints]) for v in (first.qvel_before, first.qvel_after)]
             contacts = [_contact(system, record) for record in event]
-            joined = self._joined(system.mj, first)
         except LookupError:
             return None
         if len(first.qpos) != system.mj.nq or any(len(v) != system.mj.nv for v in rates):
@@ -151,25 +149,38 @@ class FrictionCheck:
         L = np.linalg.cholesky(mass_matrix(system.mj, data))
         J, impulses, speeds = _directions(system.mj, data, event, contacts)
         A = np.linalg.solve(L, J.T).T
-        if joined is not None:  # a grasped object moves with its link: combine their columns
-            B = np.linalg.solve(L, relative_twist_rows(system.mj, data, *joined, np.array(first.point_m)).T).T
+        if (joined := self._joined(first)) is not None:  # the latch stops relative motions of link and object
+            try:
+                B = np.linalg.solve(L, _stopped_rows(system.mj, data, joined).T).T
+            except LookupError:
+                return None
             A = A - A @ np.linalg.pinv(B, rcond=RANK) @ B
         return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
-    def _joined(self, model: Any, impact: _Record) -> tuple[int, int] | None:
-        """Link and object base that a grasp joins at an impact; None without a closed grasp.
-
-        Raises:
-            LookupError: A record names an element that the models do not have.
-        """
+    def _joined(self, impact: _Record) -> CaptureRecord | None:
+        """The capture by which a grasp is closed at an impact; None without a closed grasp."""
         captures, releases = (
             [each for each in self._log.records.get(kind.plural, ()) if _precedes(each, impact)]
             for kind in (CAPTURE, RELEASE)
         )
-        if len(captures) <= len(releases):
-            return None
-        link, root = (int(model.site(name).bodyid[0]) for name in (captures[-1].robot_site, captures[-1].object_site))
-        return link, root
+        begun = sum(not each.replaces for each in captures)
+        return captures[-1] if begun > len(releases) else None
+
+
+def _stopped_rows(model: Any, data: Any, capture: CaptureRecord) -> FloatArray:
+    """Rows of the relative velocities that a closed grasp stops, (n, nv).
+
+    Raises:
+        LookupError: The record names a site that the model does not have, or an unknown kind of joint.
+    """
+    from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+    from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+
+    robot, of_object = (model.site(name) for name in (capture.robot_site, capture.object_site))
+    point = data.site_xpos[of_object.id].copy()
+    rows = relative_twist_rows(model, data, int(robot.bodyid[0]), int(of_object.bodyid[0]), point)
+    axis = data.site_xmat[robot.id].reshape(3, 3) @ capture.axis
+    return stopped_components(capture.joint, axis) @ rows
 
 
 def _precedes(event: Any, impact: _Record) -> bool:

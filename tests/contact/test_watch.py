@@ -19,14 +19,14 @@ def test_the_ignored_pairs_may_change_during_an_overlap():
     mujoco.mj_forward(model, data)
     first, second = (frozenset(model.geom(name).id for name in names) for names in ("ab", "bc"))
     watch = ContactWatch(model, data, [first])
-    watch.rigid = frozenset([second])
+    watch.disabled = frozenset([second])
     for k in range(3):
         assert watch.look(0.1 * k) == []
     assert watch.finish(0.3) == []
-    watch.rigid = frozenset()
+    watch.disabled = frozenset()
     for k in range(3, 6):
         assert watch.look(0.1 * k) == []
-    watch.rigid = frozenset([second])
+    watch.disabled = frozenset([second])
     (record,) = watch.look(0.6)
     assert (record.geoms, record.start_s, record.end_s) == (("b", "c"), 3 * 0.1, 0.6)
     assert abs(record.max_depth_m - 0.05) < 1e-12

@@ -1,4 +1,4 @@
-"""Closing of a grasp: the plastic impulse that stops all relative motion of hand and object, and its record."""
+"""Closing of a grasp: the plastic impulse that stops the relative motions that the latch does not permit, and its record."""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
 from ffsm_mj.records.signals import SUBSYSTEMS
 
 
-def close_grasp(scene: Scene, latch: Latch, instant: EventTime) -> tuple[CaptureRecord, Exchange]:
+def close_grasp(scene: Scene, latch: Latch, instant: EventTime, replaces: str = "") -> tuple[CaptureRecord, Exchange]:
     """Apply the plastic impulse of a grasp at the state in ``data``, and put its motion to the state after it.
 
     Args:
         scene: The logged system and its data.
         latch: The latch that closes.
         instant: Time and step of the event.
+        replaces: Name of the closed grasp of the same two sites that it takes over from; empty if there is none.
     """
     system, data, held = scene.system, scene.data, latch.held
     sites, near, point = latch.sites, latch.near(), latch.sites.point(data)
-    # Closing leaves no relative motion of the two bodies: a plastic impact in all relative directions at once.
-    found = plastic_impulse(system.mj, data, sites.link, sites.root, point)
+    # A plastic impact in all relative directions at once that the latch stops.
+    found = plastic_impulse(system.mj, data, sites.link, sites.root, point, held.joints.stopped(data))
+    axis_angle_rad = held.joints.axis_angle_rad(data)
     before, energies, momentum = np.array(data.qvel), _energies(scene), _momentum(scene)
     data.qvel[:] += found.change
     mujoco.mj_forward(system.mj, data)
@@ -45,6 +47,10 @@ def close_grasp(scene: Scene, latch: Latch, instant: EventTime) -> tuple[Capture
         object_site=latch.grasp.object_site,
         point_m=as_tuple(point),
         **near._asdict(),
+        joint=latch.grasp.joint.kind,
+        axis=latch.grasp.joint.axis or (0.0, 0.0, 0.0),
+        axis_angle_rad=axis_angle_rad,
+        replaces=replaces,
         held_position_m=as_tuple(held.model.body_pos[held.root]),
         held_quaternion=as_tuple(held.model.body_quat[held.root]),
         rank=found.rank,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, PositiveFloat, model_validator
 
 from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.model.grasp import LatchJoint, LatchKind
 
 
 class WithinConfig(StrictModel):
@@ -52,7 +54,11 @@ class WhenConfig(StrictModel):
 
 
 class CaptureConfig(StrictModel):
-    """A grasp: attaches a floating object to a link of the robot at the relative pose they have when it closes."""
+    """A grasp: attaches a floating object to a link of the robot at the relative pose they have when it closes.
+
+    While it is closed, another grasp of the same two sites may be armed. Where that one closes, it takes over, as the hard
+    capture of a docking mechanism follows its soft capture.
+    """
 
     robot_site: Name
     """Site of the robot, on the grasping link."""
@@ -60,3 +66,23 @@ class CaptureConfig(StrictModel):
     """Site of a floating object, on its base; impulse and loads are given at this site."""
     when: WhenConfig
     """Closing condition while a phase arms it."""
+    joint: LatchKind = "rigid"
+    """Relative motion that the closed grasp leaves free: none (``rigid``); rotation about the object's site (``ball``);
+    rotation about an axis (``hinge``), translation along it (``slide``), or both (``cylindrical``, as a probe in a cone)."""
+    axis: tuple[float, float, float] | None = None
+    """Direction of this axis in the frame of ``robot_site``; the axis passes through ``object_site``."""
+
+    @model_validator(mode="after")
+    def _axis_where_needed(self) -> CaptureConfig:
+        has_axis = self.joint not in ("rigid", "ball")
+        if has_axis and (self.axis is None or not any(self.axis)):
+            raise ValueError(f"joint: {self.joint} needs 'axis: [x, y, z]', not all zero, in the frame of robot_site")
+        if not has_axis and self.axis is not None:
+            raise ValueError(f"joint: {self.joint} has no axis; leave out 'axis', or write hinge, slide or cylindrical")
+        return self
+
+    @property
+    def latch_joint(self) -> LatchJoint:
+        """The relative motion that it leaves free, with a unit axis."""
+        length = math.hypot(*self.axis or ())
+        return LatchJoint(self.joint, tuple(x / length for x in self.axis or ()))

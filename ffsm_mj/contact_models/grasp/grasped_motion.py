@@ -1,8 +1,8 @@
-"""Motion while a grasp is closed: the object is part of a link of the robot.
+"""Motion while a grasp is closed: the object is part of a link of the robot, or joined to it by the joints of the latch.
 
-The model is compiled when the scenario is prepared; the pose of the object on the link is written into the run's own copy.
-The logged system follows: coordinates and rates of shared joints are copied, and those of the object's base joints follow
-from its pose and twist as part of the link, (17).
+The model is compiled when the scenario is prepared; the pose of the object on the link, and point and axis of the latch's
+joints, are written into the run's own copy. The logged system follows: coordinates and rates of shared joints are copied,
+and those of the object's base joints follow from its pose and twist in the moving model, (17).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
+from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.contact_models.grasp.state_transfer import Shared, StateTransfer
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -31,6 +32,7 @@ class GraspedMotion(Motion):
         system: The system with the grasped object.
         root: Id of the object's base in it.
         link: Id of the grasping link in it.
+        joints: The joints of the latch.
         placing: Solver for the object's base joints.
         followed: Transfers the state to the logged system.
         interface: Torque and force of the link on the object (MuJoCo's ``cfrc_int``), about ``centre``, (6,).
@@ -60,6 +62,7 @@ class GraspedMotion(Motion):
         )
         own = dict(zip(self._dofs.tolist(), self._held_dofs.tolist(), strict=True))
         self.dofs = [own.get(dof, -1) for dof in range(self._model.nv)]
+        self.joints = LatchJoints(scene.system, system, grasp)
         self.placing = BaseJointSolver(self._model, scene.data, tree)
         logged, moving = (self._model, scene.data, free.momentum), (self.model, self.data, self.root)
         self.followed = StateTransfer.of(logged, moving, both, self.placing)
@@ -67,15 +70,17 @@ class GraspedMotion(Motion):
         self._jacobian = np.empty((6, self.model.nv))
         self.interface = self.data.cfrc_int[self.root]
         self.centre = self.data.subtree_com[int(self.model.body_rootid[self.root])]
-        self.rigid = frozenset(self._rigid_pairs())
+        self.disabled = frozenset(self._joined_pairs())
         self.path.on_event_located = self._follow_with_accelerations
 
-    def _rigid_pairs(self) -> list[frozenset[int]]:
-        """Pairs of geoms that are on one rigid body in this model but not in the logged system."""
+    def _joined_pairs(self) -> list[frozenset[int]]:
+        """Pairs of geoms on the two rigid bodies that the latch joins, which are one if it is rigid."""
         free, held = self._model, self.model
         geoms = range(free.ngeom)
         body = free.geom_bodyid
+        link, root = (int(held.body_weldid[each]) for each in (self.link, self.root))
         group = [int(held.body_weldid[self.bodies[body[g]]]) for g in geoms]
+        group = [link if each == root else each for each in group]
         return [
             frozenset((a, b))
             for a in geoms
@@ -86,37 +91,31 @@ class GraspedMotion(Motion):
     def hold(self) -> None:
         """Attach the object at its current pose in the system's data, and start from the state there.
 
-        Only the rates of shared joints are used: the object moves as part of the link from now on.
+        Relative motions that the latch stops are ignored: the object moves without them from now on.
         """
-        free, model = self._free.data, self.model
-        self._copy_shared_joints()
-        link, root = self._id_in_free_system(self.link), self._id_in_free_system(self.root)
-        back, pose = np.empty(4), np.empty(4)
-        mujoco.mju_negQuat(back, free.xquat[link])
-        mujoco.mju_mulQuat(pose, back, free.xquat[root])
-        mujoco.mju_normalize4(pose)
-        model.body_pos[self.root] = free.xmat[link].reshape(3, 3).T @ (free.xpos[root] - free.xpos[link])
-        model.body_quat[self.root] = pose
-        self._refresh()
+        self.joints.attach(self._free.data, self.model, self.data.qpos)
+        self.sync_from_system()
 
     def sync_from_system(self) -> None:
         """Start from the state in the system's data, with the object attached as before."""
-        self._copy_shared_joints()
+        free, data = self._free.data, self.data
+        data.qpos[self._held_qpos] = free.qpos[self._qpos]
+        data.qvel[:] = self.own_rates(free.qvel)
+        data.ctrl[:], data.time = free.ctrl, free.time
+        self.joints.write_coordinates(free, data.qpos)
         self._refresh()
+
+    def own_rates(self, rates: FloatArray) -> FloatArray:
+        """Rates of this model for those of the logged system, (nv,)."""
+        own = np.empty(self.model.nv)
+        own[self._held_dofs] = rates[self._dofs]
+        own[self.joints.dofs] = self.joints.rate_rows(self._free.data) @ rates
+        return own
 
     def _refresh(self) -> None:
         self.data.qfrc_applied.fill(0.0)
         mujoco.mj_forward(self.model, self.data)
         self._follow_with_accelerations()
-
-    def _copy_shared_joints(self) -> None:
-        free, data = self._free.data, self.data
-        data.qpos[self._held_qpos], data.qvel[self._held_dofs] = free.qpos[self._qpos], free.qvel[self._dofs]
-        data.ctrl[:], data.time = free.ctrl, free.time
-
-    def _id_in_free_system(self, body: int) -> int:
-        """Id in the logged system of a body of this model."""
-        return self.bodies.index(body)
 
     def copy_efforts(self) -> None:
         """Copy the efforts from the system's data."""

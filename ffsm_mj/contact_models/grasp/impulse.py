@@ -1,9 +1,10 @@
-"""Plastic impulse that joins two bodies at their current pose: the relative twist after it is zero.
+"""Plastic impulse that joins two bodies at their current pose: it stops the relative motions that a latch does not permit.
 
-With the rows J of the relative twist at one point of both bodies, u = J qdot, the impulse on the second is
-lambda = -(J M^-1 J^T)^+ u and qdot+ = qdot + M^-1 J^T lambda. In mass-weighted velocities w = L^T qdot, M = L L^T, this
+With the rows J of these components of the relative twist at one point of both bodies, u = J qdot, the impulse on the second
+is lambda = -(J M^-1 J^T)^+ u and qdot+ = qdot + M^-1 J^T lambda. In mass-weighted velocities w = L^T qdot, M = L L^T, this
 removes the component of w in the row space of A = J L^-T, so the energy loss is half the square of that component. Joints
-that allow fewer than six relative motions, such as planar ones, make the rows dependent: an SVD determines their rank.
+that allow fewer relative motions than the latch stops, such as planar ones, make the rows dependent: an SVD determines
+their rank.
 """
 
 from __future__ import annotations
@@ -27,15 +28,13 @@ class PlasticImpulse:
         impulse: Impulse on the second body in N s, and its moment about the point in N m s, world axes, least norm, (6,).
         change: Change of the generalised velocity, (nv,).
         loss_J: Kinetic energy lost.
-        rank: Number of relative motions that the joints allow.
-        twist: Twist of the second body relative to the first at the point, before: linear m/s, angular rad/s, (6,).
+        rank: Number of relative motions that the joints allow and the latch stops.
     """
 
     impulse: FloatArray
     change: FloatArray
     loss_J: float
     rank: int
-    twist: FloatArray
 
 
 def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: FloatArray) -> FloatArray:
@@ -46,7 +45,9 @@ def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: F
     return of_second - of_first
 
 
-def plastic_impulse(model: Any, data: Any, first: int, second: int, point: FloatArray) -> PlasticImpulse:
+def plastic_impulse(
+    model: Any, data: Any, first: int, second: int, point: FloatArray, stopped: FloatArray | None = None
+) -> PlasticImpulse:
     """Compute the impulse that joins two bodies at the state in ``data``, which is not changed.
 
     Args:
@@ -55,19 +56,21 @@ def plastic_impulse(model: Any, data: Any, first: int, second: int, point: Float
         first: Id of one body.
         second: Id of the other.
         point: Point of application, world axes, m, (3,).
+        stopped: Orthonormal components of the relative twist that are stopped, (n, 6); None: all six.
     """
     J = relative_twist_rows(model, data, first, second, point)
+    if stopped is not None:
+        J = stopped @ J
     L = np.linalg.cholesky(mass_matrix(model, data))
     A = np.linalg.solve(L, J.T).T
     left, sizes, right = np.linalg.svd(A, full_matrices=False)
     rank = int(np.count_nonzero(sizes > RANK * sizes[0]))
     left, sizes, right = left[:, :rank], sizes[:rank], right[:rank]
-    twist = J @ data.qvel
-    taken = (left.T @ twist) / sizes  # of the mass-weighted velocity, along the rows of ``right``
+    taken = (left.T @ (J @ data.qvel)) / sizes  # of the mass-weighted velocity, along the rows of ``right``
+    impulse = -left @ (taken / sizes)
     return PlasticImpulse(
-        impulse=-left @ (taken / sizes),
+        impulse=impulse if stopped is None else impulse @ stopped,
         change=-np.linalg.solve(L.T, right.T @ taken),
         loss_J=0.5 * float(taken @ taken),
         rank=rank,
-        twist=twist,
     )

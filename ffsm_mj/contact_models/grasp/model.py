@@ -2,7 +2,8 @@
 
 Requests come from phases and control laws: ``<grasp>.arm``, ``<grasp>.disarm``, ``<grasp>.release``. They are executed at
 the start of the next step, a release first. While a grasp is closed, another model is integrated, in which the object is
-part of a link: the attachment is exact and has no compliance, unlike MuJoCo's soft ``weld`` constraint.
+part of a link, or joined to it by the joints of the latch: the attachment is exact and has no compliance, unlike MuJoCo's
+soft ``weld`` constraint. A grasp of the same two sites may take over from the closed one.
 """
 
 from __future__ import annotations
@@ -68,8 +69,8 @@ class GraspModel(EventSource, Replayable):
 
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:
-        """Pairs of geoms that are on one rigid body while a grasp is closed, by grasp name."""
-        return {name: latch.held.rigid for name, latch in self._latches.items()}
+        """Pairs of geoms on the two bodies that a closed grasp joins, by grasp name."""
+        return {name: latch.held.disabled for name, latch in self._latches.items()}
 
     def data_of(self, grasp: str) -> Any:
         """MuJoCo data of the motion while a grasp is closed."""
@@ -135,7 +136,7 @@ class GraspModel(EventSource, Replayable):
         """Execute the pending requests, or close a grasp.
 
         Raises:
-            RunEnded: A grasp is armed, or would close, while another one is closed.
+            RunEnded: A grasp is armed, or would close, while one of other sites is closed.
         """
         if not self._requests:
             latch, self._closing = self._closing, None
@@ -149,7 +150,7 @@ class GraspModel(EventSource, Replayable):
             if f"{name}.{DISARM}" in asked and latch.armed:
                 records += self._disarm(latch, instant)
             if f"{name}.{ARM}" in asked:
-                self._refuse_second(name, "is armed", instant.time_s)
+                self._refuse_second(latch, "is armed", instant.time_s)
                 records += self._arm(latch, instant)
         return (
             EventEffect(tuple(records), motion=self._free if released else None, triggers_control=released)
@@ -169,15 +170,19 @@ class GraspModel(EventSource, Replayable):
         """Disarm all grasps at the end of the run; those still armed produce near-miss records."""
         return [record for latch in self._latches.values() if latch.armed for record in self._disarm(latch, instant)]
 
-    def _refuse_second(self, name: str, does: str, time_s: float) -> None:
-        if self._closed_latch is not None:
-            by = self._closed_latch.grasp
-            message = f"grasp {name!r} {does} at t = {time_s:.6g} s while {by.name!r} holds {by.tree!r}"
-            raise RunEnded(Outcome.CONTROLLER_FAILED, f"{message}: only one grasp can be closed at a time; release it first")
+    def _refuse_second(self, latch: Latch, does: str, time_s: float) -> None:
+        """End the run if a grasp is closed from which this one cannot take over."""
+        closed = self._closed_latch
+        if closed is None or (closed is not latch and closed.grasp.joins_sites_of(latch.grasp)):
+            return
+        message = f"grasp {latch.grasp.name!r} {does} at t = {time_s:.6g} s while {closed.grasp.name!r} holds"
+        reason = "only one grasp of other sites can be closed at a time; release it first"
+        raise RunEnded(Outcome.CONTROLLER_FAILED, f"{message} {closed.grasp.tree!r}: {reason}")
 
     def _close(self, latch: Latch, instant: EventTime) -> EventEffect:
-        self._refuse_second(latch.grasp.name, "would close", instant.time_s)
-        record, exchange = close_grasp(self.scene, latch, instant)
+        self._refuse_second(latch, "would close", instant.time_s)
+        replaced = self._closed_latch.grasp.name if self._closed_latch is not None else ""
+        record, exchange = close_grasp(self.scene, latch, instant, replaced)
         self._closed_latch = latch
         latch.disarm()
         return EventEffect((record,), exchange, latch.held)

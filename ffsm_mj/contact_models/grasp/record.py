@@ -27,9 +27,14 @@ class CaptureRecord:
         angle_rad: Angle between their frames.
         speed_m_s: Relative speed of the two bodies at the object's site, before.
         rate_rad_s: Relative angular speed, before.
-        held_position_m: Origin of the object's base in the frame of the grasping link, constant until release.
-        held_quaternion: Orientation of the object's base in that frame, w, x, y, z.
-        rank: Number of relative motions that the joints allow, all of which are stopped: 3 in a plane, 6 in space.
+        joint: Relative motion that the latch leaves free: ``rigid`` (none), ``ball``, ``hinge``, ``slide``, ``cylindrical``.
+        axis: Unit vector of its axis in the frame of the robot's site; zeros for kinds without one.
+        axis_angle_rad: Angle between this axis and the same axis of the object's site; 0 for kinds without one.
+        replaces: Name of the closed grasp of the same two sites that ends with this one; empty if there is none.
+        held_position_m: Origin of the object's base in the frame of the grasping link, where the latch's joints are at 0;
+            constant until release.
+        held_quaternion: Orientation of the object's base in that frame, w, x, y, z; likewise.
+        rank: Number of relative motions that the joints allow and the latch stops: a rigid one 3 in a plane, 6 in space.
         impulse_N_s: Impulse on the object, world axes.
         angular_impulse_N_m_s: Angular impulse on the object about the object's site, world axes.
         loss_J: Kinetic energy lost, from the formula of the plastic impulse.
@@ -57,6 +62,10 @@ class CaptureRecord:
     angle_rad: float
     speed_m_s: float
     rate_rad_s: float
+    joint: str
+    axis: tuple[float, ...]
+    axis_angle_rad: float
+    replaces: str
     held_position_m: tuple[float, ...]
     held_quaternion: tuple[float, ...]
     rank: int
@@ -176,6 +185,8 @@ class NearMissRecord:
 def _captured(record: CaptureRecord) -> str:
     impulse, moment = math.hypot(*record.impulse_N_s), math.hypot(*record.angular_impulse_N_m_s)
     sites = f"{record.robot_site} on {record.object_site}"
+    sites += "" if record.joint == "rigid" else f" by a {record.joint} joint"
+    sites += f" instead of {record.replaces}" if record.replaces else ""
     return f"capture {record.grasp}: {sites}, impulse {impulse:.5g} N s and {moment:.5g} N m s, loss {record.loss_J:.5g} J"
 
 
@@ -233,7 +244,11 @@ CAPTURE = RecordKind(
         "object_site": ("", "site of the object"),
         "point_{xyz}_m": ("m", "the object's site, world frame"),
         **_SITES,
-        "rank": ("", "number of relative motions that the joints allow"),
+        "joint": ("", "relative motion that the latch leaves free: rigid (none), ball, hinge, slide, cylindrical"),
+        "axis_{xyz}": ("", "unit vector of its axis in the frame of the robot's site; zeros without an axis"),
+        "axis_angle_rad": ("rad", "angle between this axis and the same axis of the object's site"),
+        "replaces": ("", "name of the closed grasp of the same two sites that ends with this one; empty if there is none"),
+        "rank": ("", "number of relative motions that the joints allow and the latch stops"),
         "impulse_{xyz}_N_s": ("N s", "impulse on the object, world frame"),
         "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on the object about the object's site, world frame"),
         "loss_J": ("J", "kinetic energy lost, from the formula of the plastic impulse"),
@@ -243,6 +258,7 @@ CAPTURE = RecordKind(
     },
     lengths={
         "point_m": 3,
+        "axis": 3,
         "impulse_N_s": 3,
         "angular_impulse_N_m_s": 3,
         "held_position_m": 3,

@@ -27,7 +27,7 @@ def contact_points(closed: ClosedPairs) -> list[tuple[UnilateralConstraint, Prox
 def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> ClosedPairs:
     """The pairs in contact at the state in ``data``, without those on one rigid body of a motion."""
     model, data, pairs = scene.system.mj, scene.data, broad_phase.pairs
-    close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.rigid]
+    close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.disabled]
     near = [(pair, pair.proximity(model, data)) for pair in close]
     return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
 

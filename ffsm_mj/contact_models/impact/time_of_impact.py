@@ -98,7 +98,7 @@ class Detector(EventSource, Replayable):
 
     def _is_skipped(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
-        return self._persistent.holds(pair) or pair.geom_ids in self.motion.rigid
+        return self._persistent.holds(pair) or pair.geom_ids in self.motion.disabled
 
     def is_clear(self) -> bool:
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""

@@ -77,7 +77,7 @@ class ForceCheck:
         touching = [
             (pair, near)
             for pair in (self._pairs[i] for i in self._broad_phase.within(self._scene.data, CLEARLY_APART_M))
-            if pair.geom_ids not in motion.rigid and (near := self._closed(pair, pair in held))
+            if pair.geom_ids not in motion.disabled and (near := self._closed(pair, pair in held))
         ]
         if not touching and not np.any(logged):
             return 0.0

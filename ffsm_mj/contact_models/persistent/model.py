@@ -98,7 +98,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._active_set.bind(motion)
         held = tuple(self._active_set.by_pair)
         for pair in held:
-            if pair.geom_ids in motion.rigid:
+            if pair.geom_ids in motion.disabled:
                 self._active_set.set_points(pair, ())
         moved, self._previous_motion = self._previous_motion, motion
         if moved is not None and moved is not motion:

@@ -13,7 +13,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.grasp import RIGID, Grasp
 from tests.scenes import ball, of_subtree, scene
 
 ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="free"/>
@@ -91,12 +91,12 @@ FLAT_TARGET = """<mujoco><option gravity="0 0 0"/><worldbody><body name="target"
 class Bench:
     """An arm and a target without a scenario, free and held, to be put into any state."""
 
-    def __init__(self, folder, robot=ARM, target=TARGET, time_step_s=1e-3):
+    def __init__(self, folder, robot=ARM, target=TARGET, time_step_s=1e-3, joint=RIGID):
         (folder / "robot.xml").write_text(robot)
         (folder / "target.xml").write_text(target)
         files = read_model(folder / "robot.xml"), {"target": read_model(folder / "target.xml")}
         self.system = compile_system(*files, time_step_s=time_step_s)
-        self.grasp = Grasp("grasp", "robot/grip", "target/handle", "robot/hand", "target", "target/target")
+        self.grasp = Grasp("grasp", "robot/grip", "target/handle", "robot/hand", "target", "target/target", joint)
         self.held_system = compile_system(*files, time_step_s=time_step_s, grasp=self.grasp)
         self.model, self.data = self.system.mj, mujoco.MjData(self.system.mj)
         self.sites = Sites(self.system, self.grasp)
@@ -113,7 +113,8 @@ class Bench:
     def impulse(self):
         """What joins the two here."""
         sites = self.sites
-        return plastic_impulse(self.model, self.data, sites.link, sites.root, sites.point(self.data))
+        stopped = self.held.joints.stopped(self.data)
+        return plastic_impulse(self.model, self.data, sites.link, sites.root, sites.point(self.data), stopped)
 
     def capture(self):
         """Join the two here; returns the impulse."""

@@ -1,0 +1,177 @@
+"""Joints of a latch: the relative motion that a closed grasp leaves free, about and along an axis through the object's site.
+
+The axis is fixed in the link of the robot's site: where the frames of the two sites are not aligned at the closing, they
+stay as they are, and the axis is the robot's.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+from ffsm_mj.contact_models.grasp.nearness import Sites
+from ffsm_mj.model.grasp import JOINTS, Grasp
+from ffsm_mj.model.system import Joint, System
+
+_TURN = 2.0 * math.pi
+
+
+def stopped_components(kind: str, axis: FloatArray) -> FloatArray:
+    """Orthonormal components of the relative twist at the object's site that a latch stops, (n, 6).
+
+    Args:
+        kind: Kind of the latch; see :class:`~ffsm_mj.model.grasp.LatchJoint`.
+        axis: Its axis, world axes, (3,); ignored for kinds without one.
+
+    Raises:
+        LookupError: There is no such kind.
+    """
+    joints = JOINTS[kind]
+    every, across = np.eye(3), np.linalg.svd(axis[None])[2][1:]
+    linear = across if "slide" in joints else every
+    angular = across if "hinge" in joints else every[:0] if "ball" in joints else every
+    rows = np.zeros((len(linear) + len(angular), 6))
+    rows[: len(linear), :3], rows[len(linear) :, 3:] = linear, angular
+    return rows
+
+
+class LatchJoints:
+    """Joints of a latch in the system in which it is closed; none if it is rigid.
+
+    A slide has the coordinate 0 where the object's site is beside the robot's, hinge and ball where the axes of their frames
+    are aligned. Any later state of a closed grasp therefore gives the same joints as the state at the closing.
+
+    Attributes:
+        dofs: Their degrees of freedom in that system.
+    """
+
+    def __init__(self, free: System, held: System, grasp: Grasp) -> None:
+        """Look up sites and joints.
+
+        Args:
+            free: The system without the grasp.
+            held: The system in which it is closed.
+            grasp: The grasp.
+        """
+        self._free, self._joint, self._sites = free.mj, grasp.joint, Sites(free, grasp)
+        self._joints: list[tuple[Joint, int]] = [
+            (held.joints[name], held.index("joint", name)) for name in map(grasp.joint_name, grasp.joint.joints)
+        ]
+        self._root = held.index("body", grasp.root)
+        self.dofs = np.array([d for joint, _ in self._joints for d in range(joint.dofs.start, joint.dofs.stop)], dtype=int)
+
+    def axis(self, data: Any) -> FloatArray:
+        """The axis, world axes, (3,); zeros for kinds without one."""
+        return np.asarray(_frame(data, self._sites.robot) @ self._joint.axis) if self._joint.axis else np.zeros(3)
+
+    def axis_angle_rad(self, data: Any) -> float:
+        """Angle between the axis and the same axis of the object's site; 0 for kinds without one."""
+        if not self._joint.axis:
+            return 0.0
+        one, other = (_frame(data, site) @ self._joint.axis for site in (self._sites.robot, self._sites.object))
+        return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+
+    def stopped(self, data: Any) -> FloatArray | None:
+        """Components of the relative twist at the object's site that it stops, (n, 6); None: all, it is rigid."""
+        return stopped_components(self._joint.kind, self.axis(data)) if self._joints else None
+
+    def rate_rows(self, data: Any) -> FloatArray:
+        """Rates of the joints as linear functions of ``qvel`` of the system without the grasp, (number of dofs, nv)."""
+        axis, free = self.axis(data), []
+        for kind in self._joint.joints:
+            part = np.zeros((3 if kind == "ball" else 1, 6))
+            # Rates of a ball joint are along the axes of the object.
+            part[:, slice(0, 3) if kind == "slide" else slice(3, 6)] = (
+                data.xmat[self._sites.root].reshape(3, 3).T if kind == "ball" else axis
+            )
+            free.append(part)
+        sites = self._sites
+        rows = relative_twist_rows(self._free, data, sites.link, sites.root, sites.point(data))
+        return np.concatenate([np.empty((0, 6)), *free]) @ rows
+
+    def attach(self, data: Any, model: Any, qpos: FloatArray) -> None:
+        """Attach the object where it is.
+
+        Args:
+            data: State of the system without the grasp.
+            model: Model of the system with it: the pose of the object on the link, and point and axis of the joints, are
+                written.
+            qpos: Its coordinates, of which those of the joints are written.
+        """
+        body = data.xmat[self._sites.root].reshape(3, 3)
+        for joint, number in self._joints:
+            qpos[joint.qpos] = 0.0
+            model.jnt_pos[number] = body.T @ (self._sites.point(data) - data.xpos[self._sites.root])
+            if self._joint.axis:
+                model.jnt_axis[number] = body.T @ self.axis(data)
+        self.write_coordinates(data, qpos)
+        self._write_reference(data, model, [qpos[joint.qpos] for joint, _ in self._joints])
+
+    def write_coordinates(self, data: Any, qpos: FloatArray) -> None:
+        """Write the coordinates of the joints for a state of the system without the grasp; hinges keep their full turns."""
+        for (joint, _), value in zip(self._joints, self._coordinates(data), strict=True):
+            if joint.kind == "hinge":
+                qpos[joint.qpos] = value + _TURN * np.round((qpos[joint.qpos] - value) / _TURN)
+            else:
+                qpos[joint.qpos] = value
+
+    def _pose(self, data: Any) -> FloatArray:
+        """Orientation of the object's base in the frame of the link, (4,)."""
+        back, pose = np.empty(4), np.empty(4)
+        mujoco.mju_negQuat(back, data.xquat[self._sites.link])
+        mujoco.mju_mulQuat(pose, back, data.xquat[self._sites.root])
+        mujoco.mju_normalize4(pose)
+        return pose
+
+    def _coordinates(self, data: Any) -> list[FloatArray]:
+        """Coordinates of the joints, in their order."""
+        one, other = (_frame(data, site) for site in (self._sites.robot, self._sites.object))
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, (one.T @ other).ravel())
+        found = []
+        for kind in self._joint.joints:
+            if kind == "slide":
+                offset = data.site_xpos[self._sites.object] - data.site_xpos[self._sites.robot]
+                found.append(np.array([offset @ self.axis(data)]))
+            elif kind == "hinge":
+                # The rotation about the axis that brings the frames closest.
+                found.append(np.array([2.0 * math.atan2(float(turn[1:] @ self._joint.axis), float(turn[0]))]))
+            else:
+                own = np.empty(4)  # the same rotation in the axes of the object
+                mujoco.mju_mat2Quat(own, (data.xmat[self._sites.root].reshape(3, 3).T @ other).ravel())
+                back = own * (1.0, -1.0, -1.0, -1.0)
+                mujoco.mju_mulQuat(turn, own, turn.copy())
+                mujoco.mju_mulQuat(turn, turn.copy(), back)
+                found.append(turn)
+        return found
+
+    def _write_reference(self, data: Any, model: Any, coordinates: list[FloatArray]) -> None:
+        """Write the pose that the object has on the link where the coordinates of the joints are zero."""
+        pose, position, turned = self._pose(data), data.xpos[self._sites.root], np.empty(4)
+        link = data.xmat[self._sites.link].reshape(3, 3)
+        if self._joints:
+            position = self._sites.point(data)
+            for kind, value in zip(self._joint.joints, coordinates, strict=True):
+                if kind == "slide":
+                    position = position - value * self.axis(data)
+                    continue
+                back = np.empty(4)
+                if kind == "ball":
+                    mujoco.mju_negQuat(back, value)
+                else:
+                    mujoco.mju_axisAngle2Quat(back, model.jnt_axis[self._joints[-1][1]], -float(value[0]))
+                mujoco.mju_mulQuat(turned, pose, back)
+                pose = turned
+            axes = np.empty(9)
+            mujoco.mju_quat2Mat(axes, pose)
+            position = position - link @ axes.reshape(3, 3) @ model.jnt_pos[self._joints[0][1]]
+        model.body_pos[self._root], model.body_quat[self._root] = link.T @ (position - data.xpos[self._sites.link]), pose
+
+
+def _frame(data: Any, site: int) -> FloatArray:
+    return np.asarray(data.site_xmat[site].reshape(3, 3))

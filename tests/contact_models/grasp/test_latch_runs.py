@@ -1,0 +1,213 @@
+"""Whole runs with latches that leave some motion free: soft and hard capture, impacts, sensors, logs, saved states."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import InputError
+from ffsm_mj.log.scenario import compile_log
+from tests.contact_models.grasp.scenes import OFF, grasping, stone
+from tests.contact_models.grasp.test_runs import holds
+
+AXIS = [2.0, -3.0, 6.0]
+KINDS = {"ball": {}, "hinge": {"axis": AXIS}, "slide": {"axis": AXIS}, "cylindrical": {"axis": AXIS}}
+ANY = {"within": {"position_m": 0.5}}
+SITES = {"robot_site": "grip", "object_site": "handle"}
+LOADS = [f"contact.capture_{load}" for load in ("force_{}_N", "torque_{}_N_m")]
+WAGGLE = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
+
+
+def docking(folder, kind, **changes):
+    """A tumbling ball at the hand: latched softly at once, hard after 0.1 s, and let go after 0.2 s."""
+    captures = {
+        "soft": {**SITES, "joint": kind, **KINDS[kind], "when": ANY},
+        "hard": {**SITES, "when": {"within": {"position_m": 0.5}}},
+    }
+    phases = [
+        {"name": "meet", "until": "capture", "arm": ["soft"], "controller": OFF},
+        {"name": "swing", "for_s": 0.1, "controller": WAGGLE},
+        {"name": "lock", "for_s": 0.1, "arm": ["hard"], "controller": WAGGLE},
+        {"name": "leave", "until": "end", "release": ["hard"], "controller": OFF},
+    ]
+    return grasping(
+        folder,
+        **{
+            "captures": captures,
+            "phases": phases,
+            "duration_s": 0.25,
+            "initial": {
+                "joints": {"target/free": [1.06, 0.03, 0.02, 1, 0, 0, 0]},
+                "rates": {"robot/free": [0, 0, 0, 0.02, -0.03, 0.05], "target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},
+            },
+        }
+        | changes,
+    )
+
+
+def loads(run):
+    """Force and torque on the object, (n, 6)."""
+    return np.column_stack([run[key.format(x)] for key in LOADS for x in "xyz"])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_soft_capture_hard_capture_and_release(tmp_path, kind):
+    """All checks, in the run and from its log; no load along what is free; the grasp that takes over ends the first."""
+    run = holds(ffsm_mj.run(docking(tmp_path, kind)))
+    soft, hard = run.records["capture_impulses"]
+    assert (soft.joint, soft.replaces, soft.rank) == (kind, "", {"ball": 3, "cylindrical": 4}.get(kind, 5))
+    assert (hard.joint, hard.replaces, hard.rank) == ("rigid", "soft", 6)
+    assert (hard.axis, hard.axis_angle_rad) == ((0.0, 0.0, 0.0), 0.0)
+    assert hard.time_s == pytest.approx(0.1)
+    assert hard.loss_J > 1e-6  # of the motion that was free
+    (release,) = run.records["releases"]
+    first, second = run.captures
+    assert (first.grasp, first.release_s, second.grasp, second.release_s) == ("soft", hard.time_s, "hard", release.time_s)
+    number = run["contact.capture_grasp"]
+    np.testing.assert_array_equal(number[[50, 150, 240]], [1.0, 2.0, 0.0])
+    frames = sites(run, np.flatnonzero(number == 1.0))
+    force, torque = np.split(loads(run)[number == 1.0], 2, axis=1)
+    axis = frames @ soft.axis
+    scale = 1.0 + np.abs(force).max()
+    assert np.abs(force).max() > 0.1
+    if kind == "ball":
+        assert np.abs(torque).max() < 1e-12 * scale
+    if kind in ("slide", "cylindrical"):
+        assert np.abs((force * axis).sum(axis=1)).max() < 1e-12 * scale
+    if kind in ("hinge", "cylindrical"):
+        assert np.abs((torque * axis).sum(axis=1)).max() < 1e-12 * scale
+
+
+def sites(run, rows):
+    """Axes of the robot's site in some rows, (n, 3, 3)."""
+    system = compile_log(run.log)
+    data, found = mujoco.MjData(system.mj), []
+    coordinates = [key for key in run.keys if key.startswith("state.q_")]
+    for row in rows:
+        data.qpos[:] = [run[key][row] for key in coordinates]
+        mujoco.mj_forward(system.mj, data)
+        found.append(data.site("robot/grip").xmat.reshape(3, 3).copy())
+    return np.array(found)
+
+
+def test_plain_and_compiled_agree(tmp_path, monkeypatch):
+    compiled = ffsm_mj.run(docking(tmp_path, "cylindrical"))
+    monkeypatch.setenv("FFSM_COMPILED", "0")
+    plain = ffsm_mj.run(docking(tmp_path, "cylindrical"))
+    for key in compiled.keys:
+        np.testing.assert_allclose(compiled[key], plain[key], rtol=0, atol=1e-12, err_msg=key)
+
+
+@pytest.mark.parametrize("at_s", [0.05, 0.15])
+def test_a_saved_state_goes_on_bit_by_bit(tmp_path, at_s):
+    """Saved while latched softly or hard, and restored by a simulator in which nothing has closed yet."""
+    path, ends = docking(tmp_path, "hinge"), []
+    with ffsm_mj.Simulator(path) as simulator, ffsm_mj.Simulator(path) as other:
+        simulator.reset()
+        simulator.step(until=at_s)
+        other.reset()
+        other.restore(simulator.state())
+        for each in (simulator, other):
+            each.step(until=0.22)
+            free = each.observation.free
+            ends.append(np.concatenate((free.qpos, free.qvel)))
+    np.testing.assert_array_equal(*ends)
+
+
+def test_a_stone_hits_what_swings_on_a_ball_joint(tmp_path):
+    """The impact acts on both bodies through the joint: checks of energy, friction and momenta, in the run and replayed."""
+    path = docking(
+        tmp_path,
+        "ball",
+        others={"stone": stone()},
+        phases=[{"name": "swing", "until": "end", "arm": ["soft"], "controller": WAGGLE}],
+        initial={
+            "joints": {"target/free": [1.06, 0.03, 0.02, 1, 0, 0, 0], "stone/free": [1.4, 0.06, 0.02, 1, 0, 0, 0]},
+            "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "stone/free": [-2.0, 0, 0, 0, 0, 0]},
+        },
+        contacts={"rules": [{"between": ["stone/stone", "target/target"], "restitution": 0.5, "mu": 0.3}]},
+    )
+    run = holds(ffsm_mj.run(path))
+    (hit,) = run.records["impacts"]
+    twist = [np.array(rates["target/free"][3:]) - rates["robot/free"][3:] for rates in (hit.qvel_before, hit.qvel_after)]
+    assert np.linalg.norm(twist[1] - twist[0]) > 0.1
+
+
+def test_a_latch_is_refused_with_its_place(tmp_path):
+    for changes, message in (
+        ({"joint": "hinge"}, "joint: hinge needs 'axis: [x, y, z]', not all zero, in the frame of robot_site"),
+        ({"joint": "slide", "axis": [0, 0, 0]}, "joint: slide needs 'axis"),
+        ({"joint": "ball", "axis": [1, 0, 0]}, "joint: ball has no axis; leave out 'axis'"),
+        ({"joint": "screw"}, "rigid"),
+    ):
+        captures = {"soft": {**SITES, "when": ANY, **changes}}
+        with pytest.raises(InputError) as error:
+            ffsm_mj.prepare(docking(tmp_path, "ball", captures=captures))
+        assert len(error.value.lines) == 1
+        assert "captures.soft" in error.value.lines[0]
+        assert message in error.value.lines[0]
+
+
+class Sees:
+    """A control law that notes angle and rate of the latch, and the pose of the object."""
+
+    telemetry_signals = ()
+    seen: ClassVar[list] = []
+
+    def __init__(self, _, context):
+        self._system = context.system
+
+    def start(self, _):
+        pass
+
+    def control(self, observation, _):
+        if observation.grasp == "soft":
+            joint, root = self._system.joint("target/soft_hinge"), self._system.index("body", "target/target")
+            place = [observation.data.xpos[root], observation.free.xpos[4]]
+            np.testing.assert_allclose(*place, rtol=0, atol=1e-13)
+            self.seen.append((observation.data.qpos[joint.qpos][0], observation.data.qvel[joint.dofs][0]))
+
+    def telemetry(self):
+        return ()
+
+
+class Still:
+    """An estimator to which nothing ever moves."""
+
+    telemetry_signals = ()
+
+    class Config(StrictModel):
+        """Its kind."""
+
+        kind: Literal["still"]
+
+    def __init__(self, *_):
+        pass
+
+    start = telemetry = lambda *_: ()
+
+    def update(self, time_s, measured, events, data):
+        pass
+
+
+def test_control_laws_see_the_joint(tmp_path):
+    """Its angle is that between the sites about the axis, 0 at the start; also by a controller model and an estimate."""
+    phases = [{"name": "all", "until": "end", "arm": ["soft"], "controller": {"kind": "sees"}}]
+    own = {"controller_model": {"target": {"target": {"mass_kg": 5.0}}}}
+    found = []
+    for k, changes in enumerate(({}, own, {"estimator": {"kind": "still"}})):
+        Sees.seen.clear()
+        path = docking(tmp_path / str(k), "hinge", phases=phases, duration_s=0.05, **changes)
+        run = ffsm_mj.run(path, controllers={"sees": Sees}, estimators={"still": Still})
+        assert run.outcome == "completed", run.message
+        found.append(np.array(Sees.seen))
+    truth, believed, still = found
+    np.testing.assert_array_equal(believed, truth)
+    assert truth[0, 0] == 0.0
+    np.testing.assert_allclose(np.diff(truth[:, 0]), 1e-3 * truth[:-1, 1], rtol=1e-2)
+    assert np.abs(still[:, 0]).max() == 0.0
