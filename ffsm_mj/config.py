@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema
+
+from ffsm_mj.attribute_docstrings import attribute_docstrings
 
 Name = Annotated[str, Field(min_length=1)]
 """A name that is not empty."""
@@ -24,7 +27,20 @@ table as ``context.recorded[KEY]``."""
 class StrictModel(BaseModel):
     """Immutable configuration. Sequences are tuples; YAML's and Python's lists are accepted for them."""
 
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Schema with the docstrings of attributes as descriptions.
+
+        Pydantic's own ``use_attribute_docstrings`` reads the sources at import: an eighth of the start of every command.
+        """
+        described = handler(schema)
+        keys = handler.resolve_ref_schema(described).get("properties", {})
+        for name, text in attribute_docstrings(cls).items():
+            if name in keys:
+                keys[name].setdefault("description", text)
+        return described
 
     @model_validator(mode="before")
     @classmethod
