@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
+from ffsm_mj.dynamics.moving_frame import MovingFrame
 from ffsm_mj.dynamics.prediction import predict
 from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
@@ -69,6 +70,7 @@ __all__ = [
     "IntArray",
     "Joint",
     "Measurement",
+    "MovingFrame",
     "Observation",
     "PhaseRecord",
     "RecordedTable",

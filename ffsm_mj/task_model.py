@@ -48,10 +48,17 @@ class JointModel:
         self._forces[range(n), self.joints.dofs] = 1.0
         self._pushed = np.empty((1, nv))
 
-    def update(self, data: Any) -> None:
-        """Work everything out at the state in ``data``, whose derived quantities must be current."""
+    def update(self, data: Any, pushed: FloatArray | None = None) -> None:
+        """Work everything out at the state in ``data``, whose derived quantities must be current.
+
+        Args:
+            data: MuJoCo data.
+            pushed: Generalised force of other actuators, (nv,), which ``coasting``, ``c_c`` and ``drift`` then account for.
+        """
         dofs = self.joints.dofs
         np.subtract(data.qfrc_passive, data.qfrc_bias, out=self._forces[-1])
+        if pushed is not None:
+            self._forces[-1] += pushed
         mujoco.mj_solveM(self._model, data, self._answers, self._forces)
         self.mobility, self.coasting = self._answers[:-1], self._answers[-1]
         self.qd = data.qvel[dofs]
@@ -75,8 +82,11 @@ class TaskModel(JointModel):
         target_m: Where the site is to be along its axes, m; that of the task at first, to be written to, (number of axes,).
         target_frame: The attitude it is to have, axes as columns in world axes, to be written to; first the world's, (3, 3).
         y: Place of the site along its axes, m, (number of axes,).
+        target_rates: Rates of the target in m/s and rad/s, to be written to; zero at first, (p,).
+        target_accelerations: Accelerations of the target, to be written to; zero at first, (p,).
         e: y - target_m in m; with ``attitude`` then the rotation vector from ``target_frame`` to the site's in rad, (p,).
         yd: Rates of the output in m/s and rad/s, (p,).
+        ed: yd - target_rates, (p,).
         alpha: Generalised Jacobian, (p, n): yd = alpha qd + v_h.
         B: alpha M_c^-1, accelerations of the output per effort, (p, n): ydd = drift + B u.
         drift: Accelerations of the output where the driven joints are without effort and nothing else pushes, (p,).
@@ -123,16 +133,18 @@ class TaskModel(JointModel):
         self.site = SiteMotion(self._model, index, axes, attitude)
         self.target_m = task.target_m.copy() if site is None and task is not None else np.zeros(len(self._axes))
         self.target_frame = np.eye(3)
+        self.target_rates, self.target_accelerations = np.zeros(self.site.size), np.zeros(self.site.size)
         self._base_rates = np.empty((3, self._model.nv))
         self._quaternion, self._turn = np.empty(4), np.empty(3)
 
-    def update(self, data: Any) -> None:
-        """Work everything out at the state in ``data``, whose derived quantities must be current."""
+    def update(self, data: Any, pushed: FloatArray | None = None) -> None:
+        """Work everything out at the state in ``data``; see :meth:`JointModel.update`."""
         site = self.site
         site.update(data)
-        super().update(data)
+        super().update(data, pushed)
         mujoco.mj_jacBody(self._model, data, None, self._base_rates, self._root)
         self.yd = site.rates
+        self.ed = self.yd - self.target_rates
         self.B = site.J.dot(self.mobility.T)
         self.alpha = self.B.dot(self.M_c)
         self.drift = site.acceleration(self.coasting)

@@ -104,6 +104,7 @@ def test_the_log_reference_is_current():
         "README.md",
         "docs/user-guide.md",
         "docs/derivations.md",
+        "docs/control-laws.md",
         "docs/own-controller.md",
         "docs/own-robot.md",
         "docs/performance.md",

@@ -20,10 +20,17 @@ from ffsm_controllers.osdre.law import Osdre
 from ffsm_controllers.pd import Pd
 from ffsm_controllers.playback.law import Playback
 from ffsm_controllers.plugins import Kinds, installed
+from ffsm_controllers.task_space.gjm_rate import GjmRate
+from ffsm_controllers.task_space.impedance import Impedance
+from ffsm_controllers.task_space.lqr import Lqr
+from ffsm_controllers.task_space.rns import Rns
+from ffsm_controllers.task_space.task_ct import TaskCt
+from ffsm_controllers.task_space.task_tj import TaskTj
 from ffsm_controllers.track.law import Track
 
 GROUP = "ffsm_mj.controllers"
-_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, Gripper, JointPath, Playback)
+_TASK_SPACE = (GjmRate, TaskTj, TaskCt, Rns, Lqr, Impedance)
+_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, Gripper, JointPath, Playback, *_TASK_SPACE)
 
 
 @cache

@@ -19,6 +19,7 @@ class SiteMotion:
 
     Attributes:
         size: Number of rows, p.
+        rows: Which of x, y, z of the position and of the angular velocity they are, 0 to 5, (p,).
         point: Position of the site in world axes, m, (3,).
         frame: Its axes as columns, in world axes, (3, 3).
         J: Jacobian of the rows, (p, nv).
@@ -29,8 +30,8 @@ class SiteMotion:
     def __init__(self, model: Any, site: int, axes: Sequence[int] = (0, 1, 2), attitude: bool = True) -> None:
         """Bind to a site of a model."""
         self._model, self._site, self._body = model, site, int(model.site_bodyid[site])
-        self._rows = np.array([*axes, *((3, 4, 5) if attitude else ())], dtype=np.intp)
-        self.size = p = len(self._rows)
+        self.rows = np.array([*axes, *((3, 4, 5) if attitude else ())], dtype=np.intp)
+        self.size = p = len(self.rows)
         # Position over attitude: MuJoCo writes each half in place.
         self._jacobian, self._jac_dot = np.empty((6, model.nv)), np.empty((6, model.nv))
         self._whole = p == 6
@@ -46,8 +47,8 @@ class SiteMotion:
         mujoco.mj_jacDot(model, data, jac_dot[:3], jac_dot[3:], self.point, self._body)
         turning = jac_dot.dot(data.qvel)
         if not self._whole:
-            jacobian.take(self._rows, axis=0, out=self.J)
-            turning = turning[self._rows]
+            jacobian.take(self.rows, axis=0, out=self.J)
+            turning = turning[self.rows]
         self.rates, self.Jdot_qdot = self.J.dot(data.qvel), turning
 
     def acceleration(self, qacc: FloatArray) -> FloatArray:

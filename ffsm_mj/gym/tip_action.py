@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from ffsm_controllers.track.mobility import effective_inertia
+from ffsm_controllers.task_space.damped_inverse import damped_inverse
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly, task_of
@@ -57,5 +57,5 @@ class TipAction:
         if isinstance(config, TipWrenchAction):
             return np.asarray(wanted.dot(task.alpha) + damped)
         acceleration = config.gain_1_s * (wanted - task.yd) - task.drift - task.B.dot(damped)
-        inertia, _ = effective_inertia(task.B.dot(task.alpha.T), config.singular_mass_kg)
+        inertia, _ = damped_inverse(task.B.dot(task.alpha.T), config.singular_mass_kg)
         return np.asarray(damped + inertia.dot(acceleration).dot(task.alpha))

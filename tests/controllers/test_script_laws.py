@@ -82,7 +82,7 @@ def documented(number):
     """What a script of the page leaves, run as it stands."""
     page = (Path(__file__).parents[2] / "docs" / "own-controller.md").read_text()
     scripts = re.findall(r"```py\n(.*?)```", page, flags=re.DOTALL)
-    assert len(scripts) == 2
+    assert len(scripts) == 3
     names = {}
     exec(scripts[number], names)
     assert names["run"].outcome == "completed", names["run"].message
@@ -102,6 +102,23 @@ def test_the_documented_law_of_the_task_runs(capsys):
     for time_s, exact in ((2.0, 3.836438), (5.0, 1.925855)):
         assert distance[np.searchsorted(run.time, time_s - 1e-9)] == pytest.approx(exact, abs=8e-4)
     assert float(capsys.readouterr().out) == distance[-1]
+
+
+def test_the_documented_law_around_another_runs():
+    """After a quarter of a second it commands a quarter of what its inner law would."""
+    run = documented(2)
+    motors = [f"actuators.robot_motor_{i}_command_N_m" for i in (1, 2, 3)]
+    quarter = np.array([run[key][250] for key in motors])
+    initial = {"joints": {}, "rates": {}}
+    for joint, kind in (("base_x", "q"), ("base_y", "q"), ("base_yaw", "q"), *((f"joint_{i}", "q") for i in (1, 2, 3))):
+        unit = "m" if joint in ("base_x", "base_y") else "rad"
+        initial["joints"][joint] = float(run[f"state.{kind}_robot_{joint}_{unit}"][250])
+        initial["rates"][joint] = float(run[f"state.v_robot_{joint}_{unit}_s"][250])
+    initial["joints"] |= {"object/x": 3.5, "object/y": -0.5}
+    inner = {"kind": "task_ct", "position": {"kp_1_s2": 0.16, "kd_1_s": 0.8}}
+    phase = {"name": "reach", "until": "end", "controller": inner}
+    whole = ffsm_mj.run("baseline", {"duration_s": 0.001, "initial": initial, "phases": [phase]})
+    np.testing.assert_allclose(quarter, [0.25 * whole[key][0] for key in motors], rtol=1e-9)
 
 
 def test_settings_are_checked_and_used():

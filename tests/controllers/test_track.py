@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.track.mobility import effective_inertia
+from ffsm_controllers.task_space.damped_inverse import damped_inverse
 
 import ffsm_mj
 from ffsm_mj.controller_protocol import ControllerContext, SiteMotion
@@ -123,14 +123,14 @@ def body_axes(self):
     return self.site.frame.T @ ERROR(self)
 
 
-def without_momentum(self, data):
-    UPDATE(self, data)
-    self.yd = self.yd - self.v_h
+def without_momentum(self, data, pushed=None):
+    UPDATE(self, data, pushed)
+    self.yd, self.ed = self.yd - self.v_h, self.ed - self.v_h
 
 
 def turned_round(self, data):
     MOTION(self, data)
-    if self._rows.size == 6 and not self._is_robot:
+    if self.rows.size == 6 and not self._is_robot:
         self.rates = np.concatenate((self.rates[:3], -self.rates[3:]))
 
 
@@ -202,16 +202,16 @@ def test_the_effective_inertia_is_damped_smoothly(rng):
     directions = np.linalg.qr(rng.normal(size=(6, 6)))[0]
     values = np.array([1e-2, 0.1, 0.3, 1.0, 2.0, 5.0])
     mobility = directions @ np.diag(values) @ directions.T
-    inertia, mobilities = effective_inertia(mobility, 101.0)
+    inertia, mobilities = damped_inverse(mobility, 101.0)
     np.testing.assert_allclose(inertia @ mobility, np.eye(6), atol=1e-12)
     np.testing.assert_allclose(mobilities, values, rtol=1e-12)
-    damped, _ = effective_inertia(mobility, 50.0)  # the first direction is at half the bound on mobility
+    damped, _ = damped_inverse(mobility, 50.0)  # the first direction is at half the bound on mobility
     shares = np.diag(directions.T @ damped @ mobility @ directions)
     np.testing.assert_allclose(shares, [0.75, 1.0, 1.0, 1.0, 1.0, 1.0], atol=1e-12)
     at, step = 0.02, 1e-7
-    around = [effective_inertia(np.diag([at + side, 1.0]), 1.0 / at)[0][0, 0] for side in (-step, step)]
+    around = [damped_inverse(np.diag([at + side, 1.0]), 1.0 / at)[0][0, 0] for side in (-step, step)]
     assert (around[1] - around[0]) / (2.0 * step) == pytest.approx(-1.0 / at**2, rel=1e-4)
-    nothing, none = effective_inertia(np.zeros((2, 2)), 100.0)
+    nothing, none = damped_inverse(np.zeros((2, 2)), 100.0)
     np.testing.assert_array_equal(nothing, 200.0 * np.eye(2))
     assert not none.any()
 

@@ -18,6 +18,7 @@ from ffsm_controllers.osdre.planar_law import PlanarLaw
 from ffsm_controllers.osdre.riccati import planar_riccati
 from ffsm_controllers.osdre.riccati_doubling import Doubling, RiccatiError
 from ffsm_controllers.osdre.tip_kinematics import TipKinematics
+from ffsm_controllers.osdre.weights import Weight, input_weight, state_weight
 from ffsm_mj.compiled import fastest
 from ffsm_mj.controller_protocol import (
     Command,
@@ -35,8 +36,6 @@ from ffsm_mj.controller_protocol import (
     driven_joints,
     mass_matrix,
 )
-
-Weight = tuple[float, ...] | tuple[tuple[float, ...], ...]
 
 
 class OsdreConfig(StrictModel):
@@ -98,12 +97,12 @@ class Osdre:
             raise ScenarioFaults(
                 [Fault(f"{p} outputs need at least {p} joints, there are {len(self._joints.dofs)}", ("joints",))]
             )
-        Q = _state_weight(config.Q, p)
+        Q = state_weight(config.Q, p)
         self._damping = config.null_space_damping
         self._whole_stack = config.parameterization == "output_stack"
         # Products with these pick the driven joints, faster than an index does.
         self._driven = np.eye(self._model.nv)[self._joints.dofs]
-        self._driven_R = np.linalg.inv(_input_weight(config.R, len(self._joints.dofs))) @ self._driven
+        self._driven_R = np.linalg.inv(input_weight(config.R, len(self._joints.dofs))) @ self._driven
         self._Q = Q
         self._planar = p == 2
         self.telemetry_signals = (_ERROR, _RESIDUAL, *((_FALLBACK,) if self._planar else (_DOUBLINGS, _CORRECTIONS)), _GAIN)
@@ -177,43 +176,3 @@ class Osdre:
         if self._planar:
             return {"riccati_fallbacks": int(self._exceptions)} | worst
         return {"most_riccati_doublings": int(self._most), "riccati_corrections": int(self._exceptions)} | worst
-
-
-def _matrix(weight: Weight, size: int, key: str, of: str) -> FloatArray:
-    """Weight as a symmetric matrix.
-
-    Raises:
-        ScenarioFaults: Wrong size, or not symmetric.
-    """
-    rows = [row if isinstance(row, tuple) else (row,) for row in weight]
-    flat = not any(isinstance(row, tuple) for row in weight)
-    if len(rows) != size or (not flat and any(len(row) != size for row in rows)):
-        raise ScenarioFaults([Fault(f"must be {size} numbers (a diagonal) or {size} rows of {size}, {of}", (key,))])
-    matrix = np.diag(np.array(weight)) if flat else np.array(rows)
-    if not np.array_equal(matrix, matrix.T):
-        raise ScenarioFaults([Fault("must be symmetric", (key,))])
-    return np.asarray(matrix, dtype=np.float64)
-
-
-def _state_weight(weight: Weight, p: int) -> FloatArray:
-    Q = _matrix(weight, 2 * p, "Q", f"for {p} outputs and their rates")
-    eigenvalues = np.linalg.eigvalsh(Q)
-    if eigenvalues[0] < -1e-12 * max(eigenvalues[-1], 0.0):
-        raise ScenarioFaults(
-            [Fault(f"must be positive semidefinite; its smallest eigenvalue is {eigenvalues[0]:.3g}", ("Q",))]
-        )
-    position = np.linalg.eigvalsh(Q[:p, :p])
-    if position[0] <= 1e-12 * position[-1] or position[-1] <= 0.0:
-        message = (
-            "its position block must be regular, or no gain brings the tip to the target; raise its first diagonal entries"
-        )
-        raise ScenarioFaults([Fault(message, ("Q",))])
-    return Q
-
-
-def _input_weight(weight: Weight, count: int) -> FloatArray:
-    R = _matrix(weight, count, "R", "one per driven joint")
-    smallest = np.linalg.eigvalsh(R)[0]
-    if smallest <= 0.0:
-        raise ScenarioFaults([Fault(f"must be positive definite; its smallest eigenvalue is {smallest:.3g}", ("R",))])
-    return R

@@ -17,10 +17,12 @@ import numpy as np
 from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.base_control import BaseControl, Stiffness
 from ffsm_controllers.pd import per_joint
+from ffsm_controllers.task_space.damped_inverse import damped_inverse
+from ffsm_controllers.task_space.damping import most_unstable
+from ffsm_controllers.task_space.joints import controllable_directions, joints_that_move
+from ffsm_controllers.task_space.object_site import object_site
+from ffsm_controllers.task_space.singularity import SingularityMonitor
 from ffsm_controllers.track.config import BaseConfig, TrackConfig
-from ffsm_controllers.track.joints import controllable_directions, joints_that_move
-from ffsm_controllers.track.mobility import effective_inertia
-from ffsm_controllers.track.singularity import SingularityMonitor
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -29,12 +31,11 @@ from ffsm_mj.controller_protocol import (
     Fault,
     FloatArray,
     IntArray,
+    MovingFrame,
     Observation,
     ScenarioFaults,
     Signal,
-    SiteMotion,
     System,
-    skew,
 )
 from ffsm_mj.task_model import TaskModel
 
@@ -69,15 +70,15 @@ class Track:
         """
         system, turns = context.system, config.attitude is not None
         self._model, self._config = system.mj, config
-        target = _object_site(system, config.object_site)
+        target = object_site(system, config.object_site)
         site = _robot_site(config, context)
         joints = config.joints if config.joints is not None else joints_that_move(context, site)
         self._task = TaskModel(context, joints, (), site=site, attitude=turns)
         dofs = self._task.joints.dofs
         count = len(dofs)
-        controllable = controllable_directions(self._model, system.index("site", site), dofs, attitude=turns)
+        controllable = controllable_directions(self._model, system.index("site", site), dofs, range(6 if turns else 3))
         self._singularity = SingularityMonitor(controllable, config.singular_mass_kg, context.control_period_s)
-        self._target, self._offset = SiteMotion(self._model, target), np.array(config.offset_m)
+        self._target = MovingFrame(self._model, target, np.array(config.offset_m))
         held = system.grasp.tree if system.grasp is not None else ""
         self._holds = bool(held) and self._model.site(target).name.startswith(f"{held}/")
         bound = config.max_torque_N_m
@@ -115,7 +116,7 @@ class Track:
         known = command.effort + command.others
         if known.any():
             carried -= task.response(data, moments(self._model, data, self._unit).T.dot(known))
-        inertia, mobilities = effective_inertia(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
+        inertia, mobilities = damped_inverse(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
         damped = -self._config.joint_damping_N_m_s_rad * task.qd
         needed = damped + inertia.dot(carried - task.B.dot(damped)).dot(task.alpha)
         torque, share = self._bounded(needed, inertia.dot(feedback).dot(task.alpha))
@@ -130,13 +131,10 @@ class Track:
         """Accelerations of the robot's site: those of where it is to be, and the feedback on top, (p,) each."""
         task, target, config = self._task, self._target, self._config
         target.update(data)
-        arm, spin = target.frame.dot(self._offset), skew(target.rates[3:])
-        task.target_m, task.target_frame = target.point + arm, target.frame
+        task.target_m, task.target_frame, task.target_rates = target.point, target.frame, target.rates[: task.site.size]
         task.update(data)
-        rates, carried = target.rates.copy(), target.acceleration(task.coasting)
-        rates[:3] += spin.dot(arm)
-        carried[:3] += skew(carried[3:]).dot(arm) + spin.dot(spin.dot(arm))
-        error, relative = task.e, task.yd - rates[: task.site.size]
+        carried = target.accelerations(task.coasting)
+        error, relative = task.e, task.ed
         gains = config.position
         feedback = _feedback(error[:3], relative[:3], gains.kp_1_s2, gains.kd_1_s, gains.max_speed_m_s)
         self._errors: tuple[float, ...] = (_length(error[:3]), _length(relative[:3]))
@@ -144,7 +142,7 @@ class Track:
             return carried[:3], feedback
         turns = config.attitude
         turning = _feedback(error[3:], relative[3:], turns.kp_1_s2, turns.kd_1_s, turns.max_rate_rad_s)
-        carried[3:] += spin.dot(relative[3:])  # what is relative is to fall in the object's frame, which turns
+        carried[3:] += target.relative_turn(relative[3:])  # what is relative is to fall in the object's frame, which turns
         self._errors = (*self._errors, _length(error[3:]), _length(relative[3:]))
         return carried, np.concatenate((feedback, turning))
 
@@ -164,7 +162,7 @@ class Track:
         dofs, count = task.joints.dofs, len(task.joints.dofs)
         unseen, found = np.eye(count), []
         if not self._holds:
-            inertia, _ = effective_inertia(task.B.dot(task.alpha.T), config.singular_mass_kg)
+            inertia, _ = damped_inverse(task.B.dot(task.alpha.T), config.singular_mass_kg)
             pushes = inertia.dot(task.alpha).T
             unseen -= pushes.dot(task.B)
             for key, gains, rows in (("position", config.position, slice(0, 3)), ("attitude", config.attitude, slice(3, 6))):
@@ -173,7 +171,7 @@ class Track:
                     found.append(Damping(f"{key}.kd_1_s", dofs, np.full(count, gains.kd_1_s), matrix))
         gain = config.joint_damping_N_m_s_rad
         found.append(Damping("joint_damping_N_m_s_rad", dofs, np.full(count, gain), gain * unseen))
-        return max(found, key=lambda each: np.linalg.eigvals(np.linalg.solve(task.M_c, each.matrix)).real.max())
+        return most_unstable(task, found)
 
     def telemetry(self) -> Sequence[float]:
         """Errors, relative rates, the largest effective inertia and the share of the feedback at the last tick."""
@@ -198,23 +196,6 @@ def _feedback(error: FloatArray, rate: FloatArray, kp: float, kd: float, fastest
 
 def _length(vector: FloatArray) -> float:
     return math.hypot(*vector.tolist())
-
-
-def _object_site(system: System, name: str) -> int:
-    """Id of a site that is of an object.
-
-    Raises:
-        ScenarioFaults: There is none of that name, or it is of the robot.
-    """
-    try:
-        full = system.resolve("site", name)
-    except LookupError as error:
-        raise ScenarioFaults([Fault(str(error.args[0]), ("object_site",))]) from error
-    if full.startswith("robot/"):
-        sites = [each for each in system.names("site") if not each.startswith("robot/")]
-        allowed = f"write one of {', '.join(sites)}" if sites else "add one to an object's model"
-        raise ScenarioFaults([Fault(f"{full} is a site of the robot; {allowed}", ("object_site",))])
-    return system.index("site", full)
 
 
 def _robot_site(config: TrackConfig, context: ControllerContext) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -28,8 +29,15 @@ def joints_that_move(context: ControllerContext, site: str) -> tuple[str, ...]:
     return found
 
 
-def controllable_directions(model: Any, site: int, dofs: Any, *, attitude: bool) -> int:
-    """Number of directions in which some dofs can move a site: the greatest rank of its Jacobian in a few configurations."""
+def controllable_directions(model: Any, site: int, dofs: Any, rows: Sequence[int]) -> int:
+    """Number of directions in which some dofs can move a site: the greatest rank of its Jacobian in a few configurations.
+
+    Args:
+        model: MuJoCo model.
+        site: Id of the site.
+        dofs: The dofs.
+        rows: Components of its motion that count: 0 to 2 of the position, 3 to 5 of the rotation, in world axes.
+    """
     data, jacobian = mujoco.MjData(model), np.empty((6, model.nv))
     rank = 0
     for k in range(1, _TRIALS + 1):
@@ -37,7 +45,7 @@ def controllable_directions(model: Any, site: int, dofs: Any, *, attitude: bool)
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
-        rank = max(rank, int(np.linalg.matrix_rank(jacobian[: 6 if attitude else 3, dofs], tol=1e-9)))
+        rank = max(rank, int(np.linalg.matrix_rank(jacobian[list(rows)][:, dofs], tol=1e-9)))
     return rank
 
 

@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from ffsm_mj.controller_protocol import ControllerReport, FloatArray
+
+
+def _of_inertia(least: float, largest: float) -> str:
+    inertia = f"{1.0 / least:.3g}" if least > 0.0 else "infinite"
+    return f"effective inertia up to {inertia} (kg or kg m^2; singular_mass_kg {largest:g})"
 
 
 class SingularityMonitor:
     """Counts the control ticks at which a direction that the arm can move its site in has too little mobility."""
 
-    def __init__(self, directions: int, largest: float, period_s: float) -> None:
+    def __init__(
+        self, directions: int, largest: float, period_s: float, describe: Callable[[float, float], str] = _of_inertia
+    ) -> None:
         """Know the bound.
 
         Args:
             directions: Number of directions in which the arm can move the site at all.
             largest: Effective inertia above which a direction is near a singularity, kg or kg m^2.
             period_s: Control period.
+            describe: Text for the least mobility and ``largest``.
         """
+        self._describe = describe
         self._directions, self._largest, self._period_s = directions, largest, period_s
         self._ticks, self._first_s, self._least = 0, math.nan, math.inf
 
@@ -40,9 +50,8 @@ class SingularityMonitor:
         spent = self._ticks * self._period_s
         if not self._ticks:
             return {"near_singularity_s": spent}
-        inertia = f"{1.0 / self._least:.3g}" if self._least > 0.0 else "infinite"
         note = (
-            f"near a singularity for {spent:.4g} s, first at t = {self._first_s:.6g} s: effective inertia up to {inertia} "
-            f"(kg or kg m^2; singular_mass_kg {self._largest:g}), where the site does not follow in all directions"
+            f"near a singularity for {spent:.4g} s, first at t = {self._first_s:.6g} s: "
+            f"{self._describe(self._least, self._largest)}, where the site does not follow in all directions"
         )
         return {"near_singularity_s": spent, "note": note}

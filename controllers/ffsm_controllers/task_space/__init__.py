@@ -1,0 +1,1 @@
+"""Control laws on the output of the task: position of the tip, and its attitude."""

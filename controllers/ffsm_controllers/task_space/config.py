@@ -1,0 +1,64 @@
+"""What scenarios say of the laws on the task's output: what they share."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, PositiveFloat, field_validator
+
+from ffsm_controllers.pd import Gain
+from ffsm_mj.controller_protocol import StrictModel
+
+_Name = Annotated[str, Field(min_length=1)]
+
+
+class TaskLawConfig(StrictModel):
+    """A law that brings the tip of the task to its target."""
+
+    kind: str
+    joints: tuple[_Name, ...] | None = None
+    """Joints to drive; left out: the motor-driven joints that move the tip, so not fingers and wheels, without those of the
+    base and of other parts."""
+
+
+class AttitudeTarget(StrictModel):
+    """Attitude that the tip is to have."""
+
+    target: tuple[float, float, float, float] | None = None
+    """Quaternion w, x, y, z of the tip's frame in world axes; left out: that at the start of the phase."""
+
+    @field_validator("target")
+    @classmethod
+    def _is_a_rotation(cls, target: tuple[float, float, float, float] | None) -> tuple[float, float, float, float] | None:
+        if target is not None and abs(math.hypot(*target) - 1.0) > 1e-3:
+            raise ValueError(f"is no unit quaternion: its norm is {math.hypot(*target):.4g}")
+        return target
+
+
+class PositionAccelerations(StrictModel):
+    """Feedback of accelerations on the position of the tip."""
+
+    kp_1_s2: Gain
+    """Acceleration per distance, 1/s^2."""
+    kd_1_s: Gain
+    """Acceleration per velocity, 1/s; 2 sqrt(kp) damps critically."""
+
+
+class AttitudeAccelerations(AttitudeTarget):
+    """Feedback of angular accelerations on the attitude of the tip."""
+
+    kp_1_s2: Gain
+    """Angular acceleration per angle, 1/s^2."""
+    kd_1_s: Gain
+    """Angular acceleration per angular velocity, 1/s; 2 sqrt(kp) damps critically."""
+
+
+class DampedConfig(TaskLawConfig):
+    """A law that inverts the effective inertia of the tip, with damping near singularities."""
+
+    joint_damping_N_m_s_rad: Gain = 0.0
+    """Damping of motions of a redundant arm that the output does not feel, N m s/rad."""
+    singular_mass_kg: PositiveFloat = 1000.0
+    """Effective inertia of the tip, kg for pushes and kg m^2 for turns, above which a direction is near a singularity: its
+    torques fade out, to nothing where the arm cannot move the tip that way at all."""
