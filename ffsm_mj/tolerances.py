@@ -129,3 +129,10 @@ EVENT_TIME_S = 1e-13
 """Tolerance of event localisation: at 1 m/s a gap of 1e-13 m, its rounding."""
 EVENT_TIME = 8.9e-16
 """Relative part of the same: four EPSILON, the least that Brent's method (``scipy.optimize.brentq``) accepts."""
+
+# ---- Steps of springs and dampers
+
+MODE_STEP = 0.3
+"""Largest h w of a mode of joint springs: RK4 takes (h w)^6 / 72 = 1e-5 of its energy in each step."""
+DAMPER_STEP = 2.7
+"""Largest h d / I of a damper: RK4 is stable up to 2.785 on the negative real axis."""

@@ -24,6 +24,7 @@ from ffsm_mj.assembly.models import changes_of
 from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.assembly.run_size import too_large
+from ffsm_mj.assembly.spring_modes import refuse_coarse_steps
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.watch import ContactWatch
@@ -132,6 +133,7 @@ def assemble(
     recorded = recorded or RecordedFiles()
     try:
         data = initial_state(scenario, system)
+        refuse_coarse_steps(scenario, system, data)
         contacts = resolve_contacts(scenario.contacts, system)
         refuse_undetectable(system, data, contacts)
         _refuse_endless(scenario, contacts)

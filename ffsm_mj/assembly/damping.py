@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 from ffsm_controllers.parts import Parts
 
 from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.spring_modes import rounded_down
 from ffsm_mj.controller_protocol import Controller, Damps, FloatArray, IntArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import described
@@ -82,11 +82,5 @@ def _instability(system: System, data: Any, period: float, damping: _Damping) ->
     return (
         f"{key} is unstable at the control period of {period:g} s: dt M_c^-1 K_d has the eigenvalue "
         f"{eigenvalue:.3g} (stable up to {_LIMIT:g}), mostly of joint {joint!r}; {key} = {gain:g} there is stable "
-        f"up to {_rounded_down(gain * _LIMIT / eigenvalue):g}{alike}"
+        f"up to {rounded_down(gain * _LIMIT / eigenvalue):g}{alike}"
     )
-
-
-def _rounded_down(value: float) -> float:
-    """Round a positive number down to three digits."""
-    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
-    return float(f"{math.floor(value / unit) * unit:.3g}")

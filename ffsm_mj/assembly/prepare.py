@@ -21,6 +21,7 @@ from ffsm_mj.assembly.override_faults import overrides_named
 from ffsm_mj.assembly.recorded_files import RecordedFiles, recorded_files
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
+from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.errors import InputError, raised_by_plugin
 from ffsm_mj.log.run_folder import RunFolder
@@ -258,6 +259,7 @@ class PreparedRun:
             *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
             *(f"  {line}" for line in rule_lines(assembly.contacts)),
             *_limited_joints(assembly.limits),
+            *spring_lines(self.scenario, system, assembly.data),
             *_sensors(assembly),
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"

@@ -16,10 +16,11 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.base_motors import BaseMotors
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.balance.grasped_object import GraspedObjectBalance
-from ffsm_mj.balance.gravity import NUMBERS, Gravity, by_subsystem
+from ffsm_mj.balance.gravity import Gravity
 from ffsm_mj.balance.joint_work import JointWork
 from ffsm_mj.balance.sample_buffer import SampleBuffer
 from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues
+from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.balance.subsystems import (
     energy_balance_residual,
     momentum_balance_residual,
@@ -27,13 +28,15 @@ from ffsm_mj.balance.subsystems import (
     subsystem_momenta,
 )
 from ffsm_mj.balance.thrusters import Thrusters, thrusters
+from ffsm_mj.balance.tree_accounts import TreeAccounts
 from ffsm_mj.compiled import fastest
+from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_components
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import SUBSYSTEMS
 
-_FALLEN = ACCOUNTS + GraspedObjectBalance.SIZE
+_OF_TREES = ACCOUNTS + GraspedObjectBalance.SIZE
 
 
 class Balance:
@@ -63,13 +66,18 @@ class Balance:
         objects_free = np.all(object_free, axis=0) if object_free else np.ones(6, dtype=np.bool_)
         self.free = np.array([robot_free & objects_free, robot_free, objects_free], dtype=np.float64)
         self._base = BaseMomentum(system, system.robot)
-        falls = bool(np.any(system.mj.opt.gravity))
-        self._statement = BalanceSignals(fixed=bool(system.fixed), gravity=falls)
-        self._numbers = np.zeros(_FALLEN + falls * NUMBERS * len(system.trees))
+        falls, joints = bool(np.any(system.mj.opt.gravity)), JointSprings(system.mj)
+        springy, trees = joints.elastic or joints.damped, len(system.trees)
+        self._statement = BalanceSignals(
+            fixed=bool(system.fixed), gravity=falls, springs=joints.elastic, dampers=joints.damped
+        )
+        self._numbers = np.zeros(_OF_TREES + TreeAccounts.size(trees, falls=falls, springy=springy))
         self._accounts = BalanceTerms.of(self._numbers[:ACCOUNTS])
-        self._fallen = self._numbers[_FALLEN:].reshape(-1, NUMBERS)
-        self._gravity = Gravity(system, data, self._fallen) if falls else None
-        self._grasped_object = GraspedObjectBalance(system, data, momentum, self._numbers[ACCOUNTS:])
+        self._of_trees = TreeAccounts(self._numbers[_OF_TREES:], trees, falls=falls)
+        self._gravity = Gravity(system, data, self._of_trees.gravity) if falls else None
+        self._springs = SpringBalance(system, data, joints, self._of_trees.springs) if springy else None
+        held = self._numbers[ACCOUNTS:_OF_TREES]
+        self._grasped_object = GraspedObjectBalance(system, data, momentum, held, self._of_trees)
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
         flags = on_joint.astype(np.float64), external.astype(np.float64)
@@ -98,11 +106,16 @@ class Balance:
         before = self._statement.balance(logged[None])
         self._grasped_object.forget()
         self._accounts.take(before.accounts)
-        if self._gravity is not None:  # a row logs the sum over all objects only; changes are all that counts
-            self._fallen.fill(0.0)
-            work, impulse = before.accounts.fallen[0], before.accounts.gravity[0].reshape(2, 6)
-            for tree, own, pushed in zip(self._fallen, work[1:], impulse, strict=False):
-                tree[0], tree[1:] = own, pushed
+        # A row logs the sums over all objects only, which the first takes: changes are all that counts.
+        terms = before.accounts
+        self._of_trees.numbers.fill(0.0)
+        work, impulse = terms.fallen[0], terms.gravity[0].reshape(2, 6)
+        for tree, own, pushed in zip(self._of_trees.gravity, work[1:], impulse, strict=False):
+            tree[0], tree[1:] = own, pushed
+        for tree, *sums in zip(self._of_trees.springs, terms.heat[0, 1:], terms.truncation[0, 1:], strict=False):
+            tree[1:] = sums
+        if self._springs is not None:
+            self._springs.set_elastic()
         self._energy_0, self._momentum_0 = np.zeros(3), np.zeros((3, 6))
         self.sample()
         start = self._balance()
@@ -128,9 +141,7 @@ class Balance:
         energy = subsystem_energies(h * buffer.rates[used], robot.dofs)
         of_objects = sum((buffer.momenta(tree.root, used) for tree in self._system.objects), np.zeros((used.stop, 6)))
         momentum = subsystem_momenta(buffer.momenta(robot.root, used), of_objects)
-        if self._gravity is not None:
-            fallen = buffer.accounts[used, _FALLEN:].reshape(used.stop, -1, NUMBERS)
-            accounts.fallen[:], accounts.gravity[:] = by_subsystem(fallen)
+        self._of_trees.enter(buffer.accounts[used, _OF_TREES:], accounts)
         residuals = self._unexplained(energy - self._energy_0, momentum - self._momentum_0, accounts)
         by_matrix = self._base.momenta(buffer.jacp[used], buffer.jacr[used], buffer.position[used], h)
         return BalanceValues(energy, momentum, by_matrix, accounts, *residuals)
@@ -139,7 +150,7 @@ class Balance:
         self, energy: FloatArray, momentum: FloatArray, accounts: BalanceTerms
     ) -> tuple[FloatArray, FloatArray]:
         """Residuals of energy, (n, 3), and of momentum, (n, 3, 6)."""
-        grown = accounts.gained + accounts.fallen
+        grown = accounts.gained + accounts.fallen - accounts.elastic - accounts.heat
         impulses = accounts.external, accounts.contact, accounts.fixed + accounts.gravity
         left = [
             (
@@ -169,8 +180,7 @@ class Balance:
         self.close(duration_s)
         for exchange in exchanges:
             self.enter(*exchange)
-        if self._gravity is not None:
-            self._accounts.fallen[:], self._accounts.gravity[:] = by_subsystem(self._fallen)
+        self._of_trees.enter(self._of_trees.numbers, self._accounts)
         added = numbers[:ACCOUNTS].copy()
         numbers[:] = kept
         return added
@@ -185,6 +195,8 @@ class Balance:
             tree: The grasped object; None: no object is grasped.
         """
         exchange = self._grasped_object.set_object(tree)
+        if self._springs is not None:
+            self._springs.grasped = 1 + self._system.objects.index(tree) if tree is not None else 0
         if exchange is not None:
             self.enter(*exchange)
 
@@ -192,6 +204,8 @@ class Balance:
         """Begin a (sub-)step: store what the efforts held during it need of the state."""
         if self._gravity is not None:
             self._gravity.open()
+        if self._springs is not None:
+            self._springs.open()
         self._pushed = self._joint_work.open()
         if self._pushed:
             for pushing in self._outside:
@@ -202,6 +216,8 @@ class Balance:
         self._joint_work.close()
         if self._gravity is not None:
             self._gravity.close(duration_s)
+        if self._springs is not None:
+            self._springs.close(duration_s)
         if self._pushed:
             for pushing in self._outside:
                 pushing.close(duration_s)

@@ -1,4 +1,7 @@
-"""Energy and momentum that a grasped object gains from the robot: the change between two states, less that by gravity."""
+"""Energy and momentum that a grasped object gains from the robot: the change between two states, less that by gravity.
+
+Its energy includes that of its own joint springs and the heat of its dampers.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +13,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.balance.gravity import NUMBERS
 from ffsm_mj.balance.sample_buffer import SampleBuffer
+from ffsm_mj.balance.tree_accounts import TreeAccounts
 from ffsm_mj.dynamics.rigid_body import subtree_momenta
 from ffsm_mj.model.system import System, Tree
 
@@ -22,19 +25,18 @@ class GraspedObjectBalance:
     SIZE = 8
     """Number of values per sample."""
 
-    def __init__(self, system: System, data: Any, momentum: FloatArray, numbers: FloatArray) -> None:
+    def __init__(self, system: System, data: Any, momentum: FloatArray, numbers: FloatArray, accounts: TreeAccounts) -> None:
         """Start without a grasped object.
 
         Args:
             system: Robot and objects.
             data: Their state.
             momentum: M qdot, kept current by the caller, (nv,).
-            numbers: Array for the sampled values: number; energy in J; P and L about the origin. With gravity, what gravity
-                gave to each tree follows these SIZE values, kept current by the caller, (number of trees, NUMBERS).
+            numbers: Array for the sampled values: number; energy in J; P and L about the origin, (SIZE,).
+            accounts: What gravity, springs and dampers did to each tree, kept current by the caller.
         """
         self._system, self._data, self._momentum = system, data, momentum
-        self._numbers, self._start = numbers[: self.SIZE], numbers[1 : self.SIZE]
-        self._fallen = numbers[self.SIZE :].reshape(-1, NUMBERS)
+        self._numbers, self._start, self._accounts = numbers, numbers[1:], accounts
         self._tree: Tree | None = None
 
     def forget(self) -> None:
@@ -63,18 +65,20 @@ class GraspedObjectBalance:
         mass = float(self._system.mj.body_subtreemass[root])
         momentum = subtree_momenta(mass, data.subtree_linvel[root], data.subtree_com[root], data.subtree_angmom[root])
         now = np.concatenate(((0.5 * float(h[tree.dofs] @ rates[tree.dofs]),), momentum))
-        return now - self._fallen[1 + self._system.objects.index(tree)] if len(self._fallen) else now
+        own = self._accounts.given(self._accounts.numbers, 1 + self._system.objects.index(tree))
+        return now if own is None else now - own
 
     def gained(self, buffer: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
         """What the grasped object has gained since the grasp began: rows of the buffer, and the exchange for all of them."""
-        own = buffer.accounts[used, -(self.SIZE + self._fallen.size) :]
-        numbers, fallen = own[:, : self.SIZE], own[:, self.SIZE :]
+        rest = buffer.accounts[used, -(self.SIZE + self._accounts.numbers.size) :]
+        numbers, others = rest[:, : self.SIZE], rest[:, self.SIZE :]
         for number in map(int, sorted(set(numbers[:, 0].tolist()) - {0.0})):
             tree, rows = self._system.objects[number - 1], numbers[:, 0] == number
             energy = 0.5 * (buffer.h[used, tree.dofs] * buffer.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
             states = np.concatenate((energy, buffer.momenta(tree.root, used)), axis=1)
-            if fallen.size:
-                states -= fallen[:, NUMBERS * number : NUMBERS * (number + 1)]
+            own = self._accounts.given(others, number)
+            if own is not None:
+                states -= own
             yield rows, _given(states[rows] - numbers[rows, 1:])
 
 

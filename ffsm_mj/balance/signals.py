@@ -9,9 +9,17 @@ from itertools import accumulate
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Signal, unit_of
+from ffsm_mj.records.signals import (
+    COMPONENTS,
+    DAMPER_HEAT,
+    ELASTIC,
+    SPRING_TRUNCATION,
+    SUBSYSTEMS,
+    Signal,
+    unit_of,
+)
 
-ACCOUNTS = 43
+ACCOUNTS = 52
 """Number of scalar terms in a balance."""
 
 
@@ -27,6 +35,9 @@ class BalanceTerms:
         fixed: Impulse of fixed bodies on the robot and on the objects, (..., 12).
         fallen: Work of gravity on (total, robot, objects), J, (..., 3).
         gravity: Impulse of gravity on the robot and on the objects, (..., 12).
+        elastic: Elastic energy of the joint springs of (total, robot, objects), J, (..., 3).
+        heat: Heat of the joint dampers of (total, robot, objects), J, (..., 3).
+        truncation: Energy that the truncation of RK4 takes from the modes of springs, by subsystem, J, (..., 3).
     """
 
     work: FloatArray
@@ -36,11 +47,14 @@ class BalanceTerms:
     fixed: FloatArray
     fallen: FloatArray
     gravity: FloatArray
+    elastic: FloatArray
+    heat: FloatArray
+    truncation: FloatArray
 
     @classmethod
     def of(cls, numbers: FloatArray) -> BalanceTerms:
         """Views of an array of all terms, (..., ACCOUNTS)."""
-        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31), axis=-1))
+        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31, 43, 46, 49), axis=-1))
 
     def take(self, other: BalanceTerms) -> None:
         """Copy the values of another set of terms."""
@@ -90,7 +104,7 @@ _RESIDUAL = "momentum - momentum(0) - impulses, {}; zero where the base joints a
 
 _FIXED = "impulse of fixed bodies on the {}"
 _GRAVITY = "impulse of gravity on the {}"
-_OPTIONAL = {"fixed": 12, "fallen": 3, "gravity": 12}
+_OPTIONAL = {"fixed": 12, "fallen": 3, "gravity": 12, "elastic": 3, "heat": 3, "truncation": 3}
 
 _ENTRIES = {
     "energy": _SignalGroup(_by_subsystem("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
@@ -130,6 +144,14 @@ _ENTRIES = {
         ),
         lambda b: b.accounts.gravity,
     ),
+    "elastic": _SignalGroup(
+        _by_subsystem("energy", ELASTIC, "elastic energy of joint springs"), lambda b: b.accounts.elastic
+    ),
+    "heat": _SignalGroup(_by_subsystem("balance", DAMPER_HEAT, "heat of joint dampers"), lambda b: b.accounts.heat),
+    "truncation": _SignalGroup(
+        _by_subsystem("balance", SPRING_TRUNCATION, "energy that RK4 takes from the modes of joint springs"),
+        lambda b: b.accounts.truncation,
+    ),
     "energy_residual": _SignalGroup(
         _by_subsystem("balance", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
     ),
@@ -148,12 +170,13 @@ class BalanceSignals:
     """Columns of the balance of a scene.
 
     Attributes:
-        signals: The columns; those of fixed bodies and of gravity only if the scene has them.
+        signals: The columns; those of fixed bodies, gravity, springs and dampers only if the scene has them.
     """
 
-    def __init__(self, *, fixed: bool, gravity: bool) -> None:
-        """Choose the columns for a scene with or without fixed bodies and gravity."""
+    def __init__(self, *, fixed: bool, gravity: bool, springs: bool, dampers: bool) -> None:
+        """Choose the columns for a scene with or without fixed bodies, gravity, and springs and dampers of joints."""
         present = {"fixed": fixed, "fallen": gravity, "gravity": gravity}
+        present |= {"elastic": springs, "heat": dampers, "truncation": springs}
         self._entries = {name: entry for name, entry in _ENTRIES.items() if present.get(name, True)}
         self.signals = tuple(signal for entry in self._entries.values() for signal in entry.signals)
         self._ends = tuple(accumulate(len(entry.signals) for entry in self._entries.values()))

@@ -7,11 +7,14 @@ from typing import Any
 
 import mujoco
 
+from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.step_path import time_step
+from ffsm_mj.tolerances import DAMPER_STEP, MODE_STEP
 
 _TURN = 0.05
 """Largest product of rates and sub-step, rad: RK4 then errs by some 1e-9 of a turn per sub-step."""
 _MOST_STEPS = 200
+"""Largest number of sub-steps for rates alone; springs and dampers need theirs, or RK4 is unstable."""
 
 
 def predict(model: Any, data: Any, duration_s: float) -> None:
@@ -26,6 +29,11 @@ def predict(model: Any, data: Any, duration_s: float) -> None:
         return
     fastest = max(map(abs, data.qvel.tolist()), default=0.0)
     steps = min(max(1, math.ceil(duration_s * fastest / _TURN)), _MOST_STEPS)
+    springs = JointSprings(model)
+    if springs.elastic or springs.damped:
+        mujoco.mj_fwdPosition(model, data)
+        mode, decay = springs.fastest(model, data)
+        steps = max(steps, math.ceil(duration_s * max(mode.rate / MODE_STEP, decay.rate / DAMPER_STEP)))
     with time_step(model, duration_s / steps):
         for _ in range(steps):
             mujoco.mj_step(model, data)

@@ -11,7 +11,7 @@ import mujoco
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
-from ffsm_mj.model.conservative import gravity_faults, gravity_of, model_faults, spec_faults
+from ffsm_mj.model.conservative import disabled_springs, gravity_faults, gravity_of, model_faults, spec_faults
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
@@ -105,6 +105,7 @@ def _attach(
     """
     parts: list[Part] = []
     faults: list[str] = []
+    switched_off: list[str] = []
     gravity: dict[str, tuple[float, ...]] = {}
     for name, model_files in files.items():
         with collected_warnings(warned[name]):
@@ -112,6 +113,7 @@ def _attach(
             warned[name].extend(parts[-1].warnings)
             spec = parts[-1].spec
             faults += spec_faults(spec, model_files, conservative=conservative)
+            switched_off += disabled_springs(spec, model_files)
             gravity[name] = gravity_of(spec, model_files)
             take_options(scene, spec, gravity[name], conservative=conservative)
             if grasp is not None and name == grasp.tree:
@@ -119,6 +121,7 @@ def _attach(
             else:
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
     refused = [
+        *switched_off,
         *moving_parts(scene, files),
         *unsupported_limits(scene, files),
         *([] if conservative else gravity_faults(gravity, files)),

@@ -1,17 +1,22 @@
 """Detection of elements that break the conservation of energy or momentum, each with its name, file and line.
 
+Springs and dampers of joints act between two links, and enter the balance. Refused are those of the base's joints, which
+act on the world, dampers that drive, and springs that yield.
+
 A conservative scenario refuses uniform gravity and ``gravcomp``, under which momentum is not conserved. In other scenarios
 they are external forces that enter the balance, and no fault.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficients
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.mimic import Mimic, mimic_fault, mimics
 from ffsm_mj.model.places import Places
@@ -74,8 +79,22 @@ def _vector(values: Iterable[float]) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
+def disabled_springs(spec: Any, files: ModelFiles) -> list[str]:
+    """Springs and dampers that a model file has but switches off, which a scene would switch on again."""
+    faults = []
+    for word in ("stiffness", "damping"):
+        flag = {"stiffness": "spring", "damping": "damper"}[word]
+        off = spec.option.disableflags & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag.upper()}"))
+        if off and any(getattr(joint, word).any() for joint in spec.joints):
+            faults.append(
+                f'{files.place}: <flag {flag}="disable"> has no effect in a scene; remove the {word} of the joints, '
+                f"or use 'strip: [{word}]' in the scenario"
+            )
+    return faults
+
+
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles], *, conservative: bool) -> list[str]:
-    """Dissipative or elastic elements of the compiled scene, each with the file and line of its model."""
+    """Elements of the compiled scene that break conservation, each with the file and line of its model."""
     following = {prefix: mimics(each) for prefix, each in files.items()} if model.neq else {}
     places = Places(scene, files)
     return [
@@ -107,20 +126,42 @@ def _has_limited_gravcomp(model: Any, body: int) -> bool:
     return False
 
 
+def _coefficients(values: Iterable[float]) -> str:
+    """Coefficients of a polynomial without trailing zeros."""
+    return re.sub("( 0)+$", "", _vector(values))
+
+
+def _spring_faults(model: Any, j: int, dof: int) -> Iterator[str]:
+    """What is wrong with the spring and the damper of a joint, as text."""
+    stiffness, damping = stiffness_coefficients(model)[j], damping_coefficients(model)[dof]
+    if model.body_parentid[model.jnt_bodyid[j]] == 0:  # a joint of a base; fixed models have none
+        on_world = "on a joint of the base, which acts on the world"
+        if np.any(damping):
+            yield f"damping {_coefficients(damping)} {on_world}"
+        if np.any(stiffness):
+            yield f"stiffness {_coefficients(stiffness)} {on_world}"
+        return
+    a, b, c = damping.tolist()
+    if a < 0.0 or c < 0.0 or (b < 0.0 and b * b > 4.0 * a * c):  # MuJoCo's condition of sign preservation
+        yield f"damping {_coefficients(damping)}, which drives the joint at some rates"
+    if model.jnt_plasticadr[j] >= 0:
+        yield "springyield, a spring that yields"
+
+
 def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str]]:
     """Yield (kind, full name, property that breaks conservation)."""
     for j in range(model.njnt):
         joint = model.joint(j)
         dofs = slice(joint.dofadr[0], joint.dofadr[0] + len(joint.damping))
-        if np.any(model.dof_damping[dofs]):
-            yield "joint", joint.name, f"damping {np.max(model.dof_damping[dofs]):g}"
+        yield from (("joint", joint.name, what) for what in _spring_faults(model, j, joint.dofadr[0]))
         if np.any(model.dof_frictionloss[dofs]):
             yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
-        if np.any(model.jnt_stiffness[j]):
-            yield "joint", joint.name, f"stiffness {np.max(model.jnt_stiffness[j]):g} (a spring)"
     for t in range(model.ntendon):
         for attribute in ("stiffness", "damping", "frictionloss"):
-            if np.any(getattr(model, f"tendon_{attribute}")[t]):
+            coefficients = [getattr(model, f"tendon_{attribute}")[t]]
+            if attribute != "frictionloss":
+                coefficients.append(getattr(model, f"tendon_{attribute}poly")[t])
+            if any(np.any(each) for each in coefficients):
                 yield "tendon", model.tendon(t).name, attribute
     for b in range(model.nbody):
         if model.body_gravcomp[b] and (conservative or _has_limited_gravcomp(model, b)):

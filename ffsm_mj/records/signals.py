@@ -19,7 +19,7 @@ from ffsm_mj.model.system import Joint
 # Description of each group, in the order of the row.
 GROUPS = {
     "state": "generalised coordinates and velocities, and the tip",
-    "energy": "kinetic energy",
+    "energy": "kinetic energy; elastic energy of joint springs, if there are any",
     "momentum": "linear momentum P and angular momentum L about the world origin",
     "balance": "accumulated work and impulses since t = 0, and residuals of energy and momenta",
     "contact": "telemetry of the contact models",
@@ -49,6 +49,9 @@ FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the residual of the complementarity conditions of contact forces."""
 FRICTION_HEAT, CONTACT_WORK = "friction_heat_J", "contact_work_J"
 """Signals of the heat of friction at impacts and in persistent contact, and of the work of persistent contact forces."""
+ELASTIC, DAMPER_HEAT, SPRING_TRUNCATION = "{}_elastic_J", "{}_damper_heat_J", "{}_spring_truncation_J"
+"""Signals of the elastic energy of joint springs, the heat of joint dampers, and the energy that RK4 takes from the modes of
+the springs, by subsystem."""
 SLIDING_HEAT = "_heat_J"
 """End of the names of the signals of the heat of sliding of the contact rules with friction."""
 LIMIT_FORCES = ("_limit_torque_N_m", "_limit_force_N")

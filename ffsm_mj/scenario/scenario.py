@@ -101,8 +101,9 @@ class Scenario(StrictModel):
     control_period_s: PositiveFloat = 0.001
     """Control period, a multiple of the time step, s."""
     conservative: bool = True
-    """Refuse gravity, damping, friction, springs, fluids and other integrators in the models. If false,
-    gravity enters the balance; with any of the others energy and momenta are not checked."""
+    """Refuse gravity, dry friction of joints, tendon springs, fluids and other integrators in the models. If false,
+    gravity enters the balance; with any of the others energy and momenta are not checked. Springs and dampers of joints
+    always enter the balance."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
     robot: RobotConfig

@@ -14,7 +14,15 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.subsystems import energy_balance_residual, momentum_balance_residual
 from ffsm_mj.records.metadata import free_components
-from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, momentum_keys
+from ffsm_mj.records.signals import (
+    COMPONENTS,
+    DAMPER_HEAT,
+    ELASTIC,
+    SPRING_TRUNCATION,
+    SUBSYSTEMS,
+    Layout,
+    momentum_keys,
+)
 
 STRETCH_STEPS = 100_000
 """Number of steps over which a residual may change by the tolerance of a check."""
@@ -47,8 +55,16 @@ class BalanceColumns:
         self._energy, self._work = layout.index[f"energy.{subsystem}_J"], layout.index["balance.work_J"]
         self._gained = layout.index[f"balance.{subsystem}_impact_energy_J"]
         self._fallen = layout.index.get(f"balance.{subsystem}_gravity_work_J")
+        stored = [
+            layout.index.get(f"energy.{ELASTIC.format(subsystem)}"),
+            layout.index.get(f"balance.{DAMPER_HEAT.format(subsystem)}"),
+        ]
+        self._stored = [i for i in stored if i is not None]
+        self._truncation = layout.index.get(f"balance.{SPRING_TRUNCATION.format(subsystem)}")
         self._energies = [
-            i for i in (self._work if subsystem != "objects" else None, self._gained, self._fallen) if i is not None
+            i
+            for i in (self._work if subsystem != "objects" else None, self._gained, self._fallen, *self._stored)
+            if i is not None
         ]
         on_robot, on_objects = ([part[k : k + 6] for part in self._outside] for k in (0, 6))
         self._impulses = {
@@ -60,11 +76,20 @@ class BalanceColumns:
         self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
 
     def energy(self, block: FloatArray) -> FloatArray:
-        """T less work and energy gained in impacts and from gravity, J, (n,): constant for an exact balance."""
+        """T plus elastic energy and heat of dampers, less work and energy gained in impacts and from gravity, J, (n,).
+
+        It is constant for an exact balance.
+        """
         energy, work, gained = (block[:, i] for i in (self._energy, self._work, self._gained))
         if self._fallen is not None:
             gained = gained + block[:, self._fallen]
+        for i in self._stored:
+            gained = gained - block[:, i]
         return energy_balance_residual(self._party, energy, work, gained)
+
+    def truncation(self, block: FloatArray) -> FloatArray | None:
+        """Energy that RK4 has taken from the modes of joint springs, J, (n,); None without springs."""
+        return block[:, self._truncation] if self._truncation is not None else None
 
     def momentum(self, block: FloatArray) -> FloatArray:
         """(P, L) less impulses on the free components, N s and N m s, (n, 6): constant for an exact balance."""
@@ -154,15 +179,28 @@ class ResidualDrift:
         """Set the length of a stretch in s."""
         self._length, self._stretch = length_s, 0.0
         self._first: FloatArray | None = None
+        self._taken = 0.0
         self._done: Peak | None = None
         self._here = Peak()
         self.drift = 0.0
 
-    def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray) -> None:
-        """Process rows: times (n,), residual (n, number of components), scale (n,)."""
+    def add(self, times: FloatArray, residual: FloatArray, scale: FloatArray, taken: FloatArray | None = None) -> None:
+        """Process rows.
+
+        Args:
+            times: Times, s, (n,).
+            residual: Residuals, (n, number of components).
+            scale: Their scales, (n,).
+            taken: What the truncation of the step is known to have taken since t = 0, (n,): a residual that is so much
+                lower is none. None: nothing is known.
+        """
         if self._first is None:
             # Relative to the first row: the balances start at t = 0, but a damaged log may start later.
             self._first = self._base = self._last = residual[0].copy()
+            self._taken = float(taken[0]) if taken is not None else 0.0
+        if taken is not None:
+            most = np.maximum(taken - self._taken, 0.0)[:, None]
+            residual = residual + np.clip(self._first - residual, 0.0, most)
         self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
         # A row at the end of a stretch belongs to it; the rounding of time is far below a billionth of a stretch.
         stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)

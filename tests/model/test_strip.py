@@ -73,7 +73,7 @@ def test_check_lists_the_removed_elements(tmp_path, capfd):
     assert f"note: {notes[0]}\n" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("left", ["damping", "frictionloss", "stiffness", "equalities"])
+@pytest.mark.parametrize("left", ["frictionloss", "equalities"])
 def test_elements_that_are_not_stripped_are_refused(tmp_path, left):
     """With the name of the joint or constraint."""
     path, changes = moving(tmp_path, [word for word in ALL if word != left])
@@ -81,6 +81,13 @@ def test_elements_that_are_not_stripped_are_refused(tmp_path, left):
         ffsm_mj.prepare(path, changes)
     told = "\n".join(refused.value.lines)
     assert ("'shoulder'" in told) == (left != "equalities")
+
+
+@pytest.mark.parametrize(("left", "attribute"), [("damping", "dof_damping"), ("stiffness", "jnt_stiffness")])
+def test_springs_and_dampers_of_joints_are_kept(tmp_path, left, attribute):
+    """Unless they are stripped: they enter the balance."""
+    path, changes = moving(tmp_path, [word for word in ALL if word != left])
+    assert getattr(ffsm_mj.prepare(path, changes).system.mj, attribute).any()
 
 
 def test_servos_are_refused_with_a_remedy(tmp_path):

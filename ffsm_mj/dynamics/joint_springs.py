@@ -1,0 +1,124 @@
+"""Springs and dampers of joints: elastic energy, stiffness and dissipation by degree of freedom, and the fastest modes.
+
+MuJoCo's springs and dampers are polynomials: with the displacement x from ``springref`` and the rate v, the forces are
+-(a x + b x^2 + c x^3) and -(a v + b v |v| + c v^3). A ball joint has the rotation angle from its reference for x.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficients
+
+_BALL, _FREE = int(mujoco.mjtJoint.mjJNT_BALL), int(mujoco.mjtJoint.mjJNT_FREE)
+
+
+class FastestMode(NamedTuple):
+    """The fastest of some modes.
+
+    Attributes:
+        rate: Its angular frequency, or the decay rate of a damper alone, 1/s; 0 if there is none.
+        dof: The degree of freedom that takes the largest part in it.
+    """
+
+    rate: float
+    dof: int
+
+
+class JointSprings:
+    """Springs and dampers of the joints of a model, except those of free joints.
+
+    Attributes:
+        elastic: Whether a joint has a spring.
+        damped: Whether one has a damper.
+    """
+
+    def __init__(self, model: Any) -> None:
+        """Read the coefficients of a model."""
+        self._nv, stiffness = model.nv, stiffness_coefficients(model)
+        sprung = np.any(stiffness, axis=1) & (model.jnt_type != _FREE)
+        scalar, ball = sprung & (model.jnt_type != _BALL), sprung & (model.jnt_type == _BALL)
+        self._dofs, self._places = model.jnt_dofadr[scalar], model.jnt_qposadr[scalar]
+        self._zero, self._k = model.qpos_spring[self._places], stiffness[scalar]
+        self._balls = [
+            (
+                int(model.jnt_dofadr[j]),
+                int(model.jnt_qposadr[j]),
+                model.qpos_spring[model.jnt_qposadr[j] :][:4],
+                stiffness[j],
+            )
+            for j in np.flatnonzero(ball).tolist()
+        ]
+        kinds = model.jnt_type[model.dof_jntid]
+        self._d = np.where((kinds != _FREE)[:, None], damping_coefficients(model), 0.0)
+        self.elastic, self.damped = bool(sprung.any()), bool(self._d.any())
+
+    def _displacements(self, qpos: FloatArray) -> tuple[FloatArray, list[float]]:
+        """Displacements of scalar joints from their references, and angles of ball joints, rad or m."""
+        turn, angles = np.empty(3), []
+        for _, place, zero, _ in self._balls:
+            quaternion = qpos[place : place + 4].copy()
+            mujoco.mju_normalize4(quaternion)
+            mujoco.mju_subQuat(turn, quaternion, zero)
+            angles.append(float(np.sqrt(turn.dot(turn))))
+        return qpos[self._places] - self._zero, angles
+
+    def energy(self, qpos: FloatArray) -> FloatArray:
+        """Elastic energy at a configuration, J, at the first degree of freedom of each joint, (nv,)."""
+        energy = np.zeros(self._nv)
+        x, angles = self._displacements(qpos)
+        a, b, c = self._k.T
+        energy[self._dofs] = x * x * (a / 2.0 + x * (b / 3.0 + x * c / 4.0))
+        for (dof, _, _, (a, b, c)), angle in zip(self._balls, angles, strict=True):
+            energy[dof] = angle * angle * (a / 2.0 + angle * (b / 3.0 + angle * c / 4.0))
+        return energy
+
+    def stiffness(self, qpos: FloatArray) -> FloatArray:
+        """Tangent stiffness at a configuration, N m/rad or N/m, zero where it is negative, (nv,)."""
+        stiffness = np.zeros(self._nv)
+        x, angles = self._displacements(qpos)
+        a, b, c = self._k.T
+        stiffness[self._dofs] = a + x * (2.0 * b + 3.0 * x * c)
+        for (dof, _, _, (a, b, c)), angle in zip(self._balls, angles, strict=True):
+            stiffness[dof : dof + 3] = a + angle * (2.0 * b + 3.0 * angle * c)
+        return np.maximum(stiffness, 0.0)
+
+    def dissipation(self, qvel: FloatArray) -> FloatArray:
+        """Power that dampers turn into heat, W, (nv,)."""
+        a, b, c = self._d.T
+        speed = np.abs(qvel)
+        dissipation: FloatArray = qvel * qvel * (a + speed * (b + speed * c))
+        return dissipation
+
+    def damping(self, qvel: FloatArray) -> FloatArray:
+        """Slope of the damper force over the rate, N m s/rad or N s/m, (nv,)."""
+        a, b, c = self._d.T
+        speed = np.abs(qvel)
+        damping: FloatArray = a + speed * (2.0 * b + 3.0 * speed * c)
+        return damping
+
+    def fastest(self, model: Any, data: Any) -> tuple[FastestMode, FastestMode]:
+        """Fastest mode of M qddot + K q = 0, and of M qddot + D qdot = 0, at the state in ``data``.
+
+        Constraints such as a grasp or a contact only make the modes slower (Rayleigh).
+        """
+        M = mass_matrix(model, data)
+        square, dof = _largest(M, self.stiffness(data.qpos))
+        return FastestMode(math.sqrt(square), dof), FastestMode(*_largest(M, np.maximum(self.damping(data.qvel), 0.0)))
+
+
+def _largest(mass: FloatArray, diagonal: FloatArray) -> tuple[float, int]:
+    """Largest eigenvalue of M^-1 K with a diagonal K, and the largest share of its vector."""
+    dofs = np.flatnonzero(diagonal > 0.0)
+    if not len(dofs):
+        return 0.0, -1
+    root = np.sqrt(diagonal[dofs])
+    mobility = np.linalg.inv(mass)[np.ix_(dofs, dofs)]
+    values, vectors = np.linalg.eigh(root[:, None] * mobility * root)
+    return float(values[-1]), int(dofs[np.argmax(np.abs(vectors[:, -1]))])
