@@ -20,7 +20,7 @@ from ffsm_mj.model.source import load_spec, parse_spec
 from ffsm_mj.model.strip import strip
 
 _NEEDED = ("damping", "frictionloss", "stiffness", "equalities", "servos", "gravcomp")
-"""What ``strip`` takes out for a conservative scenario of motors and rigid links; what else it takes out does nothing there."""
+"""What ``strip`` takes out for a scenario of motors and rigid links; what else it takes out does nothing there."""
 
 
 @dataclass(frozen=True)
