@@ -13,7 +13,7 @@ def closed_simulators(monkeypatch):
 
     def noted(self, *args, **options):
         begun.append(self)
-        begin(self, *args, **options)
+        return begin(self, *args, **options)
 
     monkeypatch.setattr(Simulator, "_begin", noted)
     yield

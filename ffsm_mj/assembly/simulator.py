@@ -2,79 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
-from contextvars import copy_context
-from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, NamedTuple
-from weakref import finalize
-
-import numpy as np
+from typing import Any
 
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.blas_threads import one_blas_thread
-from ffsm_mj.assembly.given_command import given_command
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, prepare
-from ffsm_mj.assembly.recording import Recording
-from ffsm_mj.assembly.step_interrupts import StepInterrupts
+from ffsm_mj.assembly.step import SimulatorError, SimulatorState, Step
+from ffsm_mj.assembly.stepped_run import SteppedRun, seeded
 from ffsm_mj.controller_protocol import Observation
-from ffsm_mj.errors import FfsmError, InputError
-from ffsm_mj.log.event_tap import EventTap
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.model.mujoco_clock import stopped_clock
-from ffsm_mj.model.mujoco_warnings import collecting, handled_warnings
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 from ffsm_mj.simulation.ending import Ended
-from ffsm_mj.simulation.loop import Simulation
-from ffsm_mj.simulation.progress import EventDue
-
-_DECISIONS = ("tick", "event")
-_SAME_TIME = 1e-9
-"""A control tick this close to a time, in control periods, is at it."""
-
-
-class SimulatorError(FfsmError):
-    """A simulator was used in a way that its state does not allow."""
-
-
-@dataclass(frozen=True)
-class SimulatorState:
-    """State of a simulator; can be pickled.
-
-    Attributes:
-        time_s: Its simulation time, s.
-        overrides: Overrides of the run, beside those of the simulator.
-        seed: Key ``seed`` of the run, if one was given.
-        fingerprint: Fingerprint of the scenario and of the parts of the simulation.
-        contents: What these parts remember.
-    """
-
-    time_s: float
-    overrides: tuple[str, ...]
-    seed: int | None
-    fingerprint: str
-    contents: bytes
-
-
-class Step(NamedTuple):
-    """Result of a step.
-
-    Attributes:
-        observation: What a control law sees at the end of the step, before its decision there. Its MuJoCo data are those of
-            the simulation: they show the present, and must not be written.
-        events: Records of what happened in the step, contact events and phases.
-        ended: How the run ended; None while it lasts.
-    """
-
-    observation: Observation
-    events: tuple[Any, ...]
-    ended: Ended | None
 
 
 class Simulator:
@@ -125,11 +66,7 @@ class Simulator:
         self._rerun, self._live, self._force, self._raises = rerun, live, force, raise_errors
         self._runs = 0
         self._prepared: dict[tuple[str, ...], PreparedRun] = {}
-        self._recording: Recording | None = None
-        self._stack = ExitStack()
-        # A run ends if its state is not finite; numpy's warnings would only repeat that.
-        self._context = copy_context()
-        self._context.run(np.seterr, all="ignore")
+        self._run: SteppedRun | None = None
         self._recipe(())
         if isinstance(record, str | Path):
             self._folder().refuse_earlier_run()
@@ -147,37 +84,26 @@ class Simulator:
         Raises:
             InputError: The scenario does not allow an override, or the folder cannot be used.
         """
-        self._begin(tuple(_as_list(overrides or ())), self._seed if seed is None else seed)
-        return self.observation
+        return self._begin(tuple(_as_list(overrides or ())), self._seed if seed is None else seed).simulation.observation()
 
-    def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float = 0.0) -> None:
+    def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float = 0.0) -> SteppedRun:
         """Begin a run in place of one under way, which goes on if the overrides or the seed are wrong."""
-        made = self._seeded(self._recipe(overrides), seed)
+        prepared = self._recipe(overrides)
+        seeded(prepared, seed)
         self.close()
-        assembly, self._recipe_of_run = made.assemble(), (overrides, seed)
-        self._tap, self._assembly, self._controller = EventTap(), assembly, assembly.controller
-        self._period_s, self._reported = made.scenario.control_period_s, 0
-        with_rerun = made.scenario.log.rerun if self._rerun is None else self._rerun
-        columns = () if self._record is False else None
-        folder = self._folder() if isinstance(self._record, str | Path) else None
-        recording = Recording(
-            assembly, folder, with_rerun=with_rerun, live=self._live, columns=columns, watchers=[self._tap], start_s=start_s
+        self._run = SteppedRun(
+            prepared,
+            overrides,
+            seed,
+            folder=self._folder() if isinstance(self._record, str | Path) else None,
+            with_rerun=prepared.scenario.log.rerun if self._rerun is None else self._rerun,
+            live=self._live,
+            columns=() if self._record is False else None,
+            start_s=start_s,
+            raise_errors=self._raises,
         )
-        # Held to the end of the run: to enter these contexts at each step would take as long as a step.
-        with ExitStack() as stack:
-            stack.enter_context(one_blas_thread())
-            stack.enter_context(stopped_clock())
-            stack.enter_context(handled_warnings())
-            self._interrupts = stack.enter_context(StepInterrupts())
-            stack.enter_context(recording)
-            recording.simulation.interrupted = self._interrupts.noted
-            with collecting(recording.simulation.warnings):
-                self._context.run(recording.simulation.begin)
-            recording.simulation.remember()
-            of_scenario = (self._recipe(overrides).scenario_yaml, str(seed), *recording.simulation.structure)
-            self._fingerprint = sha256("\n".join(of_scenario).encode()).hexdigest()
-            self._recording, self._stack, self._runs = recording, stack.pop_all(), self._runs + 1
-        self._release = finalize(self, self._stack.close)
+        self._runs += 1
+        return self._run
 
     def step(self, command: Any = None, until: str | float = "tick") -> Step:
         """Take the decision that is due, and simulate to the next one.
@@ -195,27 +121,7 @@ class Simulator:
             SimulatorError: There is no run, or it has ended.
             KeyboardInterrupt: The step was interrupted: the run has ended, and can be closed.
         """
-        simulation = self._going()
-        end_s = -math.inf if until in _DECISIONS else self._end_s(until)
-        self._controller.given = None if command is None else given_command(self._assembly.system, command)
-        self._interrupts.begin_step()
-        try:
-            self._context.run(self._advance, simulation, until == "event", command is not None, end_s)
-        finally:
-            self._interrupts.end_step()
-        if self._raises and simulation.error is not None:
-            raise simulation.error
-        ended = simulation.ended
-        if self._interrupts.noted() or (ended is not None and ended.outcome == Outcome.INTERRUPTED):
-            simulation.interrupt()  # by a signal that came after the last time that the step looked for one
-            raise KeyboardInterrupt
-        return Step(simulation.observation(), self._new_events(simulation.progress.due), ended)
-
-    def _advance(self, simulation: Simulation, to_event: bool, commanded: bool, end_s: float) -> None:
-        with collecting(simulation.warnings):
-            simulation.advance(to_event, commanded)
-            while end_s > -math.inf and simulation.ended is None and simulation.next_tick_s < end_s:
-                simulation.advance()
+        return self._running().step(command, until)
 
     def state(self) -> SimulatorState:
         """Everything that determines how the run goes on, at the decision that is due.
@@ -224,10 +130,7 @@ class Simulator:
             SimulatorError: There is no run, or it has ended.
             StateError: A control law, an estimator or a contact model of a plug-in holds what cannot be saved.
         """
-        simulation = self._going()
-        overrides, seed = self._recipe_of_run
-        time_s = simulation.progress.time_s
-        return SimulatorState(time_s, overrides, seed, self._fingerprint, self._context.run(simulation.save))
+        return self._running().state()
 
     def restore(self, state: SimulatorState) -> Observation:
         """Go on from a state, bit for bit, also from one of another process; a log begins anew, at the time of the state.
@@ -238,22 +141,15 @@ class Simulator:
         Raises:
             SimulatorError: The state is that of another scenario.
         """
-        has_parts = self._recording is not None and self._recipe_of_run == (state.overrides, state.seed)
-        if has_parts:
-            self._compare(state)  # the run under way goes on if the state is refused
-        if not has_parts or self._record is not False:
-            self._begin(state.overrides, state.seed, state.time_s)
-            self._compare(state)
-        simulation = self._running().simulation
-        simulation.restore(state.contents)
-        self._tap.take()
-        self._reported = len(simulation.progress.due.records) if simulation.progress.due is not None else 0
-        return self.observation
-
-    def _compare(self, state: SimulatorState) -> None:
-        """Refuse a state of other parts than those of the run."""
-        if state.fingerprint != self._fingerprint:
-            raise SimulatorError("the state is that of another scenario, of other versions, or of compiled parts")
+        run = self._run
+        if run is not None and run.origin == (state.overrides, state.seed):
+            run.compare(state)  # the run under way goes on if the state is refused
+        else:
+            run = None
+        if run is None or self._record is not False:
+            run = self._begin(state.overrides, state.seed, state.time_s)
+            run.compare(state)
+        return run.restore(state)
 
     def close(self) -> Run | None:
         """End the run: its log is closed, with its outcome and summary. One that has not reached its end was interrupted.
@@ -264,20 +160,8 @@ class Simulator:
         Raises:
             KeyboardInterrupt: Ctrl-C while the files were written; they are whole.
         """
-        recording, self._recording = self._recording, None
-        if recording is None:
-            return None
-        self._release.detach()
-        self._interrupts.begin_step()  # a signal waits until the files are written
-        try:
-            with self._stack, collecting(recording.simulation.warnings):
-                recording.end(self._context.run(recording.simulation.finish))
-            run = recording.run()
-        finally:
-            self._interrupts.end_step()
-        if self._interrupts.noted():
-            raise KeyboardInterrupt
-        return run
+        run, self._run = self._run, None
+        return run.close() if run is not None else None
 
     @property
     def observation(self) -> Observation:
@@ -316,8 +200,7 @@ class Simulator:
     @property
     def assembly(self) -> Assembly:
         """Components of the run under way: they show its present, and must not be written."""
-        self._running()
-        return self._assembly
+        return self._running().assembly
 
     def __enter__(self) -> Simulator:
         """The simulator itself."""
@@ -327,10 +210,10 @@ class Simulator:
         """Close the run."""
         self.close()
 
-    def _running(self) -> Recording:
-        if self._recording is None:
+    def _running(self) -> SteppedRun:
+        if self._run is None:
             raise SimulatorError("there is no run: reset() begins one")
-        return self._recording
+        return self._run
 
     def _recipe(self, overrides: tuple[str, ...]) -> PreparedRun:
         """The scenario with further overrides; the latest is kept."""
@@ -340,42 +223,9 @@ class Simulator:
             self._prepared = {key: value for key, value in self._prepared.items() if not key} | {overrides: made}
         return self._prepared[overrides]
 
-    def _seeded(self, made: PreparedRun, seed: int | None) -> PreparedRun:
-        if seed is None:
-            return made
-        if not 0 <= seed < 2**63:
-            raise InputError(f"seed: {seed}, allowed are 0 to 2^63 - 1")
-        return replace(made, scenario=made.scenario.model_copy(update={"seed": seed}))
-
     def _folder(self) -> RunFolder:
         path = Path(str(self._record))
         return RunFolder(path.with_name(f"{path.name}-{self._runs + 1}") if self._runs else path, force=self._force)
-
-    def _end_s(self, until: str | float) -> float:
-        """Time from which on a control tick ends the step."""
-        if isinstance(until, str) or not math.isfinite(until):
-            raise InputError(f"until: {until!r}, allowed are 'tick', 'event' and a time in s")
-        if until <= self.time_s:
-            raise InputError(f"until: {until} s is not after the present, t = {self.time_s:.6g} s")
-        return until - _SAME_TIME * self._period_s
-
-    def _new_events(self, due: EventDue | None) -> tuple[Any, ...]:
-        """Events of the step. Those of a decision that is due come without efforts, and not again when it is taken."""
-        events = self._tap.take()
-        if self._reported:
-            events, self._reported = events[self._reported :], 0
-        if due is None:
-            return events
-        self._reported = len(due.records)
-        return (*events, *due.records)
-
-    def _going(self) -> Simulation:
-        """The simulation of a run that has not ended."""
-        simulation = self._running().simulation
-        if simulation.ended is not None:
-            how = f"{simulation.ended.outcome.value} at t = {simulation.progress.time_s:.6g} s"
-            raise SimulatorError(f"the run has ended ({how}): reset() begins another, close() returns it")
-        return simulation
 
 
 def _as_list(overrides: Sequence[str] | Mapping[str, Any]) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
+from threading import get_ident, main_thread
 from types import FrameType
 from typing import Any
 
@@ -16,14 +16,18 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class StepInterrupts:
-    """Signals of one simulator; without effect outside the main thread. A context manager around the steps of a run."""
+    """Signals of one simulator; without effect outside the main thread. A context manager around the steps of a run.
+
+    Attributes:
+        is_noted: Whether a signal has come in this step.
+    """
 
     _open: list[StepInterrupts] = []
     _before: dict[int, Any] = {}
 
     def __init__(self) -> None:
         """Nothing is installed yet."""
-        self._is_within, self._is_noted = False, False
+        self._is_within, self.is_noted, self._main = False, False, main_thread().ident
 
     def __enter__(self) -> StepInterrupts:
         """Install the handlers, unless they are there: of another simulator, or of one that another thread has closed."""
@@ -46,24 +50,24 @@ class StepInterrupts:
 
     def begin_step(self) -> None:
         """A step begins: signals are noted from now on."""
-        self._is_noted, self._is_within = False, _in_main_thread()
+        self.is_noted, self._is_within = False, get_ident() == self._main
 
     def end_step(self) -> None:
         """The step is over."""
         self._is_within = False
 
     def noted(self) -> bool:
-        """Whether a signal has come in this step."""
-        return self._is_noted
+        """Whether a signal has come in this step, for those who ask again and again."""
+        return self.is_noted
 
     @classmethod
     def handle(cls, number: int, frame: FrameType | None) -> None:
         """Note a signal in the simulators that are within a step; a second one raises KeyboardInterrupt."""
         within = [each for each in cls._open if each._is_within]
-        if any(each._is_noted for each in within):
+        if any(each.is_noted for each in within):
             raise KeyboardInterrupt
         for each in within:
-            each._is_noted = True
+            each.is_noted = True
         before = cls._before[number]
         if within or before == signal.SIG_IGN:
             return
@@ -79,4 +83,4 @@ def _handle(number: int, frame: FrameType | None) -> None:
 
 
 def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()
+    return get_ident() == main_thread().ident

@@ -11,7 +11,8 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.simulator import Simulator, Step
+from ffsm_mj.assembly.simulator import Simulator
+from ffsm_mj.assembly.step import Step
 from ffsm_mj.controller_protocol import GivenCommand
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.gym.endings import Ending

@@ -16,6 +16,8 @@ class EventTap:
 
     def take(self) -> tuple[Event, ...]:
         """Events since the last call, in the order of the log."""
+        if not self._events:
+            return ()
         taken, self._events = tuple(self._events), []
         return taken
 

@@ -66,7 +66,7 @@ _HANDLER = _Handler()
 
 @contextmanager
 def handled_warnings() -> Iterator[None]:
-    """Install the handler, so that :class:`collecting` costs little; it changes nothing for others."""
+    """Install the handler, so that :func:`collecting` costs little; it changes nothing for others."""
     _HANDLER.enter()
     try:
         yield
@@ -74,19 +74,20 @@ def handled_warnings() -> Iterator[None]:
         _HANDLER.leave()
 
 
-class collecting:  # noqa: N801 (a context, used as a function)
+def collectors() -> list[list[str]]:
+    """Collectors of this thread, the innermost last: the one that MuJoCo's warnings of this thread are appended to."""
+    return _HERE.collectors
+
+
+@contextmanager
+def collecting(messages: list[str]) -> Iterator[None]:
     """Append MuJoCo's warnings of this thread to ``messages``, while the handler is installed."""
-
-    __slots__ = ("_messages",)
-
-    def __init__(self, messages: list[str]) -> None:
-        self._messages = messages
-
-    def __enter__(self) -> None:
-        _HERE.collectors.append(self._messages)
-
-    def __exit__(self, *_: object) -> None:
-        _HERE.collectors.pop()
+    here = collectors()
+    here.append(messages)
+    try:
+        yield
+    finally:
+        here.pop()
 
 
 @contextmanager

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.simulator import Simulator, SimulatorError
+from ffsm_mj.assembly.simulator import Simulator
+from ffsm_mj.assembly.step import SimulatorError
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
@@ -269,7 +270,7 @@ def test_a_law_that_cannot_be_saved_says_how():
     simulator = Simulator("baseline", of_script, controllers={"keeps": Says}, record=False)
     simulator.reset()
     simulator.step()
-    state, law = simulator.state(), simulator._controller.phases[0].controller
+    state, law = simulator.state(), simulator.assembly.controller.phases[0].controller
     simulator.step(until=0.01)
     assert law.calls == 10
     simulator.restore(state)
@@ -349,7 +350,7 @@ def test_whatever_a_law_remembers():
     with Simulator("baseline", of_script, controllers={"law": Remembers}, record=False) as simulator:
         simulator.reset()
         simulator.step(until=0.003)
-        state, law = simulator.state(), simulator._controller.phases[0].controller
+        state, law = simulator.state(), simulator.assembly.controller.phases[0].controller
         simulator.step(until=0.006)
         first = list(law.seen)
         simulator.restore(state)
@@ -407,7 +408,7 @@ def test_a_signal_late_in_a_step_is_not_lost(number):
     before = signal.getsignal(number)
     simulator = Simulator("baseline", {"duration_s": 0.01})
     simulator.reset()
-    simulation = simulator._recording.simulation
+    simulation = simulator._run.simulation
     check = simulation._check_finite
     simulation._check_finite = lambda: (check(), signal.raise_signal(number))
     with pytest.raises(KeyboardInterrupt):
