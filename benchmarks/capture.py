@@ -26,7 +26,9 @@ import twins
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
+from ffsm_mj.contact_models.interface import EventEffect, EventSource
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
+from ffsm_mj.simulation.grid_step import GridStep
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import EventDue
 
@@ -72,7 +74,7 @@ def measured(prepared: PreparedRun) -> Cost:
     blocks: list[tuple[float, bool]] = []
     events: list[tuple[str, float]] = []
     began = in_blocks = 0.0
-    record, act, after, pass_on = Simulation._record, Simulation._act, Simulation._settle, Recorder.pass_on
+    record, after, apply, pass_on = Simulation._record, Simulation._settle, GridStep._apply, Recorder.pass_on
 
     def noted(self: Simulation, time_s: float) -> None:
         record(self, time_s)
@@ -87,17 +89,18 @@ def measured(prepared: PreparedRun) -> Cost:
         if rows == BLOCK_ROWS:
             blocks.append((spent / rows, ticks[-1][1]))
 
-    def acting(self: Simulation, *args: object) -> None:
+    def applying(self: GridStep, contact_model: EventSource) -> EventEffect | None:
         nonlocal began
         began = time.perf_counter()
-        act(self, *args)
+        return apply(self, contact_model)
 
     def done(self: Simulation, due: EventDue, commanded: bool = False) -> None:
         events.extend((type(each).__name__, 1e3 * (time.perf_counter() - began)) for each in due.records)
         after(self, due, commanded)
 
     with (
-        patch.multiple(Simulation, _record=noted, _act=acting, _settle=done),
+        patch.multiple(Simulation, _record=noted, _settle=done),
+        patch.object(GridStep, "_apply", applying),
         patch.object(Recorder, "pass_on", passing),
     ):
         run = simulate(prepared.assemble())

@@ -148,7 +148,7 @@ def _made_again(prepared: PreparedRun, from_s: float, logged: Run) -> tuple[Simu
         simulation.remember(changes=True)
         while simulation.ended is None and simulation.progress.time_s < from_s - 1e-9 * prepared.scenario.control_period_s:
             simulation.advance(to_event=True)
-        changes = simulation.save_changes()
+        changes = simulation.save(changes=True)
     if simulation.interrupted():
         raise KeyboardInterrupt
     if simulation.ended is not None:

@@ -6,12 +6,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
+from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.controller_protocol import Command, Observation, TaskController
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.plant import Plant
+from ffsm_mj.simulation.progress import EventDue
+from ffsm_mj.simulation.told_records import told_records
 
 _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
 
@@ -39,6 +42,28 @@ class Evaluation:
         measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
         contacts = ActiveContacts(integrator.contacts) if integrator.pushed else ()
         return Observation(time_s, shown, self.pending, at_tick, contacts, free, motion.grasp, measured)
+
+    def is_on_time(self, time_s: float, tick: int) -> bool:
+        """Whether the controller is called at a tick of the time grid; otherwise an event calls it later."""
+        control = self._plant.control
+        if control is None:
+            return True
+        on_time = control.begin_tick(time_s, tick)
+        self._plant.integrator.reconsider()
+        return on_time
+
+    def due(self, effect: EventEffect, time_s: float, told_above_N_s: float | None) -> EventDue:
+        """The decision that an event asks for.
+
+        Args:
+            effect: The event.
+            time_s: Its time, s.
+            told_above_N_s: See :class:`~ffsm_mj.simulation.settings.Settings`.
+        """
+        told = told_records(effect.records, told_above_N_s)
+        triggers = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
+        self.pending = (*self.pending, *told)
+        return EventDue(effect.records, self.observed(time_s, at_tick=effect.is_tick), triggers, effect.end)
 
     def evaluate(self, observation: Observation) -> None:
         """Evaluate the controller and apply its command within the actuator limits.

@@ -10,32 +10,27 @@ steps a simulation sees the state before each decision.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
+from ffsm_mj.contact_models.interface import EventEffect, EventTime
 from ffsm_mj.controller_protocol import Observation, TaskController
-from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
 from ffsm_mj.simulation.ending import Ended
 from ffsm_mj.simulation.evaluation import Evaluation
+from ffsm_mj.simulation.grid_step import GridStep
 from ffsm_mj.simulation.guard import Guard
 from ffsm_mj.simulation.memory import Memory
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress, Start
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.settings import Settings
-from ffsm_mj.simulation.step_control import StepLimitError
-from ffsm_mj.simulation.told_records import told_records
-
-MOST_EVENTS_PER_STEP = 1000
 
 
 class Simulation:
@@ -63,6 +58,7 @@ class Simulation:
         self._evaluation = Evaluation(plant, controller)
         self.progress = Progress()
         self.warnings: list[str] = []
+        self._grid_step = GridStep(plant, settings.time_step_s, self.progress, self.warnings)
         self._wall_s = 0.0
         self._guard = Guard(recorder, self.progress)
         self._observed: Observation | None = None
@@ -136,19 +132,17 @@ class Simulation:
         """Types of the objects whose contents a saved state has."""
         return self._memory.structure
 
-    def save(self) -> bytes:
+    def save(self, *, changes: bool = False) -> bytes:
         """The state at the decision that is due; rows so far are written.
+
+        Args:
+            changes: Only what has changed since the first decision; see :meth:`remember`.
 
         Raises:
             StateError: A part holds what cannot be saved.
         """
         self._recorder.pass_on()
-        return self._memory.save()
-
-    def save_changes(self) -> bytes:
-        """What of the state has changed since the first decision; see :meth:`save`."""
-        self._recorder.pass_on()
-        return self._memory.save_changed()
+        return self._memory.save_changed() if changes else self._memory.save()
 
     def restore(self, saved: bytes, *, new_laws: bool = False) -> None:
         """Go on from a saved state of a simulation of the same structure.
@@ -253,7 +247,7 @@ class Simulation:
         """Decide at a control tick of the time grid, and record a row."""
         now, tick = self.next_tick_s, self.progress.ticks
         self.progress.ticks += 1
-        if self._is_on_time(now, tick):
+        if self._evaluation.is_on_time(now, tick):
             self._evaluate(self._observed or self._evaluation.observed(now, at_tick=True))
             self._report_phases()
         self._record(now)
@@ -263,15 +257,6 @@ class Simulation:
             except Exception as error:
                 self._guard.passed_on = error
                 raise
-
-    def _is_on_time(self, time_s: float, tick: int) -> bool:
-        """Whether the controller is called at a tick of the time grid; otherwise an event calls it later."""
-        control = self._plant.control
-        if control is None:
-            return True
-        on_time = control.begin_tick(time_s, tick)
-        self._plant.integrator.reconsider()
-        return on_time
 
     def _evaluate(self, observation: Observation) -> None:
         self._evaluation.evaluate(observation)
@@ -289,68 +274,24 @@ class Simulation:
 
     def _step(self, to_event: bool) -> None:
         """Integrate one grid step with its events; with ``to_event`` up to the first one, whose decision is then due."""
-        plant, step_s, progress = self._plant, self._settings.time_step_s, self.progress
+        progress, grid_step = self.progress, self._grid_step
         if not progress.is_within_step:
             self._poll()
-            progress.is_within_step, progress.left_s, progress.events_in_step = True, step_s, 0
-        end_s = (progress.steps + 1) * step_s
-        while progress.left_s > 0.0:
-            elapsed, contact_model = self._integrate(progress.left_s, end_s)
-            self._check_finite()
-            progress.left_s -= elapsed
-            if contact_model is not None:
-                progress.events_in_step += 1
-                plant.data.time = progress.time_s = end_s - progress.left_s
-                self._act(contact_model, progress.time_s, to_event)
-                if progress.due is not None:
-                    return
-        progress.steps += 1
-        progress.is_within_step = False
-        # Time is a multiple of the step, not a sum, so that it does not accumulate rounding.
-        plant.data.time = progress.time_s = end_s
+            grid_step.begin()
+        while (effect := grid_step.to_event()) is not None:
+            self._react(effect, to_event)
+            if progress.due is not None:
+                return
 
-    def _integrate(self, left: float, end_s: float) -> tuple[float, EventSource | None]:
-        """Integrate in the grid step that ends at ``end_s``, with ``left`` seconds remaining."""
-        try:
-            return self._plant.advance(left)
-        except UnsupportedContactError as error:
-            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
-        except StepLimitError as error:
-            message = f"{Outcome.STEP_LIMIT.sentence}: at t = {end_s - left:.6g} s {error}"
-            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
-
-    def _check_finite(self) -> None:
-        if self.warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):
-            message = self.warnings[-1] if self.warnings else "the state is not finite"
-            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
-
-    def _act(self, contact_model: EventSource, time_s: float, to_event: bool) -> None:
-        """Apply an event: enter it in the balance, and take its decision, or leave it due."""
-        plant, progress = self._plant, self.progress
-        plant.integrator.motion.path.poll()
-        if progress.events_in_step > MOST_EVENTS_PER_STEP:
-            touched = f"{contact_model.names()} touched {progress.events_in_step - 1} times"
-            message = f"{touched} within the step before t = {time_s:.6g} s; use a shorter time_step_s"
-            raise RunEnded(Outcome.EVENT_LIMIT, message)
-        effect = plant.apply(lambda: plant.integrator.act(contact_model, EventTime(time_s, progress.steps)))
-        if effect is None:
-            return
+    def _react(self, effect: EventEffect, to_event: bool) -> None:
+        """Take the decision of an event, or leave it due."""
         if effect.motion is not None:
             self._watch.disabled = effect.motion.disabled
-        stops = to_event and effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records)
-        due = self._due(effect, time_s)
-        if stops:
-            progress.due = due
+        due = self._evaluation.due(effect, self.progress.time_s, self._settings.told_above_N_s)
+        if to_event and effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records):
+            self.progress.due = due
         else:
             self._settle(due)
-
-    def _due(self, effect: EventEffect, time_s: float) -> EventDue:
-        """The decision that an event asks for."""
-        told = told_records(effect.records, self._settings.told_above_N_s)
-        triggers = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
-        self._evaluation.pending = (*self._evaluation.pending, *told)
-        observation = self._evaluation.observed(time_s, at_tick=effect.is_tick)
-        return EventDue(effect.records, observation, triggers, effect.end)
 
     def _settle(self, due: EventDue, commanded: bool = False) -> None:
         """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""

@@ -408,9 +408,9 @@ def test_a_signal_late_in_a_step_is_not_lost(number):
     before = signal.getsignal(number)
     simulator = Simulator("baseline", {"duration_s": 0.01})
     simulator.reset()
-    simulation = simulator._run.simulation
-    check = simulation._check_finite
-    simulation._check_finite = lambda: (check(), signal.raise_signal(number))
+    step = simulator._run.simulation._grid_step
+    check = step._check_finite
+    step._check_finite = lambda: (check(), signal.raise_signal(number))
     with pytest.raises(KeyboardInterrupt):
         simulator.step()
     with pytest.raises(SimulatorError, match="the run has ended"):

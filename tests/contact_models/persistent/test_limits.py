@@ -12,7 +12,7 @@ import ffsm_mj
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.replay import replay_log
-from ffsm_mj.simulation import loop
+from ffsm_mj.simulation import grid_step
 from tests.contact_models.grasp.scenes import ARM as HAND
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, FLYWEIGHTS, GRIPPER, PANEL, driven_by, failures, sentences
@@ -259,7 +259,7 @@ def test_wrong_signs_are_noticed(tmp_path, monkeypatch):
     assert not judged(gripper(tmp_path, 1.5))
     held = ContactAcceleration.bilateral_forces
     with monkeypatch.context() as wrong:
-        wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
+        wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)
         wrong.setattr(ContactAcceleration, "bilateral_forces", lambda self, which: -held(self, which))
         run = gripper(tmp_path, 1.5)
     assert judged(run)
@@ -271,7 +271,7 @@ def test_wrong_signs_are_noticed(tmp_path, monkeypatch):
         return found
 
     with monkeypatch.context() as wrong:
-        wrong.setattr(loop, "MOST_EVENTS_PER_STEP", 20)
+        wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)
         wrong.setattr(RowEvaluator, "rows", turned)
         wrong.setenv("FFSM_COMPILED", "0")  # the twin has rows of its own
         run = gripper(tmp_path, 1.5)

@@ -1,0 +1,87 @@
+"""One step of the time grid: integrated from event to event, each of which is applied to the state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
+from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.simulation.plant import Plant
+from ffsm_mj.simulation.progress import Progress
+from ffsm_mj.simulation.step_control import StepLimitError
+
+MOST_EVENTS_PER_STEP = 1000
+
+
+class GridStep:
+    """Integrates the step of the time grid that is under way."""
+
+    def __init__(self, plant: Plant, step_s: float, progress: Progress, warnings: Sequence[str]) -> None:
+        """Bind the parts.
+
+        Args:
+            plant: What is integrated.
+            step_s: Time step of the grid, s.
+            progress: Position on the grid, which is kept up to date.
+            warnings: MuJoCo's warnings; the first one ends the run.
+        """
+        self._plant, self._step_s, self._progress, self._warnings = plant, step_s, progress, warnings
+
+    def begin(self) -> None:
+        """Begin the next step."""
+        progress = self._progress
+        progress.is_within_step, progress.left_s, progress.events_in_step = True, self._step_s, 0
+
+    def to_event(self) -> EventEffect | None:
+        """Integrate to the first event in what is left of the step, and apply it.
+
+        Returns:
+            Its effect; None: there is none, and the step is complete.
+
+        Raises:
+            RunEnded: The motion cannot be integrated, or has too many events.
+        """
+        progress, data = self._progress, self._plant.data
+        end_s = (progress.steps + 1) * self._step_s
+        while progress.left_s > 0.0:
+            elapsed_s, contact_model = self._integrate(progress.left_s, end_s)
+            self._check_finite()
+            progress.left_s -= elapsed_s
+            if contact_model is not None:
+                progress.events_in_step += 1
+                data.time = progress.time_s = end_s - progress.left_s
+                effect = self._apply(contact_model)
+                if effect is not None:
+                    return effect
+        progress.steps += 1
+        progress.is_within_step = False
+        # Time is a multiple of the step, not a sum, so that it does not accumulate rounding.
+        data.time = progress.time_s = end_s
+        return None
+
+    def _integrate(self, left_s: float, end_s: float) -> tuple[float, EventSource | None]:
+        """Integrate in the grid step that ends at ``end_s``, with ``left_s`` seconds remaining."""
+        try:
+            return self._plant.advance(left_s)
+        except UnsupportedContactError as error:
+            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
+        except StepLimitError as error:
+            message = f"{Outcome.STEP_LIMIT.sentence}: at t = {end_s - left_s:.6g} s {error}"
+            raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
+
+    def _check_finite(self) -> None:
+        if self._warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):
+            message = self._warnings[-1] if self._warnings else "the state is not finite"
+            raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
+
+    def _apply(self, contact_model: EventSource) -> EventEffect | None:
+        """Apply an event, and enter it in the balance; None: there is none after all."""
+        plant, progress = self._plant, self._progress
+        plant.integrator.motion.path.poll()
+        if progress.events_in_step > MOST_EVENTS_PER_STEP:
+            touched = f"{contact_model.names()} touched {progress.events_in_step - 1} times"
+            message = f"{touched} within the step before t = {progress.time_s:.6g} s; use a shorter time_step_s"
+            raise RunEnded(Outcome.EVENT_LIMIT, message)
+        return plant.apply(lambda: plant.integrator.act(contact_model, EventTime(progress.time_s, progress.steps)))
