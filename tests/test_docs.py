@@ -118,6 +118,7 @@ def test_the_log_reference_is_current():
         "docs/joint-limits.md",
         "docs/contact-models.md",
         "docs/capture.md",
+        "docs/probe-and-cone.md",
         "docs/campaigns.md",
         "docs/accuracy.md",
         "docs/architecture.md",
