@@ -1,0 +1,135 @@
+"""A grasp that closes at the instant of other events: impacts, an arm on its joint stop, a pair that presses."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+from ffsm_mj.log.scenario import compile_log
+from tests.contact_models.grasp.scenes import ARM, OFF, grasping
+from tests.contact_models.grasp.test_closing_while_pressing import OWN, pressed_until, pushing
+from tests.contact_models.grasp.test_runs import holds
+from tests.contact_models.limits import driven_by
+from tests.scenes import ball
+
+SITES = {"robot_site": "robot/centre", "object_site": "handle"}
+STOPPED_ARM = ARM.replace(
+    '<joint name="elbow" type="hinge" axis="0 1 0"/>', '<joint name="elbow" axis="0 1 0" range="-30 0"/>'
+)
+
+
+def rates(system, record, which):
+    return np.concatenate([getattr(record, which)[name] for name in system.joints])
+
+
+def constrained(run, capture, before, kind="rigid", rows=()):
+    """Velocities nearest to some others in the norm of M that satisfy the rows of a grasp, and further ones."""
+    system = compile_log(run.log)
+    model, data = system.mj, mujoco.MjData(system.mj)
+    data.qpos[:] = capture.qpos
+    mujoco.mj_forward(model, data)
+    robot, of_object = model.site(capture.robot_site), model.site(capture.object_site)
+    point = data.site_xpos[of_object.id].copy()
+    J = relative_twist_rows(model, data, int(robot.bodyid[0]), int(of_object.bodyid[0]), point)
+    J = np.vstack((stopped_components(kind, np.zeros(3)) @ J, *rows))
+    M = np.empty((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    saddle = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+    return np.linalg.lstsq(saddle, np.concatenate((M @ before, np.zeros(len(J)))), rcond=None)[0][: model.nv]
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_two_pairs_touch_at_one_instant_and_one_of_them_latches(tmp_path, restitution):
+    """Hand and stone meet the crate from both sides at the same instant: one impact of both, then the joining.
+
+    Where the stone then approaches the crate, which the latch has slowed down or not, a second impact of it alone follows
+    at that instant, on hand and crate as one body.
+    """
+    stone = {"between": ["crate/crate", "stone/stone"], "restitution": restitution}
+    path = pushing(
+        tmp_path,
+        {},
+        restitution=restitution,
+        others={"stone": ball("stone", mass=1.0)},
+        pairs=[stone],
+        captures={"grasp": {**SITES, "when": {"touch": ["ball-crate/crate"]}}},
+        initial={
+            "joints": {"robot/x": -0.35, "crate/free": [0, 0, 0, 1, 0, 0, 0], "stone/free": [0.35, 0, 0, 1, 0, 0, 0]},
+            "rates": {"robot/x": 0.5, "stone/free": [-0.5, 0, 0, 0, 0, 0]},
+        },
+        phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        duration_s=0.2,
+    )
+    run = holds(ffsm_mj.run(path))
+    system, (capture,) = compile_log(run.log), run.records["capture_impulses"]
+    first, second, *later = run.records["impacts"]
+    assert first.event == second.event
+    assert first.time_s == second.time_s == capture.time_s == pytest.approx(0.1, abs=1e-9)
+    assert capture.qvel_before == first.qvel_after
+    before, after = rates(system, capture, "qvel_before"), rates(system, capture, "qvel_after")
+    # The saddle system of the comparison has moments of 1e-3 beside masses of 3: some hundred roundings.
+    np.testing.assert_allclose(after, constrained(run, capture, before), rtol=0, atol=1e-13)
+    crate, others = system.joint("crate/free").dofs.start, system.joint("stone/free").dofs.start
+    for hit in later:
+        assert hit.time_s == capture.time_s
+        assert set(hit.geoms) == {"crate/crate", "stone/stone"}
+        after = rates(system, hit, "qvel_after")
+    assert after[others] - after[crate] >= -1e-15
+    assert np.all(np.diff(run["energy.total_J"]) <= 1e-14)
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("kind", ["rigid", "ball"])
+def test_an_arm_on_its_stop_takes_what_pushes_it_further(tmp_path, kind, restitution):
+    """The elbow is pressed on its stop; the object that is latched drives it further: an impact at the stop, at once.
+
+    With e = 0 both together are one plastic impact on the rows of the latch and of the stop, in any order.
+    """
+    path = grasping(
+        tmp_path,
+        robot=STOPPED_ARM,
+        captures={
+            "grasp": {"robot_site": "grip", "object_site": "handle", "joint": kind, "when": {"within": {"position_m": 0.05}}}
+        },
+        joint_limits={"elbow": {"restitution": restitution}},
+        initial={
+            "joints": {"target/free": [1.05, -0.01, 0.078, 1, 0, 0, 0]},
+            "rates": {"target/free": [0.0, 0, -0.3, 0.2, -0.1, 0.1]},
+        },
+        phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "driven"}}],
+        duration_s=0.3,
+    )
+    run = holds(ffsm_mj.run(path, controllers=driven_by(lambda _: (0.0, 0.05))))
+    system, (capture,) = compile_log(run.log), run.records["capture_impulses"]
+    assert capture.time_s > 0.1
+    at = int(np.searchsorted(run.time, capture.time_s))
+    assert run["contact.robot_elbow_limit"][at - 1] == 2.0  # pressed
+    elbow = system.joint("elbow").dofs.start
+    assert rates(system, capture, "qvel_after")[elbow] > 0.01  # past the stop, were there no impact
+    stop = run.records["limit_impacts"][0]
+    assert stop.time_s == capture.time_s
+    assert stop.qvel_before == capture.qvel_after
+    before, after = rates(system, capture, "qvel_before"), rates(system, stop, "qvel_after")
+    if restitution == 0.0:
+        row = np.eye(system.mj.nv)[elbow][None]
+        np.testing.assert_allclose(after, constrained(run, capture, before, kind, [row]), rtol=0, atol=1e-13)
+        assert run["contact.robot_elbow_limit"][at] in (1.0, 2.0)
+    else:
+        assert after[elbow] == pytest.approx(-0.5 * rates(system, capture, "qvel_after")[elbow], rel=1e-12)
+    assert run["state.q_robot_elbow_rad"].max() <= 1e-9
+
+
+@pytest.mark.parametrize("kind", ["ball", "cylindrical"])
+def test_a_pair_that_presses_is_disabled_by_a_latch_with_freedom_too(tmp_path, kind):
+    """Its contact ends at the closing, and begins again at the release where the pair is still closed."""
+    axis = {"axis": [1.0, 0.0, 0.0]} if kind == "cylindrical" else {}
+    captures = {"grasp": {**SITES, "joint": kind, **axis, "when": {"within": {"position_m": 0.1185}}}}
+    run = holds(ffsm_mj.run(pushing(tmp_path, {}, captures=captures)))
+    (capture,) = run.records["capture_impulses"]
+    assert pressed_until(run, capture.time_s)
+    assert next(each.time_s for each in run.records["contact_endings"] if each.pair == OWN) == capture.time_s
+    assert not run["contact.ball_crate_crate_mode"][run["contact.capture_grasp"] == 1.0].any()
