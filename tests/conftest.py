@@ -17,6 +17,8 @@ from ffsm_mj.contact_models import registry as contact_models
 from ffsm_mj.model.system import System
 from ffsm_mj.records import kinds
 from ffsm_mj.scenario.shipped import scenarios_dir
+from tests import long_share
+from tests.collection import pytest_make_collect_report  # noqa: F401 (found by pytest)
 from tests.contact_models.spring import Spring
 from tests.contact_models.weld import Weld
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
@@ -34,6 +36,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if sys.dont_write_bytecode and hasattr(config, "cache"):
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
+    long_share.every_case = config.getoption("--long")
     # Nothing here renders with MuJoCo, which would look for GLFW in each process, by a process of its own.
     os.environ.setdefault("MUJOCO_GL", "disable")
     # Commands in messages begin as the user called the program; the suite may or may not run under uv.

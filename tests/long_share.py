@@ -19,8 +19,12 @@ from zlib import crc32
 
 import pytest
 
+from tests.collection import in_order
+
 _SEED = 12
 _SHARE = 0.1
+every_case = False
+"""Whether ``--long`` is given, once pytest is configured."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -28,6 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    in_order(items)
     # What takes longest is begun first: workers take from each other's end, and the short tests there let none wait long.
     items.sort(key=lambda item: [item.get_closest_marker(name) is None for name in ("slow", "long")])
     if config.getoption("--long"):

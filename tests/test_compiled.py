@@ -438,6 +438,7 @@ def test_another_minor_version_of_mujoco_is_refused(tmp_path):
     assert gone_on.returncode == 0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(("scenario", "seconds"), [("baseline", 12.0), ("spatial", 15.0)])
 def test_whole_runs_agree(scenario, seconds, monkeypatch):

@@ -152,6 +152,7 @@ def test_no_order_comes_from_hashes(tmp_path, monkeypatch, name):
     assert len(seen) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", RECIPES)
 def test_a_second_run_is_the_first_again(tmp_path, name):
     prepared = recipe(name, tmp_path)

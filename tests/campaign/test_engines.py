@@ -94,6 +94,7 @@ def test_a_pool_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[A
     assert told(campaign) == in_a_loop
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
 def test_dask_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
     distributed = pytest.importorskip("distributed")
@@ -103,6 +104,7 @@ def test_dask_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[Any
     assert told(campaign) == in_a_loop
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # of distributed, about its own sockets
 def test_dask_workers_with_several_threads_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     distributed = pytest.importorskip("distributed")
@@ -355,6 +357,7 @@ def test_a_worker_with_other_packages_is_refused(tmp_path: Path, monkeypatch: py
         campaign.run(loop().open())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("group", ["controllers", "metrics", "impact_laws", "contact_models"])
 def test_versions_of_plugins_are_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str) -> None:
     path = collisions(tmp_path)

@@ -9,6 +9,7 @@ from tests.campaign.files import campaign_file
 from tests.simulation.test_accuracy import whirling
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("truncated", "failed"), [({}, 0), ({"truncated": "fail"}, 3)], ids=["count", "fail"])
 def test_as_the_campaign_says(tmp_path, capsys, truncated, failed):
     whirling(tmp_path, duration_s=0.1)

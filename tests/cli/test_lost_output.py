@@ -52,6 +52,7 @@ def no_room(monkeypatch) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", ["analyze a", "schema", "run --list", "-h", ""])
 @pytest.mark.usefixtures("run")
 def test_a_full_stdout_is_no_success(arguments):
@@ -79,6 +80,7 @@ def test_a_reader_who_has_gone_is_no_failure(arguments):
     assert (process.returncode, process.stderr) == (0, "")
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # imageio-ffmpeg leaves its pipe open
 @pytest.mark.parametrize("form", ["--csv --table impacts", "--csv", "--parquet", "--gif", "--mp4", "--html"])
 def test_a_file_on_a_full_disk_is_lost(form, run, capsys, monkeypatch):
@@ -95,6 +97,7 @@ def test_a_file_on_a_full_disk_is_lost(form, run, capsys, monkeypatch):
     assert sorted(os.listdir()) == ["a", name]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("form", ["--csv --table impacts", "--parquet", "--gif", "--mp4", "--html"])
 def test_a_link_is_replaced_and_never_written_through(form, run, tmp_path, capsys):
     """A run folder may be a stranger's, and what an export is called by itself is known."""

@@ -66,6 +66,7 @@ def refused(capfd, *arguments):
     return line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "text", "stripped"),
     [

@@ -46,6 +46,7 @@ def as_installed(home, module):
     return os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [path] if place is None else [path, home / place]))}
 
 
+@pytest.mark.long
 def test_a_new_law_passes_its_own_test(tmp_path, capfd):
     """Under its own name, from its own folder and from the one beside; with its line of the law reversed the test fails."""
     assert main(["new-law", "joint_brake", "--out", str(tmp_path)]) == 0

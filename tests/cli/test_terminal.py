@@ -58,6 +58,7 @@ def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeyp
         assert "\x1b" not in shown.written
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
 def test_closed_streams_end_nothing(tmp_path, closed):
     command = " ".join(ffsm("run", str(two_balls(tmp_path, duration_s=0.5)), "--no-rerun", "--out", "a"))

@@ -166,6 +166,7 @@ def test_a_phase_ends_only_with_known_events(tmp_path):
     assert "phases.0.until: unknown end of a phase 'weld'" in str(error.value)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", [scenes.spring, scenes.capture])
 def test_analyze_recomputes_a_run_with_a_contact_model(tmp_path, make):
     again = replay_log(ffsm_mj.run(make(tmp_path), out=tmp_path / "run").log)

@@ -117,6 +117,7 @@ def test_telemetry_that_cannot_be_columns_is_a_fault_of_the_phase(tmp_path, exam
     assert f"phases.0.controller.kind: telemetry of kind 'damp': {fault}" in line
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("group", "override", "message"),
     [

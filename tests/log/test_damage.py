@@ -152,6 +152,7 @@ def run_in_process(arguments, *, file_bytes=None, **streams):
     return subprocess.run(command, preexec_fn=limit, text=True, stderr=subprocess.PIPE, check=False, **streams)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("file_bytes", "rerun"),
     [(500, False), (10_000, False), (120_000, False), (120_000, True)],
@@ -176,6 +177,7 @@ def test_a_full_disk_gives_one_line_and_exit_3(tmp_path, file_bytes, rerun):
         assert json.loads((out / "summary.json").read_text())["outcome"] == "write_failed"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", [("run",), ("check",), ("--help",), ("schema",)], ids=lambda a: a[0])
 def test_a_closed_stdout_does_not_end_a_run(tmp_path, arguments):
     """As with ``ffsm ... | head``: exit code 0, no message, and a complete run."""

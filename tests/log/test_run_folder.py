@@ -181,6 +181,7 @@ sys.exit(main(sys.argv[3:]))
 BEFORE = ["ffsm_mj.assembly.prepare:assemble", "ffsm_mj.assembly.plant:Plant", "ffsm_mj.log.mcap.sink:McapSink._register"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", [*BEFORE, "ffsm_mj.log.run_folder:RunFolder._take"])
 def test_a_start_up_that_is_killed_leaves_nothing(tmp_path, place):
     killed = python(KILLED, place, "kill", "run", two_balls(tmp_path), "--no-rerun")
@@ -203,6 +204,7 @@ def test_a_run_that_is_killed_at_once_leaves_a_log_with_scenario_and_models(tmp_
         ffsm_mj.load_run(folder)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("place", BEFORE[:2])
 def test_a_start_up_that_is_interrupted_exits_130_and_leaves_nothing(tmp_path, place, number):

@@ -135,6 +135,7 @@ def check_motion(pair, model, data, feature):
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("a", "b"), HOLD)
 def test_a_feature_in_contact_has_the_gap_of_the_pair(tmp_path, rng, a, b):
     """Gap, normal, point, rate and second rate equal those of the pair; both are closed forms: 1e-12 of the terms."""
@@ -209,6 +210,7 @@ def test_features_of_a_chain_and_of_a_fixed_body(tmp_path, rng, geom, other):
             assert feature.at(data).rate == pytest.approx(near.rate, abs=1e-11)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("a", "b"), [(a, b) for a in FLAT for b in FLAT])
 def test_inside_its_bounds_the_gap_is_the_distance(tmp_path, rng, a, b):
     """Apart along the normal, MuJoCo's distance is exact for these shapes; 1e-12 m is rounding."""

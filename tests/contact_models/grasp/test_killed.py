@@ -61,6 +61,7 @@ def killed(path, out):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", PARTS)
 def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
     when, captures, releases = PARTS[part]
@@ -86,6 +87,7 @@ def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
     assert ("release grasp" in said) == bool(releases)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", PARTS)
 def test_an_interrupted_run_is_whole_to_its_end(tmp_path, monkeypatch, part):
     """The first Ctrl-C lets what happens happen: a capture that has begun is in the log."""

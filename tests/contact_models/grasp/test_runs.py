@@ -17,6 +17,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.run_report import run_report
 from tests.contact_models.grasp.scenes import ARM, BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
+from tests.replays import assert_replayed
 from tests.scenes import ball, scene
 
 HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
@@ -26,9 +27,7 @@ def holds(run):
     """All laws, in the run and recomputed from its log, and every number of the log."""
     assert run.outcome == "completed", run.message
     assert all(check.passes for check in run.checks()), [check for check in run.checks() if not check.passes]
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    assert all(check.passes for check in again.checks()), [check for check in again.checks() if not check.passes]
+    assert_replayed(run)
     return run
 
 

@@ -11,16 +11,14 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
 from ffsm_mj.impact import Contact, contact_jacobian, reflect, resolve
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.scenes import CHAIN, ball, scene, self_hit, three_balls
 
 
 def good(run):
     """Every check passes, and the log agrees with its states."""
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert not again.obstacle
-    assert again.agrees, again.worst
+    assert_replayed(run)
     return run
 
 

@@ -13,6 +13,7 @@ from ffsm_mj.balance.balance import Balance
 from ffsm_mj.records.signals import COMPONENTS
 from ffsm_mj.replay import replay_log
 from tests.contact_models import scenes
+from tests.replays import assert_replayed
 from tests.scenes import HEAD, ball, box, scene
 
 
@@ -25,10 +26,7 @@ def good(run):
     """Every check passes, and the log agrees with its states."""
     assert run.outcome == "completed"
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert not again.obstacle
-    assert again.agrees, again.worst
-    assert [check for check in again.checks() if not check.passes] == []
+    assert_replayed(run)
     return run
 
 
@@ -284,6 +282,7 @@ def test_a_grasped_object_hits_a_wall(tmp_path):
     assert abs(run["balance.contact_P_x_N_s"][-1]) > 0.1
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("example_contact_models")
 @pytest.mark.parametrize(
     ("subsystem", "geoms", "mass", "joint"),

@@ -28,6 +28,7 @@ from tests.contact_models import scenes as contact_model_scenes
 from tests.contact_models.grasp import scenes as captures
 from tests.contact_models.grasp.test_pressing import on_a_wall
 from tests.contact_models.impact.test_fixed import slab
+from tests.replays import assert_replayed
 from tests.scenes import ball, box, scene, two_balls
 
 OFF_CENTRE = {
@@ -62,10 +63,7 @@ def flat(folder, e=0.5, mu=0.3, **scenario):
 def good(run):
     """Every check passes, and the log agrees with its states."""
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert not again.obstacle
-    assert again.agrees, again.worst
-    assert [check for check in again.checks() if not check.passes] == []
+    assert_replayed(run)
     return run
 
 
@@ -283,6 +281,7 @@ def pressed(folder, phases=None, mu=0.3, sideways=0.2, **scenario):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("mu", "slides"), [(0.5, False), (0.01, True)])
 def test_a_pressed_pair_sticks_or_slides(tmp_path, mu, slides):
     """The impact stops the slip if friction is large enough; both spheres then roll on each other, or rub."""

@@ -251,6 +251,7 @@ def test_a_thousand_touches_in_a_step_end_the_run_with_the_pair_named(tmp_path, 
     check(run)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("gap", "speed"), [(1e-9, 1e-9), (1e-10, 1e-9), (5e-10, 1e-3)])
 def test_a_slow_and_near_pair_hits_at_gap_zero(tmp_path, gap, speed):
     """Not at the tolerance of the gap: the root is accurate to 1e-14 m and 8e-17 m of rounding, over the speed."""
@@ -347,6 +348,7 @@ CHATTER = {"turn": 0.0, "speed": 1e-4, "step": 2e-4, "gap": 0.0, "restitution": 
 TILTED = {"turn": 0.0, "speed": -0.47845753984450134, "step": 1e-2, "gap": 1e-9, "restitution": 0.99, "shape": "box"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("scene", "outcome"),
     [

@@ -8,7 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.scenes import HEAD, ball, scene
 
 
@@ -16,9 +16,7 @@ def good(run):
     """It ran to its end, every check passes, and the log says what its states say."""
     assert run.outcome == "completed", run.message
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    assert [check for check in again.checks() if not check.passes] == []
+    assert_replayed(run)
     return run
 
 

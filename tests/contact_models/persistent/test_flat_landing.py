@@ -8,7 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.scenes import HEAD, scene
 
 ENERGY_J = 5.9
@@ -63,9 +63,7 @@ def test_with_an_accuracy_every_check_passes(scenario, duration_s):
     run = ffsm_mj.run(scenario, ["accuracy=1e-9", f"duration_s={duration_s}"])
     assert max(run["contact.f_b_b_force_N"]) > 0.0
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    assert [check for check in again.checks() if not check.passes] == []
+    assert_replayed(run)
 
 
 @pytest.mark.long

@@ -16,6 +16,7 @@ from ffsm_mj.simulation import grid_step
 from tests.contact_models.grasp.scenes import ARM as HAND
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, FLYWEIGHTS, GRIPPER, PANEL, driven_by, failures, sentences
+from tests.replays import assert_replayed
 from tests.scenes import ARM, HEAD, ball, box, scene
 
 
@@ -23,9 +24,7 @@ def passes_everything(run):
     """All checks pass, and the log agrees with its states."""
     assert run.outcome == "completed", run.message
     assert not failures(run.checks())
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    assert not failures(again.checks())
+    assert_replayed(run)
 
 
 def gripper(folder, force, **changes):
@@ -184,6 +183,7 @@ def test_a_panel_of_a_grasped_target_is_pressed(tmp_path):
     passes_everything(run)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("late_s", [-4e-4, -1e-9, 0.0])
 def test_a_limit_in_the_same_step_as_a_capture(tmp_path, late_s):
     """The range ends where the joint is a little before, or at, the instant at which the grasp closes."""

@@ -136,6 +136,7 @@ def walking(folder, start_m, speed_m_s, step_s):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step_s", [0.02, 0.005])
 @pytest.mark.parametrize(("start_m", "speed_m_s"), [(0.8037, 1.0), (1.2013, -1.0)])
 def test_a_share_that_begins_or_ends_inside_a_step_has_its_impulse(tmp_path, start_m, speed_m_s, step_s):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.scenes import HEAD, ball, scene
 
 PRESS_N = 20.0
@@ -15,9 +15,7 @@ PRESS_N = 20.0
 def good(run):
     """Every check passes, and the log says what its states say."""
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    assert [check for check in again.checks() if not check.passes] == []
+    assert_replayed(run)
     return run
 
 

@@ -39,6 +39,7 @@ def on_top(folder, moving, names, **scenario):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("moving", "fixed", "mode", "points"),
     [
@@ -66,6 +67,7 @@ def test_what_slides_off_a_smooth_circle_leaves_it_where_its_weight_no_longer_be
     assert not run.records["contact_changes"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [5e-4, 1e-2])
 @pytest.mark.parametrize("moving", [SPHEROIDS[0], CYLINDERS[0]])
 def test_what_falls_into_a_groove_bounces_and_rests_on_both_sides(tmp_path, moving, step):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 
 
 def good(run, *, records=True):
@@ -19,11 +19,7 @@ def good(run, *, records=True):
     """
     assert run.outcome == "completed", run.message
     assert [check for check in run.checks() if not check.passes] == []
-    again = replay_log(run.log)
-    assert not again.obstacle
-    assert all(worst.passes for name, worst in again.worst.items() if records or name != "impacts"), again.worst
-    assert again.agrees or not records
-    assert [check for check in again.checks() if not check.passes] == []
+    assert_replayed(run, records=records)
     return run
 
 

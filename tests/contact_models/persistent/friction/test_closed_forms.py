@@ -100,6 +100,7 @@ def test_a_probe_pressed_on_a_face_at_45_degrees(tmp_path, mu, slides):
     assert [*final(run, "v_robot_x"), *final(run, "v_robot_z")] == pytest.approx([down, -down], abs=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pull", [0.0, 5.0, 3.0])
 def test_a_sliding_block(tmp_path, pull):
     """10 N of weight, mu 0.4: pulled with 5 N it gains 1 m/s^2, with 3 N it loses 1 m/s^2 and stays at rest once it is."""

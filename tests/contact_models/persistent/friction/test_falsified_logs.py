@@ -29,6 +29,7 @@ def falsified(log, column, error, row=ROW):
     return replace(log, rows=rows)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("column", "error"),
     [
@@ -45,6 +46,7 @@ def test_forces_and_states_that_do_not_belong_together(rolled, column, error):
     assert "contact complementarity" in {check.name for check in again.checks() if not check.passes}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("column", "error"),
     [

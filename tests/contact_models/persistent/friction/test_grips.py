@@ -22,6 +22,7 @@ def lost(run):
     return speed, final(run, "q_cube_free")[:3] - final(run, "q_robot_free")[:3]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [4e-3, *FINER])
 @pytest.mark.parametrize("tip", [PLATE, BALL_TIP])
 def test_a_grip_loses_what_is_too_heavy(tmp_path, step, tip):

@@ -111,6 +111,7 @@ def test_a_spinning_roller_goes_straight_on(tmp_path):
     spinning_roller(tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mistake", "noticed_by"),
     [
@@ -158,6 +159,7 @@ def test_right_code_is_good(tmp_path, scene):
 HEAT, FORCES = {"heat of sliding"}, {"contact complementarity"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("mistake", "scene", "by_the_log", "by_the_states"),
     [
