@@ -135,6 +135,11 @@ def norms(vectors: FloatArray) -> FloatArray:
     return np.sqrt(total)
 
 
+def without_loss(change: FloatArray, taken: FloatArray) -> FloatArray:
+    """Changes of energies, J, without what is known to have been taken: those that are lower by at most that are zero."""
+    return change + np.clip(-change, 0.0, np.maximum(taken, 0.0))
+
+
 class Peak:
     """Largest of a sequence of vectors, with time and component; independent of the division into blocks.
 
@@ -199,8 +204,7 @@ class ResidualDrift:
             self._first = self._base = self._last = residual[0].copy()
             self._taken = float(taken[0]) if taken is not None else 0.0
         if taken is not None:
-            most = np.maximum(taken - self._taken, 0.0)[:, None]
-            residual = residual + np.clip(self._first - residual, 0.0, most)
+            residual = self._first + without_loss(residual - self._first, (taken - self._taken)[:, None])
         self.drift = max(self.drift, float(np.fmax.reduce(norms(residual - self._first), initial=0.0)))
         # A row at the end of a stretch belongs to it; the rounding of time is far below a billionth of a stretch.
         stretches = np.maximum(np.ceil(times / self._length - 1e-9), 1.0)

@@ -18,6 +18,7 @@ from ffsm_mj.report.plots.contacts import contacts
 from ffsm_mj.report.plots.grasps import grasps
 from ffsm_mj.report.plots.motion import motion
 from ffsm_mj.report.plots.sensing import estimates, sensors
+from ffsm_mj.report.plots.springs import has_springs, springs
 from ffsm_mj.report.plots.style import FORMATS, publication, write
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.report.plots.time_series import CONSERVED, base, conservation, energies, inputs, joints, momenta, tip, torques
@@ -33,7 +34,7 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
 
     ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (if a thruster or wheel is
     active), ``contacts`` (with persistent contacts), ``captures`` (with grasps), ``sensors``, ``estimates`` (with an
-    estimator), ``momenta``, ``energies``, ``conservation`` (if energy and momenta are checked).
+    estimator), ``springs`` (of joints), ``momenta``, ``energies``, ``conservation`` (if energy and momenta are checked).
 
     Args:
         run: A run with at least one sample.
@@ -64,6 +65,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"captures": grasps} if run.captures else {}
     makers |= {"sensors": sensors} if any(key.startswith("sensor.") for key in run.keys) else {}
     makers |= {"estimates": estimates} if any(key.startswith("estimate.error_") for key in run.keys) else {}
+    makers |= {"springs": springs} if has_springs(run) else {}
     makers |= {"momenta": momenta, "energies": energies}
     makers |= {"conservation": conservation} if any(check.name in CONSERVED for check in run.checks()) else {}
     return {name: partial(make, subject) for name, make in makers.items() if not names or name in names}

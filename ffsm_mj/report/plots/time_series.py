@@ -9,12 +9,20 @@ from matplotlib.figure import Figure
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import Joint, Tree
 from ffsm_mj.records.metadata import free_components, logged_task
-from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, coordinate_names, identifier, rate_names
+from ffsm_mj.records.signals import (
+    COMPONENTS,
+    DAMPER_HEAT,
+    ELASTIC,
+    SUBSYSTEMS,
+    coordinate_names,
+    identifier,
+    rate_names,
+)
 from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, stacked
 from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILION, plain
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
-from ffsm_mj.verification.residuals import BalanceColumns, norms, stretch_s
+from ffsm_mj.verification.residuals import BalanceColumns, norms, stretch_s, without_loss
 
 _GREY = "#7F7F7F"
 CONSERVED = {"energy": "J", "linear momentum": "N s", "angular momentum": "N m s"}
@@ -194,15 +202,23 @@ def _momentum_lines(subject: Subject, subsystem: str, first: int, letter: str) -
     return lines + again
 
 
+_KEPT = ("energy.total_J", f"energy.{ELASTIC.format('total')}", f"balance.{DAMPER_HEAT.format('total')}")
+
+
 def energies(subject: Subject) -> Figure:
-    """Kinetic energy of the FFSM and the objects, and the work of the actuators (paper, Fig. 10)."""
-    run, first = subject.run, subject.run["energy.total_J"][0]
+    """Kinetic energy of the FFSM and the objects, and the work of the actuators (paper, Fig. 10).
+
+    With springs and dampers of joints, the change of energy contains elastic energy and heat.
+    """
+    run = subject.run
+    kept = [key for key in _KEPT if key in run.keys]
+    energy = np.sum([run[key] for key in kept], axis=0)
     kinetic = [
         Curve(_named(subject, p), run[f"energy.{p}_J"], c, s)
         for p, c, s in zip(_moving(subject), (BLUE, VERMILION), _STYLES, strict=False)
     ]
     account = [
-        Curve("energy change", run["energy.total_J"] - first, BLUE, "-"),
+        Curve("energy change", energy - energy[0], BLUE, "-"),
         Curve("work + impacts", run["balance.work_J"] + run["balance.total_impact_energy_J"], BLACK, (0, (1.0, 2.5)), 1.1),
         Curve("lost in impacts", -run["balance.total_impact_energy_J"], ORANGE, (0, (6.0, 1.5, 1.2, 1.5))),
     ]
@@ -217,7 +233,9 @@ def conservation(subject: Subject) -> Figure:
     for subsystem in SUBSYSTEMS:
         accounts, rows = BalanceColumns(header.layout, header.metadata, subsystem), np.asarray(run.log.rows)
         energy, momentum = accounts.energy(rows), accounts.momentum(rows)
-        energy, momentum = energy - energy[0], momentum - momentum[0]
+        energy, momentum, taken = energy - energy[0], momentum - momentum[0], accounts.truncation(rows)
+        if taken is not None:
+            energy = without_loss(energy, taken - taken[0])
         sizes[subsystem] = np.abs(energy), norms(momentum[:, :3]), norms(momentum[:, 3:])
     stretches = np.maximum(np.ceil(run.time / stretch_s(header.metadata) - 1e-9), 1.0)
     panels, checks = [], run.checks(DEFAULT_TOLERANCE)
