@@ -3,7 +3,8 @@
 ``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``Simulator(scenario)`` does so step by step,
 in a loop of the caller's own; ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart;
 ``prepare(scenario)`` gives a recipe that runs again and again; ``Campaign`` and ``sweep`` run a scenario many times into one
-table; ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so that
+table; ``impact_map`` maps one contact over the configurations of the arm; ``impact`` resolves single collisions on any
+MuJoCo model. Everything is imported on first use, so that
 ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
 """
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from ffsm_mj.assembly.simulator import Simulator as Simulator
     from ffsm_mj.campaign.campaign import Campaign as Campaign
     from ffsm_mj.campaign.sweep import sweep as sweep
+    from ffsm_mj.impact_maps.impact_map import impact_map as impact_map
     from ffsm_mj.report.run import Run as Run
     from ffsm_mj.report.run import load_run as load_run
 
@@ -35,9 +37,10 @@ _LAZY = {
     "load_run": ("ffsm_mj.report.run", "load_run"),
     "Run": ("ffsm_mj.report.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
+    "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
 }
 
-__all__ = ["Campaign", "Run", "Simulator", "compare", "go_on", "impact", "load_run", "prepare", "run", "sweep"]
+__all__ = ["Campaign", "Run", "Simulator", "compare", "go_on", "impact", "impact_map", "load_run", "prepare", "run", "sweep"]
 
 
 def __getattr__(name: str) -> Any:

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import exit_codes
+from ffsm_mj.cli.impact_map import describe_impact_map
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
 from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
@@ -21,6 +22,7 @@ COMMANDS = {
     "analyze": "replay logs and recompute the checks of their runs",
     "export": "export a run's tables, or an animation of its motion",
     "view": "open a run, or a scenario as it starts, in the Rerun viewer",
+    "impact-map": "map what an impact does over the configurations of the arm that reach its contact",
     "campaign": "run a scenario many times with dispersed parameters, and report the results",
     "reproduce": "run the paper's case study and compare every printed number with ours",
     "schema": "print the JSON Schema of scenario or campaign files",
@@ -107,6 +109,7 @@ def parser() -> argparse.ArgumentParser:
     _describe_view(parsers["view"])
     _describe_new(parsers["new"])
     describe_campaign(parsers["campaign"], _add_overrides)
+    describe_impact_map(parsers["impact-map"], _add_overrides)
     law = parsers["new-law"]
     law.add_argument(
         "name", help="kind of the law, also name of the folder and module: lower-case letters, digits, underscores"

@@ -22,6 +22,7 @@ _COMMANDS = {
     "analyze": "analyze:analyze",
     "export": "export:export",
     "view": "view:view",
+    "impact-map": "impact_map:impact_map",
     "campaign": "campaign:campaign",
     "reproduce": "reproduce:reproduce",
     "schema": "check:schema",

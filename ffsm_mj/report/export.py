@@ -46,13 +46,18 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
     """
     if name not in table_names(run.log):
         raise InputError(f"--table: {unknown_name('table', name, table_names(run.log))}")
+    return write_arrow(_parts(run, name), path, form)
+
+
+def write_arrow(parts: Iterator[Any], path: Path, form: str) -> str:
+    """Write an Arrow table, given in one or more parts, as ``csv`` or ``parquet``; see :func:`write_table`."""
     usable_file(path)
     write = _write_parquet if form == "parquet" else _write_csv
     with (
         new_file(path) as place,
         place.open("wb") as stream,
     ):  # pyarrow would remove the path if writing fails, even a device
-        rows, columns = write(_parts(run, name), stream)
+        rows, columns = write(parts, stream)
     return f"{rows} rows of {columns} columns"
 
 

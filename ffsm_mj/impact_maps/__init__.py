@@ -1,0 +1,1 @@
+"""Impact map: what one contact does to robot and object, over the configurations of the arm that reach it."""
