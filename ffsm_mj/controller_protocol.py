@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
+from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
 from ffsm_mj.dynamics.moving_frame import MovingFrame
 from ffsm_mj.dynamics.prediction import predict
 from ffsm_mj.dynamics.rigid_body import (
@@ -32,6 +33,7 @@ from ffsm_mj.dynamics.rigid_body import (
     subtree_momenta,
 )
 from ffsm_mj.dynamics.site_motion import SiteMotion
+from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints, drives_rotation
 from ffsm_mj.model.system import Joint, System, Tree
@@ -68,6 +70,7 @@ __all__ = [
     "IntArray",
     "Joint",
     "Measurement",
+    "MinimumJerk",
     "MovingFrame",
     "Observation",
     "PhaseRecord",
@@ -81,6 +84,7 @@ __all__ = [
     "Summarises",
     "System",
     "TableError",
+    "TargetMotion",
     "Task",
     "TaskController",
     "Tree",
@@ -106,11 +110,26 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Task:
-    """What the tip is to do: the site, the world axes that count as output (p = len(axes)) and the target there in m."""
+    """What the tip is to do.
+
+    Attributes:
+        tip_site: Id of the site.
+        axes: World axes that count as output, p = len(axes).
+        target_m: The target along them, m; where it begins if it moves.
+        motion: How the target moves; None: it is at rest.
+    """
 
     tip_site: int
     axes: tuple[int, ...]
     target_m: FloatArray
+    motion: TargetMotion | None = None
+
+    def target_at(self, time_s: float, data: Any) -> tuple[FloatArray, FloatArray | float]:
+        """Position of the target in m and its velocity in m/s (0.0 for one at rest) along the axes at a time and a state."""
+        if self.motion is None:
+            return self.target_m, 0.0
+        self.motion.update(time_s, data)
+        return self.motion.position_m, self.motion.rates_m_s
 
 
 class EffortLimits(Protocol):

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.controller_protocol import ControllerContext, Fault, ScenarioFaults, SiteMotion, driven_joints
+from ffsm_mj.controller_protocol import ControllerContext, Fault, ScenarioFaults, SiteMotion, TargetMotion, driven_joints
 
 
 class JointModel:
@@ -82,6 +82,8 @@ class TaskModel(JointModel):
         target_m: Where the site is to be along its axes, m; that of the task at first, to be written to, (number of axes,).
         target_frame: The attitude it is to have, axes as columns in world axes, to be written to; first the world's, (3, 3).
         y: Place of the site along its axes, m, (number of axes,).
+        motion: How the target of the task moves, which then writes ``target_m``, ``target_rates`` and
+            ``target_accelerations`` at every update; None: it does not.
         target_rates: Rates of the target in m/s and rad/s, to be written to; zero at first, (p,).
         target_accelerations: Accelerations of the target, to be written to; zero at first, (p,).
         e: y - target_m in m; with ``attitude`` then the rotation vector from ``target_frame`` to the site's in rad, (p,).
@@ -132,6 +134,7 @@ class TaskModel(JointModel):
         self._axes, self._base_axes, self._attitude = list(axes), list(base_axes), attitude
         self.site = SiteMotion(self._model, index, axes, attitude)
         self.target_m = task.target_m.copy() if site is None and task is not None else np.zeros(len(self._axes))
+        self.motion = task.motion if site is None and task is not None else None
         self.target_frame = np.eye(3)
         self.target_rates, self.target_accelerations = np.zeros(self.site.size), np.zeros(self.site.size)
         self._base_rates = np.empty((3, self._model.nv))
@@ -144,6 +147,8 @@ class TaskModel(JointModel):
         super().update(data, pushed)
         mujoco.mj_jacBody(self._model, data, None, self._base_rates, self._root)
         self.yd = site.rates
+        if self.motion is not None:
+            self._follow(self.motion, data)
         self.ed = self.yd - self.target_rates
         self.B = site.J.dot(self.mobility.T)
         self.alpha = self.B.dot(self.M_c)
@@ -154,6 +159,13 @@ class TaskModel(JointModel):
         self.e = self.y - self.target_m
         if self._attitude:
             self.e = np.concatenate((self.e, self._attitude_error()))
+
+    def _follow(self, motion: TargetMotion, data: Any) -> None:
+        """Write the target's position, rates and accelerations as its motion has them."""
+        motion.update(data.time, data)
+        k = len(self._axes)
+        self.target_m = motion.position_m
+        self.target_rates[:k], self.target_accelerations[:k] = motion.rates_m_s, motion.accelerations(self.coasting)
 
     def _attitude_error(self) -> FloatArray:
         """Rotation vector from the target's frame to the site's, world axes, rad, (3,)."""

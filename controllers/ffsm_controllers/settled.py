@@ -20,7 +20,7 @@ class SettledConfig(StrictModel):
     error_m: PositiveFloat
     """Near: at most this far from the target along the task's axes, m."""
     speed_m_s: PositiveFloat
-    """Slow: at most this fast along the task's axes, m/s."""
+    """Slow: at most this fast against the target along the task's axes, m/s."""
     for_s: PositiveFloat
     """For so long, s: the phase ends at the first control tick at or after that."""
 
@@ -31,7 +31,7 @@ class SettlingMonitor:
     def __init__(self, bounds: SettledConfig, system: System, task: Task) -> None:
         """Know the bounds and whose tip it is."""
         self._bounds, self._model = bounds, system.mj
-        self._site, self._axes, self._target = task.tip_site, list(task.axes), task.target_m
+        self._task, self._site, self._axes = task, task.tip_site, list(task.axes)
         self._velocity = np.zeros(6)
         self._since_s: float | None = None
 
@@ -51,7 +51,8 @@ class SettlingMonitor:
 
     def _within(self, observation: Observation) -> bool:
         data, bounds = observation.data, self._bounds
-        if math.dist(data.site_xpos[self._site][self._axes], self._target) > bounds.error_m:
+        target, rates = self._task.target_at(observation.time_s, data)
+        if math.dist(data.site_xpos[self._site][self._axes], target) > bounds.error_m:
             return False
         mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_SITE, self._site, self._velocity, 0)
-        return math.hypot(*self._velocity[3:][self._axes].tolist()) <= bounds.speed_m_s
+        return math.hypot(*(self._velocity[3:][self._axes] - rates).tolist()) <= bounds.speed_m_s

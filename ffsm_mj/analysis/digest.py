@@ -14,7 +14,7 @@ from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import TIP, TIP_RATE, Layout
+from ffsm_mj.records.signals import TIP_RATE, Layout
 from ffsm_mj.verification.checks import CheckAccumulator
 from ffsm_mj.verification.residuals import norms
 
@@ -41,8 +41,8 @@ class TipDigest:
 
     def rows(self, block: FloatArray, layout: Layout) -> None:
         """Process the next rows."""
-        place, rate = layout.places(TIP), layout.places(TIP_RATE)
-        error = norms(self.task.errors_m(block[:, place]))
+        rate = layout.places(TIP_RATE)
+        error = norms(self.task.errors_m(layout, lambda key: block[:, layout.index[key]]))
         self.finite &= bool(np.all(np.isfinite(error)))
         best = int(np.argmin(error))
         if error[best] < self.best_m:

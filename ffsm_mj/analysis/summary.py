@@ -31,8 +31,7 @@ def tip_error(log: RunLog) -> FloatArray:
     task = logged_task(log.header.metadata)
     if task is None:
         raise ValueError("the scenario has no task, so there is no tip error")
-    tip = np.column_stack([log.column(f"state.tip_{axis}_m") for axis in "xyz"])
-    return np.asarray(np.linalg.norm(task.errors_m(tip), axis=1))
+    return np.asarray(np.linalg.norm(task.errors_m(log.header.layout, log.column), axis=1))
 
 
 def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:

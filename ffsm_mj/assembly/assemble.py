@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
 from ffsm_controllers.phases import Phase, PhaseMachine
 
 from ffsm_mj.actuation.actuation import Actuation
@@ -25,6 +24,7 @@ from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.assembly.run_size import too_large
 from ffsm_mj.assembly.spring_modes import refuse_coarse_steps
+from ffsm_mj.assembly.task import task_of
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.watch import ContactWatch
@@ -39,8 +39,6 @@ from ffsm_mj.records.columns import Row
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.plant import Plant
-
-_AXES = {"x": 0, "y": 1, "z": 2}
 
 
 @dataclass(frozen=True)
@@ -203,22 +201,6 @@ def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
                 faults.append(Fault(fault, ("captures", name, "when", "touch", k)))
     if faults:
         raise ScenarioFaults(faults)
-
-
-def task_of(scenario: Scenario, system: System) -> Task | None:
-    """Task of a scenario; None if it has none.
-
-    Raises:
-        ScenarioFaults: There is no such tip.
-    """
-    config = scenario.task
-    if config is None:
-        return None
-    try:
-        site = system.index("site", config.tip)
-    except LookupError as error:
-        raise ScenarioFaults([Fault(str(error.args[0]), ("task", "tip"))]) from error
-    return Task(site, tuple(_AXES[axis] for axis in config.axes), np.array(config.target_m, dtype=np.float64))
 
 
 def _contexts(

@@ -56,7 +56,8 @@ def build_plant(
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
     balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS)
     integrator.control = step_control(scenario, system, data, balance)
-    state = StateSignals(system, data, task.tip_site if task is not None else None)
+    tip = (task.tip_site, task.axes, task.motion) if task is not None else (None,)
+    state = StateSignals(system, data, *tip)
     sampler = _sampler(scenario, scene, integrator, pairs)
     return Plant(scene, actuation, integrator, balance, state, sampler, control)
 

@@ -22,6 +22,7 @@ from ffsm_mj.assembly.recorded_files import RecordedFiles, recorded_files
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.assembly.spring_modes import spring_lines
+from ffsm_mj.assembly.target_file import with_waypoints
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.errors import InputError, raised_by_plugin
 from ffsm_mj.log.run_folder import RunFolder
@@ -141,9 +142,10 @@ def recipe(
         estimators: See :func:`run`.
 
     Raises:
-        InputError: A model or a file of a control law is wrong.
+        InputError: A model, a file of a control law or that of the target is wrong.
     """
     system, controller_system, held = compile_scenario(config, source, read)
+    config = with_waypoints(config, source)
     recorded = recorded_files(config, source)
     return PreparedRun(config, source, system, dict(controllers), controller_system, held, dict(estimators), recorded)
 

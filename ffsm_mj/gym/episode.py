@@ -52,8 +52,9 @@ class Episode:
         model, data, axes = self._assembly.system.mj, self._assembly.data, list(self._task.axes)
         site = self._task.tip_site
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, self._twist, 0)
-        error = math.dist(data.site_xpos[site][axes], self._task.target_m)
-        self._tip["final_error_m"], self._tip["final_speed_m_s"] = error, math.hypot(*self._twist[3:][axes])
+        target, rates = self._task.target_at(observation.time_s, data)
+        error = math.dist(data.site_xpos[site][axes], target)
+        self._tip["final_error_m"], self._tip["final_speed_m_s"] = error, math.hypot(*(self._twist[3:][axes] - rates))
         if error < self._tip["min_error_m"]:
             self._tip["min_error_m"], self._tip["min_error_time_s"] = error, self._time_s
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
 from ffsm_mj.model.properties import PropertyChange, Value, value_text
-from ffsm_mj.records.signals import SUBSYSTEMS
+from ffsm_mj.records.signals import SUBSYSTEMS, TARGET, TIP, Layout
 
 FORMAT_VERSION = "3"
 """Version of the log format: names of topics, columns and record fields. A log of another version is refused by it."""
@@ -33,7 +33,7 @@ class LoggedTask:
 
     Attributes:
         axes: Regulated world axes: 0 to 2 for x, y and z.
-        target_m: Target along them, (number of axes,), m.
+        target_m: Target along them, (number of axes,), m; of one that moves where it begins.
     """
 
     axes: list[int]
@@ -46,9 +46,17 @@ class LoggedTask:
         point[self.axes] = self.target_m
         return point
 
-    def errors_m(self, tip_m: FloatArray) -> FloatArray:
-        """Positions of the tip, (n, 3), less the target, along the regulated axes, (n, number of axes), m."""
-        return np.asarray(tip_m[:, self.axes] - self.target_m)
+    def errors_m(self, layout: Layout, column: Callable[[str], FloatArray]) -> FloatArray:
+        """Position of the tip less the target along the regulated axes, (n, number of axes), m.
+
+        Args:
+            layout: Columns that there are.
+            column: Returns one by its key, (n,).
+        """
+        tip = np.column_stack([column(TIP[axis]) for axis in self.axes])
+        if TARGET[0] not in layout.index:
+            return np.asarray(tip - self.target_m)
+        return np.asarray(tip - np.column_stack([column(TARGET[axis]) for axis in self.axes]))
 
 
 def start_metadata(start_s: float) -> dict[str, str]:

@@ -39,6 +39,8 @@ TIME = "state.time_s"
 """Column of the simulation time."""
 TIP = ("state.tip_x_m", "state.tip_y_m", "state.tip_z_m")
 """Columns of the tip's position, where there is a task."""
+TARGET = ("state.target_x_m", "state.target_y_m", "state.target_z_m")
+"""Columns of the target's position, where it moves."""
 TIP_RATE = ("state.tip_vx_m_s", "state.tip_vy_m_s", "state.tip_vz_m_s")
 """Columns of its velocity."""
 OVERLAP = "deepest_overlap_m"

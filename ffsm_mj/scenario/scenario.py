@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import (
     Field,
     NonNegativeFloat,
     PositiveFloat,
     SerializeAsAny,
-    model_validator,
 )
 
 from ffsm_mj.actuation.actuator_config import ActuatorConfig
@@ -26,12 +25,12 @@ from ffsm_mj.scenario.joint_limits import JointLimitConfig
 from ffsm_mj.scenario.model_config import ObjectConfig, RobotConfig
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.scenario.task_config import TaskConfig
 from ffsm_mj.sensing.sensor_config import SensorConfig
 
 # Ratios are compared with integers to a relative 1e-9; beyond this ratio that is half a period, and any would pass.
 _MOST_PERIODS = 5e8
 
-Axis = Literal["x", "y", "z"]
 JointValue = float | tuple[float, ...]
 
 
@@ -42,25 +41,6 @@ class InitialConfig(StrictModel):
     """Coordinates by joint, rad or m; for a free joint x, y, z in m and a quaternion w, x, y, z."""
     rates: dict[Name, JointValue] = {}
     """Rates by joint, rad/s or m/s; for a free joint velocity in world axes and angular velocity in body axes."""
-
-
-class TaskConfig(StrictModel):
-    """Task of the arm: bring a site of the robot to a point."""
-
-    tip: Name
-    """Site of the robot to regulate."""
-    axes: Annotated[tuple[Axis, ...], Field(min_length=2, max_length=3)] = ("x", "y", "z")
-    """Regulated world axes: two for a planar task, three in space."""
-    target_m: tuple[float, ...]
-    """Target of the tip along these axes in world coordinates, m."""
-
-    @model_validator(mode="after")
-    def _one_target_per_axis(self) -> TaskConfig:
-        if len(set(self.axes)) != len(self.axes):
-            raise ValueError("axes must be different")
-        if len(self.target_m) != len(self.axes):
-            raise ValueError(f"target_m has {len(self.target_m)} numbers for {len(self.axes)} axes")
-        return self
 
 
 class ActuationConfig(StrictModel):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.compiled import fastest
+from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.sampler import Sampler
@@ -21,13 +23,17 @@ class StateSignals:
         columns: Columns of the state.
     """
 
-    def __init__(self, system: System, data: Any, tip_site: int | None) -> None:
+    def __init__(
+        self, system: System, data: Any, tip_site: int | None, axes: Sequence[int] = (), target: TargetMotion | None = None
+    ) -> None:
         """Bind to a system.
 
         Args:
             system: The logged system.
             data: Its data, derived quantities current at each sample.
             tip_site: Site of the task; None if there is no task.
+            axes: Its world axes.
+            target: How its target moves; None: it does not.
         """
         self._time = np.zeros(1)
         self.sampler = fastest(Sampler)(system.mj, data, tip=-1 if tip_site is None else tip_site)
@@ -41,6 +47,17 @@ class StateSignals:
                 Columns(_tip("tip_{}_m", "m", "position of the tip"), live=data.site_xpos[tip_site]),
                 Columns(_tip("tip_v{}_m_s", "m/s", "velocity of the tip"), live=self.sampler.twist[3:]),
             )
+
+        self._data, self._axes, self._target, self._place = data, list(axes), target, np.zeros(3)
+        if target is not None:
+            meaning = "target of the tip, zero along axes that are not regulated"
+            signals = _tip("target_{}_m", "m", meaning)
+            self.columns += (Columns(signals, live=self._place, on_sample=self._follow),)
+
+    def _follow(self, time_s: float) -> None:
+        assert self._target is not None
+        self._target.update(time_s, self._data)
+        self._place[self._axes] = self._target.position_m
 
     def _clock(self, time_s: float) -> None:
         self._time[0] = time_s

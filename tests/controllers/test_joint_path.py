@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
 
 import ffsm_mj
+from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
 from ffsm_mj.errors import InputError
 from tests.controllers.test_hold import START, slider
 from tests.controllers.test_track import ARM, WHEELS

@@ -16,7 +16,6 @@ from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.joint_errors import JointErrors
 from ffsm_controllers.joint_path.config import JointPathConfig
 from ffsm_controllers.joint_path.limits import Bounds, PathLimits
-from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
 from ffsm_controllers.joint_servo import JointServo, joint_range, refuse_outside_range
 from ffsm_controllers.pd import per_joint
 from ffsm_controllers.settled import TIME_TOLERANCE_S
@@ -29,6 +28,7 @@ from ffsm_mj.controller_protocol import (
     Fault,
     FloatArray,
     IntArray,
+    MinimumJerk,
     Observation,
     ScenarioFaults,
 )

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ffsm_controllers.joint_path.minimum_jerk import MinimumJerk
-from ffsm_mj.controller_protocol import ControllerContext, FloatArray
+from ffsm_mj.controller_protocol import ControllerContext, FloatArray, MinimumJerk
 from ffsm_mj.task_model import JointModel
 
 _SAMPLES, _SAMPLES_EACH = 200, 40

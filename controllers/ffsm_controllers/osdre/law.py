@@ -14,6 +14,7 @@ from pydantic import Field
 
 from ffsm_controllers.indices import compact
 from ffsm_controllers.osdre.block_law import BlockLaw
+from ffsm_controllers.osdre.moving_law import MovingLaw
 from ffsm_controllers.osdre.planar_law import PlanarLaw
 from ffsm_controllers.osdre.riccati import planar_riccati
 from ffsm_controllers.osdre.riccati_doubling import Doubling, RiccatiError
@@ -36,6 +37,7 @@ from ffsm_mj.controller_protocol import (
     driven_joints,
     mass_matrix,
 )
+from ffsm_mj.task_model import TaskModel
 
 
 class OsdreConfig(StrictModel):
@@ -102,9 +104,12 @@ class Osdre:
         self._whole_stack = config.parameterization == "output_stack"
         # Products with these pick the driven joints, faster than an index does.
         self._driven = np.eye(self._model.nv)[self._joints.dofs]
-        self._driven_R = np.linalg.inv(input_weight(config.R, len(self._joints.dofs))) @ self._driven
+        self._inverse_R = np.asarray(np.linalg.inv(input_weight(config.R, len(self._joints.dofs))), dtype=np.float64)
+        self._driven_R = self._inverse_R @ self._driven
         self._Q = Q
-        self._planar = p == 2
+        moves = self._task.motion is not None
+        self._moving = TaskModel(context, self._joints.names, ()) if moves else None
+        self._planar = p == 2 and not moves
         self.telemetry_signals = (_ERROR, _RESIDUAL, *((_FALLBACK,) if self._planar else (_DOUBLINGS, _CORRECTIONS)), _GAIN)
         self._worst_residual, self._most, self._exceptions = 0.0, 0.0, 0.0
 
@@ -113,10 +118,13 @@ class Osdre:
         data, site, axes = observation.data, self._task.tip_site, self._task.axes
         target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
         self._qvel, self._kinematics = data.qvel, fastest(TipKinematics)(self._model, data, site, axes)
-        self._law: BlockLaw | PlanarLaw
-        self._block: BlockLaw | None = None
+        self._law: BlockLaw | MovingLaw | PlanarLaw
+        self._block: BlockLaw | MovingLaw | None = None
         bound = driven, axes, target, self._whole_stack
-        if self._planar:
+        if self._moving is not None:
+            riccati = fastest(Doubling)(self._Q)
+            self._law = self._block = MovingLaw(self._moving, data, riccati, self._inverse_R, self._whole_stack)
+        elif self._planar:
             self._law = fastest(PlanarLaw)(self._kinematics, data, planar_riccati(self._Q), *bound)
         else:
             self._law = self._block = fastest(BlockLaw)(self._kinematics, data, fastest(Doubling)(self._Q), *bound)

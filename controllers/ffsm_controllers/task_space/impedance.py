@@ -108,6 +108,7 @@ class Impedance(TaskLaw):
         self._holds = False
         if config.object_site is not None:
             site, held = object_site(context.system, config.object_site), context.system.grasp
+            self.model.motion = None
             self._moving = MovingFrame(context.system.mj, site, np.array(config.offset_m))
             self._holds = held is not None and context.system.mj.site(site).name.startswith(f"{held.tree}/")
 

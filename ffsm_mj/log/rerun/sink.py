@@ -231,8 +231,8 @@ class RerunSink:
 
     def _lines(self, frames: Frames, index: Any) -> None:
         if self._task is not None:
-            tip = frames.rows[:, self._layout.places(TIP)]
-            error = np.linalg.norm(self._task.errors_m(tip), axis=1)
+            rows, layout = frames.rows, self._layout
+            error = np.linalg.norm(self._task.errors_m(layout, lambda key: rows[:, layout.index[key]]), axis=1)
             self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
         for plot in self._curves:
             values = plot.values(frames.rows)

@@ -18,7 +18,7 @@ from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import SUBSYSTEMS, TIP
+from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.verification.residuals import BalanceColumns, norms
 
 _SLICES = 600
@@ -61,7 +61,7 @@ class _Beside:
         self._accounts = [BalanceColumns(layout, metadata, subsystem) for subsystem in SUBSYSTEMS]
         self._first: Sequence[FloatArray] | None = None
         self._task = logged_task(metadata)
-        self._tip = layout.places(TIP) if self._task is not None else layout.places(())
+        self._layout = layout
 
     def of(self, part: FloatArray) -> FloatArray:
         momenta = [accounts.momentum(part) for accounts in self._accounts]
@@ -70,7 +70,7 @@ class _Beside:
         columns = [norms(change[:, axes]) for change in changes for axes in (slice(3), slice(3, 6))]
         columns += [accounts.energy(part) for accounts in self._accounts]
         if self._task is not None:
-            columns.append(norms(self._task.errors_m(part[:, self._tip])))
+            columns.append(norms(self._task.errors_m(self._layout, lambda key: part[:, self._layout.index[key]])))
         return np.column_stack(columns)
 
 
