@@ -240,14 +240,16 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
-    """Pairs that are not detected while a grasp is closed."""
+    """Pairs that cannot meet while a rigid grasp is closed."""
     for contact_model in assembly.plant.integrator.contact_models:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
+                if not pairs:
+                    continue
                 found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
                 others = len(pairs) - len(found)
                 yield (
-                    f"while {name!r} is closed, {len(pairs)} pairs of geoms on the bodies that it joins are disabled: "
+                    f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
                     f"{', '.join([*found, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
                 )
 

@@ -24,7 +24,7 @@ class ContactWatch:
     """Tracks unhandled overlaps from their first tick to their last.
 
     Attributes:
-        disabled: Pairs of geoms on two bodies that a closed grasp joins, which are ignored.
+        disabled: Pairs of geoms that are currently on one rigid body, and are ignored.
     """
 
     disabled: frozenset[frozenset[int]] = frozenset()

@@ -31,7 +31,7 @@ class Motion:
         pushes: Applied forces in its stages that depend on the state alone.
         grasp: Name of the closed grasp; empty for the motion of the logged system itself.
         grasped_object: The grasped object, as a tree of the logged system; None if there is none.
-        disabled: Pairs of the system's geoms that a closed grasp disables: those on the two bodies that it joins.
+        disabled: Pairs of the system's geoms that are on one rigid body in this model, but not in the logged system.
     """
 
     grasp = ""

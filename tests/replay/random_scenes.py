@@ -88,6 +88,7 @@ class _Drawing:
 
     def __init__(self, rng, folder):
         self.rng, self.folder = rng, folder
+        (self.latches,) = rng.spawn(1)  # numbers of its own: the rest of a scene does not depend on them
         self.step, self.presses = float(rng.choice(STEPS_S)), bool(rng.random() < 0.5)
         self.motors, self.switched = [], []
         self.pairs = []
@@ -264,14 +265,25 @@ class _Drawing:
         if touches and rng.random() < 0.6:
             when = {"touch": touches}
         hold = max(1, round(rng.uniform(0.1, 0.5) * duration / 0.01)) * 0.01
+        sites = {"robot_site": "tip", "object_site": "first/handle"}
+        locks = {"arm": ["lock"]} if self.latches.random() < 0.4 else {}
         return {
-            "captures": {"grasp": {"robot_site": "tip", "object_site": "first/handle", "when": when}},
+            "captures": {
+                "grasp": {**sites, "when": when, **self.joint()},
+                "lock": {**sites, "when": {"within": {"speed_m_s": float(self.latches.uniform(0.02, 0.5))}}},
+            },
             "phases": [
                 {"name": "meet", "until": "capture", "for_s": 0.8 * duration, "arm": ["grasp"], "controller": waves},
-                {"name": "hold", "for_s": hold, "controller": waves},
-                {"name": "leave", "until": "end", "release": ["grasp"], "controller": waves},
+                {"name": "hold", "for_s": hold, **locks, "controller": waves},
+                {"name": "leave", "until": "end", "release": ["grasp", "lock"], "controller": waves},
             ],
         }
+
+    def joint(self):
+        """What a latch leaves free: nothing in a third of them."""
+        kind = str(self.latches.choice(["rigid", "rigid", "ball", "hinge", "slide", "cylindrical"]))
+        axis = {} if kind in ("rigid", "ball") else {"axis": self.latches.normal(size=3).tolist()}
+        return {"joint": kind, **axis}
 
     def line_up(self, path, behind):
         """Move the objects along x to drawn gaps, one before the other; then turn the whole, boost it where it floats."""

@@ -70,17 +70,15 @@ class GraspedMotion(Motion):
         self._jacobian = np.empty((6, self.model.nv))
         self.interface = self.data.cfrc_int[self.root]
         self.centre = self.data.subtree_com[int(self.model.body_rootid[self.root])]
-        self.disabled = frozenset(self._joined_pairs())
+        self.disabled = frozenset(self._rigid_pairs())
         self.path.on_event_located = self._follow_with_accelerations
 
-    def _joined_pairs(self) -> list[frozenset[int]]:
-        """Pairs of geoms on the two rigid bodies that the latch joins, which are one if it is rigid."""
+    def _rigid_pairs(self) -> list[frozenset[int]]:
+        """Pairs of geoms that are on one rigid body in this model but not in the logged system."""
         free, held = self._model, self.model
         geoms = range(free.ngeom)
         body = free.geom_bodyid
-        link, root = (int(held.body_weldid[each]) for each in (self.link, self.root))
         group = [int(held.body_weldid[self.bodies[body[g]]]) for g in geoms]
-        group = [link if each == root else each for each in group]
         return [
             frozenset((a, b))
             for a in geoms

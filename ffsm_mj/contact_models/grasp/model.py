@@ -69,7 +69,7 @@ class GraspModel(EventSource, Replayable):
 
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:
-        """Pairs of geoms on the two bodies that a closed grasp joins, by grasp name."""
+        """Pairs of geoms that are on one rigid body while a grasp is closed, by grasp name."""
         return {name: latch.held.disabled for name, latch in self._latches.items()}
 
     def data_of(self, grasp: str) -> Any:

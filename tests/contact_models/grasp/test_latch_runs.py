@@ -211,3 +211,27 @@ def test_control_laws_see_the_joint(tmp_path):
     assert truth[0, 0] == 0.0
     np.testing.assert_allclose(np.diff(truth[:, 0]), 1e-3 * truth[:-1, 1], rtol=1e-2)
     assert np.abs(still[:, 0]).max() == 0.0
+
+
+@pytest.mark.parametrize("kind", ["hinge", "ball"])
+def test_an_object_that_swings_into_the_hand_bounces_off_it(tmp_path, kind):
+    """Pairs of the two bodies stay active: the latch is no licence to overlap, and a release finds them apart."""
+    axis = {"axis": [0.0, 0.0, 1.0]} if kind == "hinge" else {}
+    path = docking(
+        tmp_path,
+        "ball",
+        captures={"soft": {**SITES, "joint": kind, **axis, "when": ANY}},
+        phases=[
+            {"name": "swing", "for_s": 0.35, "arm": ["soft"], "controller": OFF},
+            {"name": "leave", "until": "end", "release": ["soft"], "controller": OFF},
+        ],
+        initial={
+            "joints": {"target/free": [1.053, 0.0, 0.0, 1, 0, 0, 0]},
+            "rates": {"target/free": [0.0, 0, 0, 0.0, 0.0, 3.0]},
+        },
+        duration_s=0.5,
+    )
+    run = holds(ffsm_mj.run(path))
+    hits = [hit for hit in run.records["impacts"] if hit.time_s < 0.35]
+    assert hits
+    assert all(set(hit.geoms) == {"robot/hand", "target/target"} for hit in hits)

@@ -494,7 +494,7 @@ def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capf
     """Hand and target overlap by what was taken there; nobody tells of it while they are one body."""
     path = grasping(tmp_path, BOUNDS, contacts={"rules": []}, duration_s=1.0)
     assert main(["check", str(path)]) == 0
-    note = "note: while 'grasp' is closed, 1 pairs of geoms on the bodies that it joins are disabled"
+    note = "note: while 'grasp' is closed, 1 pairs of geoms are on one rigid body and cannot meet"
     assert note in capfd.readouterr().out
     assert ffsm_mj.run(path).unhandled_contacts == ()
 
