@@ -38,8 +38,9 @@ class StrictModel(BaseModel):
         described = handler(schema)
         keys = handler.resolve_ref_schema(described).get("properties", {})
         for name, text in attribute_docstrings(cls).items():
-            if name in keys:
-                keys[name].setdefault("description", text)
+            key = name.removesuffix("_")  # of a key that is a word of Python
+            if key in keys:
+                keys[key].setdefault("description", text)
         return described
 
     @model_validator(mode="before")

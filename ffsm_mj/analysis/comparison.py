@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.earlier_run import BEFORE
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import RecordKind, kinds_of
@@ -159,7 +160,8 @@ def _columns(log: RunLog, keys: list[str], rows: Any) -> FloatArray:
 
 def _different_files(a: RunLog, b: RunLog) -> set[str]:
     files = a.header.files, b.header.files
-    return {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
+    found = {name for name in {*files[0], *files[1]} if files[0].get(name) != files[1].get(name)}
+    return {BEFORE if name.startswith(f"{BEFORE}/") else name for name in found}
 
 
 def _differences(a: Any, b: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ffsm_controllers.phases import Phase, PhaseMachine
 
@@ -40,6 +40,10 @@ from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.plant import Plant
 
+if TYPE_CHECKING:
+    from ffsm_mj.assembly.origin import Origin
+    from ffsm_mj.simulation.progress import Start
+
 
 @dataclass(frozen=True)
 class Assembly:
@@ -57,6 +61,7 @@ class Assembly:
         task: The tip's task, if any.
         row: Columns of all components.
         recorded: Files that the control laws name.
+        origin: The instant of another run at which the run begins; None: it begins at t = 0.
     """
 
     scenario: Scenario
@@ -70,11 +75,18 @@ class Assembly:
     task: Task | None
     row: Row
     recorded: RecordedFiles = field(default_factory=RecordedFiles)
+    origin: Origin | None = None
 
     @property
     def logged_files(self) -> dict[str, bytes]:
         """Contents of all files of the run by their names in run folder and log."""
-        return self.system.logged_files | dict(self.recorded.contents)
+        before = self.origin.files if self.origin is not None else {}
+        return self.system.logged_files | dict(self.recorded.contents) | before
+
+    @property
+    def start(self) -> Start | None:
+        """State at which the run begins; None: that at t = 0."""
+        return self.origin.start() if self.origin is not None else None
 
     @property
     def system(self) -> System:
@@ -112,6 +124,7 @@ def assemble(
     *,
     estimators: Mapping[str, Any] = MappingProxyType({}),
     recorded: RecordedFiles | None = None,
+    origin: Origin | None = None,
 ) -> Assembly:
     """Build the components of one run.
 
@@ -124,6 +137,7 @@ def assemble(
         held: The systems in which captures hold, likewise the run's own, by the names of these.
         estimators: Estimators of a script, classes by kind, beside those that are installed.
         recorded: Files that the control laws name; None: they name none.
+        origin: The instant of another run at which it begins; None: t = 0.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -156,7 +170,7 @@ def assemble(
         raise located(faults, source) from faults
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
     return Assembly(
-        scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row, recorded
+        scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row, recorded, origin
     )
 
 

@@ -17,6 +17,7 @@ from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
+from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_initial_state
 from ffsm_mj.assembly.override_faults import overrides_named
 from ffsm_mj.assembly.recorded_files import RecordedFiles, recorded_files
 from ffsm_mj.assembly.resolved import resolved_yaml
@@ -36,7 +37,6 @@ from ffsm_mj.scenario.loading import load_scenario, validated
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
-from ffsm_mj.simulation.progress import Start
 
 
 def run(
@@ -144,10 +144,19 @@ def recipe(
     Raises:
         InputError: A model, a file of a control law or that of the target is wrong.
     """
+    own: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
+    origin = origin_of(config, source, lambda file: prepare(file, **own))
+    if origin is not None:
+        config = with_initial_state(config, origin, source)
     system, controller_system, held = compile_scenario(config, source, read)
     config = with_waypoints(config, source)
     recorded = recorded_files(config, source)
-    return PreparedRun(config, source, system, dict(controllers), controller_system, held, dict(estimators), recorded)
+    made = PreparedRun(
+        config, source, system, dict(controllers), controller_system, held, dict(estimators), recorded, origin
+    )
+    if origin is not None:
+        refuse_changes(origin, made)
+    return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +175,7 @@ class PreparedRun:
         held: The systems in which captures hold, likewise copied, by the names of these.
         estimators: Estimators of a script, classes by kind.
         recorded: Files that the control laws name.
+        origin: The instant of another run at which it begins; None: t = 0.
     """
 
     scenario: Scenario
@@ -176,6 +186,7 @@ class PreparedRun:
     held: Mapping[str, GraspedSystem] = field(default_factory=dict)
     estimators: Mapping[str, Any] = field(default_factory=dict)
     recorded: RecordedFiles = field(default_factory=RecordedFiles)
+    origin: Origin | None = None
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
@@ -190,7 +201,8 @@ class PreparedRun:
     @property
     def logged_files(self) -> dict[str, bytes]:
         """Contents of the files of models and control laws, by their names in run folder and log."""
-        return self.system.logged_files | dict(self.recorded.contents)
+        before = self.origin.files if self.origin is not None else {}
+        return self.system.logged_files | dict(self.recorded.contents) | before
 
     def changed(self, source: YamlSource) -> PreparedRun:
         """Prepare another scenario with the same control laws and estimators of a script.
@@ -211,7 +223,15 @@ class PreparedRun:
         system, laws = self.system.copy(), self.laws
         recorded = self.recorded
         return assemble(
-            self.scenario, self.source, system, laws, controller_system, held, estimators=self.estimators, recorded=recorded
+            self.scenario,
+            self.source,
+            system,
+            laws,
+            controller_system,
+            held,
+            estimators=self.estimators,
+            recorded=recorded,
+            origin=self.origin,
         )
 
     def run(
@@ -222,13 +242,10 @@ class PreparedRun:
         live: str | None = None,
         report: Callable[[float, float], None] | None = None,
         raise_errors: bool = False,
-        start: Start | None = None,
     ) -> Run:
-        """Simulate from the initial state, or from a later one; see :func:`run`."""
+        """Simulate; see :func:`run`."""
         with_rerun, assembly = self.scenario.log.rerun if rerun is None else rerun, self.assemble()
-        return simulate(
-            assembly, folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors, start=start
-        )
+        return simulate(assembly, folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors)
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""
@@ -263,6 +280,7 @@ class PreparedRun:
             *_limited_joints(assembly.limits),
             *spring_lines(self.scenario, system, assembly.data),
             *_sensors(assembly),
+            *([f"  goes on from {self.origin.folder} at t = {self.origin.at_s:g} s"] if self.origin is not None else []),
             f"  phases: {phases}",
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ffsm_mj.assembly.recorded_files import RecordedFiles
+from ffsm_mj.log.earlier_run import BEFORE
 from ffsm_mj.model.files import logged_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import Scenario
@@ -13,7 +14,9 @@ from ffsm_mj.scenario.source import write_yaml
 
 def resolved_yaml(scenario: Scenario, system: System, recorded: RecordedFiles) -> str:
     """YAML of a scenario that runs again from a run folder."""
-    data = scenario.model_dump(mode="json")
+    data = scenario.model_dump(mode="json", by_alias=True)
+    if scenario.initial.from_ is not None:
+        data["initial"]["from"] = BEFORE
     for name, files in system.files.items():
         part = data["robot"] if name == "robot" else data["objects"][name]
         part["mjcf"] = logged_name(name, files.main)

@@ -15,7 +15,6 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
-from ffsm_mj.simulation.progress import Start
 
 
 # A run ends if its state is not finite; numpy's warnings would only repeat that.
@@ -32,7 +31,6 @@ def simulate(
     columns: Collection[str] | None = None,
     watchers: Sequence[Sink] = (),
     raise_errors: bool = False,
-    start: Start | None = None,
 ) -> Run:
     """Run an assembly once; its components are left at the end of the run.
 
@@ -46,12 +44,12 @@ def simulate(
             that can be made again, and carries no scenario.
         watchers: Further receivers of rows and events during the run.
         raise_errors: Raise an exception of a control law or an unexpected one again when the log is closed.
-        start: State from which the run goes on; None: the initial state.
 
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
         Exception: With ``raise_errors``, the exception that ended the run.
     """
+    start = assembly.start
     start_s = start.time_s if start is not None else 0.0
     recording = Recording(
         assembly, folder, with_rerun=with_rerun, live=live, columns=columns, watchers=watchers, start_s=start_s

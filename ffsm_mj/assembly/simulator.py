@@ -86,7 +86,7 @@ class Simulator:
         """
         return self._begin(tuple(_as_list(overrides or ())), self._seed if seed is None else seed).simulation.observation()
 
-    def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float = 0.0) -> SteppedRun:
+    def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float | None = None) -> SteppedRun:
         """Begin a run in place of one under way, which goes on if the overrides or the seed are wrong."""
         prepared = self._recipe(overrides)
         seeded(prepared, seed)

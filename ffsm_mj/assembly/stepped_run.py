@@ -57,7 +57,7 @@ class SteppedRun:
         with_rerun: bool,
         live: str | None,
         columns: Collection[str] | None,
-        start_s: float,
+        start_s: float | None,
         raise_errors: bool,
     ) -> None:
         """Begin the run.
@@ -69,8 +69,8 @@ class SteppedRun:
             folder: See :func:`ffsm_mj.assembly.run.simulate`, likewise the next two.
             with_rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer.
-            columns: See :class:`~ffsm_mj.assembly.recording.Recording`, likewise ``start_s``.
-            start_s: Time of the state from which the run goes on, s.
+            columns: See :class:`~ffsm_mj.assembly.recording.Recording`.
+            start_s: Time of the state that is restored next, s; None: the run begins as the scenario says.
             raise_errors: Raise an exception of a control law, an estimator or a contact model.
 
         Raises:
@@ -78,6 +78,8 @@ class SteppedRun:
         """
         self._prepared, self.origin, self._raises = prepared, (overrides, seed), raise_errors
         self._tap, self.assembly = EventTap(), seeded(prepared, seed).assemble()
+        start = self.assembly.start
+        begins_s = start.time_s if start is not None else 0.0
         self._recording = Recording(
             self.assembly,
             folder,
@@ -85,7 +87,7 @@ class SteppedRun:
             live=live,
             columns=columns,
             watchers=[self._tap],
-            start_s=start_s,
+            start_s=begins_s if start_s is None else start_s,
         )
         self.simulation, self._controller = self._recording.simulation, self.assembly.controller
         self._period_s, self._reported = self.assembly.scenario.control_period_s, 0
@@ -102,6 +104,8 @@ class SteppedRun:
             with collecting(self.simulation.warnings):
                 self._context.run(self.simulation.begin)
             self.simulation.remember()
+            if start_s is None and start is not None:
+                self.simulation.restore(start.changes, new_laws=start.new_laws)
             self._stack = stack.pop_all()
         self._release = finalize(self, self._stack.close)
 
@@ -223,4 +227,6 @@ def seeded(prepared: PreparedRun, seed: int | None) -> PreparedRun:
         return prepared
     if not 0 <= seed < 2**63:
         raise InputError(f"seed: {seed}, allowed are 0 to 2^63 - 1")
+    if prepared.origin is not None and seed != prepared.scenario.seed:
+        raise InputError("seed: cannot change where a run goes on from another one")
     return replace(prepared, scenario=prepared.scenario.model_copy(update={"seed": seed}))

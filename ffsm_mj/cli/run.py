@@ -34,7 +34,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if options.scenario is None:
         complain(f"ffsm run: name a scenario; '{command('run', '--list')}' shows the shipped ones")
         return BAD_INPUT
-    from ffsm_mj.assembly.go_on import GoingOn
+    from ffsm_mj.assembly.go_on import prepare_from
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
     from ffsm_mj.campaign.plan.shipped import is_campaign
     from ffsm_mj.log.run_folder import RunFolder
@@ -51,8 +51,14 @@ def run(options: argparse.Namespace, output: Output) -> int:
         given.refuse_earlier_run()
     with progress() as shown:
         shown.stage(f"prepare {options.scenario}")
-        going_on = GoingOn(Path(options.scenario), options.from_s, options.overrides) if options.from_s is not None else None
-        prepared = going_on.prepared if going_on else prepare(options.scenario, options.overrides)
+        prepared = (
+            prepare(options.scenario, options.overrides)
+            if options.from_s is None
+            else prepare_from(options.scenario, options.from_s, options.overrides)
+        )
+        if prepared.origin is not None:
+            shown.stage(f"make {prepared.origin.folder} again")
+            prepared.origin.start()
         notes = prepared.notes()
     scenario = prepared.scenario
     head = _notes(notes, options)
@@ -62,8 +68,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
     with progress() as shown:
         report = shown.stage(scenario.name, "s", scenario.duration_s)
-        start = going_on.start if going_on else None
-        done = prepared.run(folder=folder, rerun=rerun, live=live, report=report, start=start)
+        done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if given is None:
         folder.link_latest()
     return _summarise(done, folder, notes, options, output, len(head.splitlines()))

@@ -20,7 +20,9 @@ MODELS = "mjcf"
 """Folder of the model files in a run folder and in a log."""
 RECORDED = "recorded"
 """Folder of the files with recorded numbers that control laws play, likewise."""
-_FOLDERS = (f"{MODELS}/", f"{RECORDED}/")
+BEFORE = "before"
+"""Folder of what is kept of the run from which a run goes on, likewise."""
+_FOLDERS = (f"{MODELS}/", f"{RECORDED}/", f"{BEFORE}/")
 _UNREADABLE = (McapError, OSError, struct.error, ValueError, LookupError, MemoryError, OverflowError, StopIteration)
 
 

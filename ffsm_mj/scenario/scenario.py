@@ -9,6 +9,7 @@ from pydantic import (
     NonNegativeFloat,
     PositiveFloat,
     SerializeAsAny,
+    model_validator,
 )
 
 from ffsm_mj.actuation.actuator_config import ActuatorConfig
@@ -35,12 +36,25 @@ JointValue = float | tuple[float, ...]
 
 
 class InitialConfig(StrictModel):
-    """State at t = 0. Joints that are not listed start at the model's zero position, at rest."""
+    """State at t = 0. Joints that are not listed start at the model's zero position, at rest.
+
+    With ``from``, the run begins at an instant of another run, whose state at t = 0 this is then; it may be left out.
+    """
 
     joints: dict[Name, JointValue] = {}
     """Coordinates by joint, rad or m; for a free joint x, y, z in m and a quaternion w, x, y, z."""
     rates: dict[Name, JointValue] = {}
     """Rates by joint, rad/s or m/s; for a free joint velocity in world axes and angular velocity in body axes."""
+    from_: Annotated[Name | None, Field(alias="from")] = None
+    """Folder of a run from which this one goes on, relative to this file; see docs/stepping.md."""
+    at_s: PositiveFloat | None = None
+    """Instant of that run, s: this one begins at the first control tick or event at or after it, and time goes on."""
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> InitialConfig:
+        if (self.from_ is None) != (self.at_s is None):
+            raise ValueError("'from' and 'at_s' belong together: a run, and an instant of it in s")
+        return self
 
 
 class ActuationConfig(StrictModel):

@@ -1,11 +1,15 @@
 """What if: a logged run goes on from one of its instants."""
 
+import shutil
+
 import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from ffsm_mj.log.run_folder import RunFolder
 
 SHORT = ["--no-rerun", "-s", "duration_s=0.6"]
 
@@ -54,8 +58,8 @@ def test_a_changed_law_begins_there(logged):
 @pytest.mark.parametrize(
     ("from_s", "overrides", "message"),
     [
-        (0.6, {}, "0.6 s is not an instant of the run, which lasts 0.6 s"),
-        (-1.0, {}, "is not an instant of the run"),
+        (0.6, {}, "from_s 0.6: 0.6 s is not an instant of .*, which lasts from 0 to 0.6 s"),
+        (-1.0, {}, "from_s -1: should be greater than 0"),
         (0.1, {"seed": 3}, "seed: cannot change where a run goes on"),
         (0.1, {"time_step_s": 0.0025}, "time_step_s: cannot change"),
     ],
@@ -76,3 +80,99 @@ def test_no_run_and_a_changed_file(logged, tmp_path):
             ffsm_mj.go_on(logged, 0.3)
     finally:
         scenario.write_text(text)
+
+
+def later(logged, folder, text="", begin="{from: tap, at_s: 0.1}"):
+    """A scenario file that goes on from a copy of the logged run beside it."""
+    shutil.copytree(logged, folder / "tap")
+    file = folder / "later.yaml"
+    file.write_text(f"extends: tap/scenario.yaml\nname: later\ninitial: {begin}\n{text}")
+    return file
+
+
+PLASTIC = "contacts: {rules: [{name: paddle, restitution: 0.0}, {name: wall}]}\n"
+
+
+def test_a_scenario_goes_on_from_a_run(logged, tmp_path, capsys):
+    """The same as ``--from``; its folder can be run and continued when the other run is gone, and when it is gone itself."""
+    file = later(logged, tmp_path, PLASTIC)
+    whole = ffsm_mj.go_on(logged, 0.1, {"contacts.rules.paddle.restitution": 0.0})
+    prepared, out = ffsm_mj.prepare(file), tmp_path / "out"
+    assert f"  goes on from {tmp_path / 'tap'} at t = 0.1 s" in prepared.describe()
+    prepared.run(folder=RunFolder(out), rerun=False)
+    shutil.rmtree(tmp_path / "tap")
+    again = ffsm_mj.run(out / "scenario.yaml", out=tmp_path / "again", rerun=False).log.rows[:]
+    shutil.copytree(tmp_path / "again", tmp_path / "moved")
+    for folder in (out, tmp_path / "again"):
+        shutil.rmtree(folder)
+    rest = ffsm_mj.go_on(tmp_path / "moved", 0.25)
+    assert np.array_equal(whole.log.rows, again, equal_nan=True)
+    assert len(rest.log.rows) == 71
+    assert np.array_equal(whole.log.rows[-71:], rest.log.rows, equal_nan=True)
+    assert all(check.passes for check in rest.checks())
+    assert main(["analyze", str(tmp_path / "moved")]) == 0
+    assert "columns agree with states" in capsys.readouterr().out
+
+
+def test_a_simulator_begins_where_the_scenario_does(logged, tmp_path):
+    """Each reset; a state restored in it too."""
+    whole = ffsm_mj.load_run(logged)
+    with ffsm_mj.Simulator(later(logged, tmp_path)) as simulator:
+        for _ in range(2):
+            assert simulator.reset().time_s == pytest.approx(0.1, abs=1e-12)
+        simulator.step(until=0.2)
+        state = simulator.state()
+        simulator.step(until=0.3)
+        simulator.restore(state)
+        while not simulator.step().ended:
+            pass
+        rows = simulator.close().log.rows
+    assert len(rows) == 81
+    assert np.array_equal(whole.log.rows[-81:], rows, equal_nan=True)
+
+
+FROM = "{from: tap, at_s: 0.1}"
+
+
+@pytest.mark.parametrize(
+    ("begin", "text", "message"),
+    [
+        ("{from: nothing, at_s: 0.1}", "", r"3:11: initial\.from: no such run .*nothing"),
+        ("{from: ., at_s: 0.1}", "", r"initial\.from: .* is no run folder that can go on: it has no scenario.yaml"),
+        (
+            "{from: tap, at_s: 0.6}",
+            "",
+            r"3:22: initial\.at_s: 0\.6 s is not an instant of .*tap, which lasts from 0 to",
+        ),
+        ("{from: tap, at_s: 0.2}", "duration_s: 0.2", r"initial\.at_s: 0\.2 s is not before the end, 0.2 s"),
+        ("{from: tap}", "", r"initial: 'from' and 'at_s' belong together"),
+        (FROM, "seed: 3", r"4:1: seed: cannot change where a run goes on, but is not that of .*tap"),
+        ("{from: tap, at_s: 0.1, rates: {drive: 1.0}}", "", r"initial\.rates.*: cannot change where a run goes on"),
+        (FROM, "model: {ball: {ball: {mass_kg: 2.0}}}", r"model.*: cannot change where a run goes on"),
+        (FROM, "phases: [{name: a, until: end, controller: {kind: off}}]", r"4:1: phases: where a run goes on, values may"),
+        (FROM, "contacts: {rules: [{name: wall}]}", r"4:1: contacts: where a run goes on, values may change, but not the"),
+    ],
+)
+def test_faults_of_a_scenario_that_goes_on(logged, tmp_path, begin, text, message):
+    with pytest.raises(InputError, match=message):
+        ffsm_mj.prepare(later(logged, tmp_path, text, begin))
+
+
+def test_a_run_does_not_go_on_from_itself(logged, tmp_path):
+    shutil.copytree(logged, tmp_path / "tap")
+    file = tmp_path / "tap" / "scenario.yaml"
+    file.write_text(file.read_text().replace("initial:", "initial:\n  from: .\n  at_s: 0.1"))
+    with pytest.raises(InputError, match=r"initial\.from: .*tap begins at an instant of itself"):
+        ffsm_mj.prepare(file)
+
+
+def test_a_campaign_begins_at_the_start(logged, tmp_path):
+    """Each of its runs has a seed of its own, from the start on."""
+    later(logged, tmp_path)
+    varied = "dispersions: {contacts.rules.wall.restitution: {uniform: [0.5, 0.9]}}"
+    text = f"campaign: try\nscenario: later.yaml\nsamples: {{kind: random, n: 2}}\n{varied}\n"
+    (tmp_path / "campaign.yaml").write_text(text)
+    with pytest.raises(
+        InputError, match=r"later.yaml:3:11: initial\.from: a campaign needs a scenario that begins at t = 0"
+    ):
+        load_campaign(tmp_path / "campaign.yaml")

@@ -133,6 +133,9 @@ def make_plan(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> Plan:
     scenario = _base_path(config, source)
     changes = {key: f"{key}={json.dumps(value)}" for key, value in config.overrides.items()}
     base = _base(scenario, changes, source, own)
+    if base.origin is not None:
+        message = "a campaign needs a scenario that begins at t = 0: each of its runs has a seed of its own"
+        raise located(ScenarioFaults([Fault(message, ("initial", "from"))]), base.source)
     try:
         refuse_metrics(config, base.system)
         refuse_levels(config)

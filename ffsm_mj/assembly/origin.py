@@ -1,0 +1,255 @@
+"""A run that begins at an instant of another one: ``initial.from`` of a scenario, and ``ffsm run RUN --from TIME``.
+
+A log has rows and events, not the memory of control laws, of contacts and of valves. The other run is therefore made again
+up to the instant, from the scenario and the models in its folder; its state there is compared with the logged one. A run
+that begins so keeps that scenario and these models in its own folder, and does not depend on the other run any more.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.recording import Recording
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.log.earlier_run import BEFORE
+from ffsm_mj.log.run_folder import SCENARIO, holds_log
+from ffsm_mj.model.mujoco_clock import stopped_clock
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.report.run import load_run
+from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.similar_names import similar_file
+from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.simulation.progress import Start
+from ffsm_mj.yaml.parser import plain_value
+
+if TYPE_CHECKING:
+    from ffsm_mj.assembly.assemble import Assembly
+    from ffsm_mj.assembly.prepare import PreparedRun
+
+TOLERANCE = 1e-6
+"""Allowed difference from the logged state, relative to max(1, |x|): another processor rounds otherwise."""
+_KEPT = (
+    *("robot", "objects", "model", "controller_model", "time_step_s", "control_period_s", "accuracy"),
+    *("actuation", "sensors", "estimator", "seed"),
+)
+"""Sections of a scenario that cannot change in the midst of a motion, beside the initial state."""
+_LAWS = ("phases", "task")
+_OF_FILE = ("name", "description", "initial", "log", "duration_s")
+"""Keys that never change the parts of the simulation."""
+_FROM, _AT = ("initial", "from"), ("initial", "at_s")
+_UNDER_WAY: ContextVar[tuple[Path, ...]] = ContextVar("scenarios that are being prepared", default=())
+
+
+@dataclass(eq=False)
+class Origin:
+    """The instant of another run at which a run begins.
+
+    Attributes:
+        folder: Folder of the other run.
+        before: The other run.
+        at_s: The instant, s: the run begins at the first control tick or event at or after it.
+        new_laws: Phases or task change there: the control law of the phase under way begins anew.
+    """
+
+    folder: Path
+    before: PreparedRun
+    at_s: float
+    new_laws: bool = False
+    _start: list[Start] = field(default_factory=list)
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """What the run keeps of the other one, contents by name in run folder and log."""
+        kept = {SCENARIO: self.before.scenario_yaml.encode(), **self.before.logged_files}
+        return {f"{BEFORE}/{name}": content for name, content in kept.items()}
+
+    def start(self) -> Start:
+        """State at which the run begins; the other run is made again at the first call.
+
+        Raises:
+            InputError: It does not reach the instant, or does not arrive at its logged state.
+            KeyboardInterrupt: It was interrupted.
+        """
+        if not self._start:
+            self._start.append(self._made_again())
+        return self._start[0]
+
+    @one_blas_thread()
+    @stopped_clock()
+    @np.errstate(all="ignore")
+    def _made_again(self) -> Start:
+        assembly = self.before.assemble()
+        recording = Recording(assembly, columns=())
+        simulation = recording.simulation
+        # A tick or event this close before the instant, in control periods, is at it.
+        until_s = self.at_s - 1e-9 * self.before.scenario.control_period_s
+        with noted() as simulation.interrupted, collected_warnings(simulation.warnings), recording:
+            simulation.begin()
+            simulation.remember(changes=True)
+            begin_later(simulation, assembly)
+            while simulation.ended is None and simulation.progress.time_s < until_s:
+                simulation.advance(to_event=True)
+            changes = simulation.save(changes=True)
+        if simulation.interrupted():
+            raise KeyboardInterrupt
+        if simulation.ended is not None:
+            end_s, why = simulation.progress.time_s, simulation.ended.outcome.value
+            raise InputError(f"{self.folder}: the run ends at {end_s:.6g} s ({why}), before {self.at_s:g} s")
+        if holds_log(self.folder):
+            self._compare(simulation)
+        return Start(simulation.progress.time_s, changes, self.new_laws)
+
+    def _compare(self, simulation: Simulation) -> None:
+        """Compare the state with the logged one; between two ticks, at an event, there is none.
+
+        Raises:
+            InputError: They differ.
+        """
+        logged, now = load_run(self.folder), simulation.progress.time_s
+        row = int(np.searchsorted(logged.time, now - 1e-9))
+        if row == len(logged.time) or simulation.progress.due is not None:
+            return
+        data = simulation.observation().free
+        state, told = np.concatenate((data.qpos, data.qvel)), np.concatenate((logged.qpos[row], logged.qvel[row]))
+        apart = np.abs(state - told) / np.maximum(1.0, np.abs(told))
+        if not apart.max() <= TOLERANCE:
+            raise InputError(
+                f"{self.folder}: the run cannot be made again: at {now:.6g} s its state differs from the logged one by"
+                f" {apart.max():.3g}; it was made by another version, or its files have changed"
+            )
+
+
+def begin_later(simulation: Simulation, assembly: Assembly) -> None:
+    """Let a simulation that has begun, and remembers, go on from the state at which its run begins."""
+    if assembly.origin is not None:
+        start = assembly.origin.start()
+        simulation.restore(start.changes, new_laws=start.new_laws)
+
+
+def origin_of(config: Scenario, source: YamlSource, prepare: Callable[[Path], PreparedRun]) -> Origin | None:
+    """The instant of another run at which a scenario begins; None if it begins at t = 0.
+
+    Args:
+        config: The scenario.
+        source: Where its keys stand.
+        prepare: Prepares the scenario of the other run.
+
+    Raises:
+        InputError: There is no such run, it does not last until then, or it begins at an instant of itself.
+    """
+    initial = config.initial
+    if initial.from_ is None or initial.at_s is None:
+        return None
+    folder = Path(os.path.normpath(source.folder(_FROM) / initial.from_))
+    with _located(source):
+        file = folder / SCENARIO
+        if not os.path.lexists(folder):
+            raise ScenarioFaults([Fault(f"no such run {folder}{similar_file(folder)}", _FROM)])
+        if not file.is_file():
+            raise ScenarioFaults([Fault(f"{folder} is no run folder that can go on: it has no {SCENARIO}", _FROM)])
+        if file.resolve() in _UNDER_WAY.get():
+            raise ScenarioFaults([Fault(f"{folder} begins at an instant of itself", _FROM)])
+        token = _UNDER_WAY.set((*_UNDER_WAY.get(), file.resolve()))
+        try:
+            before = prepare(file)
+        finally:
+            _UNDER_WAY.reset(token)
+        begins_s = before.scenario.initial.at_s or 0.0
+        if not begins_s < initial.at_s < before.scenario.duration_s:
+            lasts = f"which lasts from {begins_s:g} to {before.scenario.duration_s:g} s"
+            raise ScenarioFaults([Fault(f"{initial.at_s:g} s is not an instant of {folder}, {lasts}", _AT)])
+        if not initial.at_s < config.duration_s:
+            raise ScenarioFaults([Fault(f"{initial.at_s:g} s is not before the end, {config.duration_s:g} s", _AT)])
+    return Origin(folder, before, initial.at_s)
+
+
+def with_initial_state(config: Scenario, origin: Origin, source: YamlSource) -> Scenario:
+    """The scenario with the state at t = 0 of the run that it goes on from.
+
+    Raises:
+        InputError: It states another one.
+    """
+    told, given = origin.before.scenario.initial, config.initial
+    with _located(source):
+        for key in ("joints", "rates"):
+            if getattr(given, key) not in ({}, getattr(told, key)):
+                raise ScenarioFaults([Fault(_cannot_change(origin), ("initial", key))])
+    state = told.model_copy(update={"from_": given.from_, "at_s": given.at_s})
+    return config.model_copy(update={"initial": state})
+
+
+def refuse_changes(origin: Origin, after: PreparedRun) -> None:
+    """Refuse what cannot change in the midst of a motion, and note whether the control laws do.
+
+    Raises:
+        InputError: One line per fault.
+    """
+    before = origin.before
+    old, new = plain_value(before.scenario_yaml), plain_value(after.scenario_yaml)
+    changed = (path for key in _KEPT for path in _differences(old.get(key), new.get(key), (key,)))
+    faults = [Fault(_cannot_change(origin), path) for path in changed]
+    old_files, new_files = before.system.logged_files, after.system.logged_files
+    if not faults and old_files != new_files:
+        names = sorted(name for name in old_files.keys() | new_files.keys() if old_files.get(name) != new_files.get(name))
+        faults.append(Fault(f"the models are not those of {origin.folder}: {', '.join(names[:3])} differ", _FROM))
+    with _located(after.source):
+        if faults:
+            raise ScenarioFaults(faults)
+        _refuse_other_parts(before, after, [key for key in new if key not in _OF_FILE and old.get(key) != new[key]])
+    same_laws = all(old.get(key) == new.get(key) for key in _LAWS)
+    origin.new_laws = not same_laws or before.recorded.contents != after.recorded.contents
+
+
+def _cannot_change(origin: Origin) -> str:
+    return f"cannot change where a run goes on, but is not that of {origin.folder}"
+
+
+def _differences(old: Any, new: Any, path: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:
+    """Keys with different values, innermost ones."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in dict.fromkeys([*old, *new]):
+            yield from _differences(old.get(key), new.get(key), (*path, key))
+    elif old != new:
+        yield path
+
+
+def _refuse_other_parts(before: PreparedRun, after: PreparedRun, changed: Sequence[str]) -> None:
+    """Refuse changed settings that give the simulation other parts: their memory is not in the state.
+
+    Raises:
+        ScenarioFaults: There are such settings.
+    """
+    pairs = zip_longest(_structure(before), _structure(after), fillvalue="nothing")
+    found = next(((old, new) for old, new in pairs if old != new), None)
+    if found is not None:
+        message = "where a run goes on, values may change, but not the parts of the simulation:"
+        path = (changed[0],) if len(changed) == 1 else _FROM
+        of = f"; these keys differ: {', '.join(changed)}" if len(changed) > 1 else ""
+        raise ScenarioFaults([Fault(f"{message} there is {found[1]} where there was {found[0]}{of}", path)])
+
+
+def _structure(made: PreparedRun) -> tuple[str, ...]:
+    simulation = Recording(made.assemble(), columns=()).simulation
+    simulation.begin()
+    simulation.remember()
+    return simulation.structure
+
+
+@contextmanager
+def _located(source: YamlSource) -> Iterator[None]:
+    try:
+        yield
+    except ScenarioFaults as faults:
+        raise located(faults, source) from faults
