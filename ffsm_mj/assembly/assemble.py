@@ -157,7 +157,7 @@ def assemble(
         contexts = _contexts(scenario, controller_system or system, plant, held)
         grasped = {name: each for name, each in contexts.items() if name}
         phases = build_phases(scenario, contexts[""], laws, grasped, recorded)
-        controller_model = ControllerModel(controller_system.mj, data) if controller_system is not None else None
+        controller_model = ControllerModel(controller_system.mj, data, system.mj) if controller_system is not None else None
         controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, estimators)
         controller_data = data if controller_model is None else controller_model.data
         refuse_start(phases[0], scenario.phases[0], controller_data)
@@ -187,6 +187,9 @@ def _phase_machine(
     if controller_model is None:
         return PhaseMachine(phases)
     grasped = _grasped_models(plant.integrator.contact_models, held)
+    if scenario.estimator.kind != "truth" and scenario.has_rigid_laws:
+        text = "an estimator estimates the joints of the plant: write 'controller_joints: flexible', or leave joint_flex out"
+        raise ScenarioFaults([Fault(text, ("robot", "joint_flex"))])
     if scenario.estimator.kind == "truth":
         return ControllerModelPhaseMachine(phases, controller_model, grasped)
     estimator = make_estimator(scenario.estimator, context, estimators)
@@ -237,7 +240,7 @@ def _contexts(
 def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """Controller models while an object is grasped, by the name of the grasp."""
     return {
-        name: ControllerModel(each.controller_system.mj, contact_model.data_of(name), each.system.mj)
+        name: ControllerModel(each.controller_system.mj, contact_model.data_of(name), each.system.mj, grasped=True)
         for contact_model in contact_models
         if isinstance(contact_model, GraspModel)
         for name, each in held.items()

@@ -6,11 +6,32 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
+import numpy as np
 from ffsm_controllers.phases import Phase, PhaseMachine
 
+from ffsm_mj.arrays import IntArray
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.model.grasp import WRITTEN
+
+
+class SharedJoints:
+    """Where the joints of a model are in another one that has them all, by name.
+
+    Attributes:
+        ids: Ids of the joints in the other model, (njnt,).
+        qpos: Indices of the coordinates in it, (nq,).
+        dofs: Indices of the degrees of freedom in it, (nv,).
+        all: Whether it has no other joints.
+    """
+
+    def __init__(self, other: Any, model: Any) -> None:
+        """Find the joints of ``model`` in ``other``."""
+        self.ids: IntArray = np.array([other.joint(model.joint(j).name).id for j in range(model.njnt)], dtype=np.intp)
+        joints = [(other.joint(int(j)), model.joint(k)) for k, j in enumerate(self.ids)]
+        self.qpos: IntArray = np.concatenate([there.qposadr[0] + np.arange(len(own.qpos0)) for there, own in joints])
+        self.dofs: IntArray = np.concatenate([there.dofadr[0] + np.arange(len(own.damping)) for there, own in joints])
+        self.all = bool(other.njnt == model.njnt)
 
 
 class ControllerModel:
@@ -21,27 +42,36 @@ class ControllerModel:
         data: MuJoCo data of that model; always the same object.
     """
 
-    def __init__(self, model: Any, truth: Any, grasped: Any = None) -> None:
+    def __init__(self, model: Any, truth: Any, plant: Any, *, grasped: bool = False) -> None:
         """Bind to the model, and copy the state of the plant.
 
         Args:
-            model: The controller model, with the degrees of freedom and the actuators of the plant.
+            model: The controller model, with the actuators of the plant and its joints, or some of them.
             truth: The plant's data.
-            grasped: Model of the plant with a grasped object, if there is one.
+            plant: The plant's model.
+            grasped: Whether the plant's model is one with a grasped object.
         """
-        self.model, self.data, self._truth = model, mujoco.MjData(model), grasped
+        self.model, self.data = model, mujoco.MjData(model)
+        self._truth, self._joints = plant if grasped else None, SharedJoints(plant, model)
         self.follow(truth)
 
     def follow(self, truth: Any) -> None:
         """Copy time, coordinates, rates and forces from the plant's data; derived quantities are those of this model."""
-        mujoco.mj_copyState(self.model, truth, self.data, WHOLE_STATE)
+        data, joints = self.data, self._joints
+        if joints.all:
+            mujoco.mj_copyState(self.model, truth, data, WHOLE_STATE)
+        else:
+            data.time, data.ctrl[:] = truth.time, truth.ctrl
+            data.qpos[:], data.qvel[:] = truth.qpos[joints.qpos], truth.qvel[joints.dofs]
+            data.qfrc_applied[:], data.xfrc_applied[:] = truth.qfrc_applied[joints.dofs], truth.xfrc_applied
         self.update()
 
     def update(self) -> None:
         """Update derived quantities for the state in ``data``."""
         if self._truth is not None:  # the pose of a grasped object is written as the grasp closes
             for field in WRITTEN:
-                getattr(self.model, field)[:] = getattr(self._truth, field)
+                values = getattr(self._truth, field)
+                getattr(self.model, field)[:] = values[self._joints.ids] if field.startswith("jnt_") else values
         mujoco.mj_forward(self.model, self.data)
 
 

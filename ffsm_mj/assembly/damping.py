@@ -9,11 +9,11 @@ import numpy as np
 from ffsm_controllers.parts import Parts
 
 from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.controller_model import SharedJoints
 from ffsm_mj.assembly.spring_modes import rounded_down
 from ffsm_mj.controller_protocol import Controller, Damps, FloatArray, IntArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import described
-from ffsm_mj.model.system import System
 
 # An effort -K qdot held for a period dt maps qdot to (1 - dt M_c^-1 K) qdot; position gains do not change this limit.
 _LIMIT = 2.0
@@ -37,9 +37,7 @@ def unstable_damping(assembly: Assembly) -> Iterator[str]:
     for phase in assembly.controller.phases:
         try:
             damping = _damping(phase.controller, assembly.controller_data)
-            message = (
-                _instability(assembly.system, assembly.data, assembly.scenario.control_period_s, damping) if damping else ""
-            )
+            message = _instability(assembly, damping) if damping else ""
         except Exception as error:  # noqa: BLE001 (a plugin's code: whatever it raises is no reason to refuse the scenario)
             message = f"its damping cannot be computed ({described(error)})"
         if message:
@@ -63,9 +61,12 @@ def _damping(law: Controller, data: Any) -> _Damping | None:
     return _Damping(keys, dofs, gains, matrix)
 
 
-def _instability(system: System, data: Any, period: float, damping: _Damping) -> str:
+def _instability(assembly: Assembly, damping: _Damping) -> str:
     """Message for an unstable damping; empty if it is stable."""
+    system, data, period = assembly.system, assembly.data, assembly.scenario.control_period_s
     dofs = damping.dofs
+    if assembly.controller_system is not None:  # a law may not know all joints of the plant
+        dofs = SharedJoints(system.mj, assembly.controller_system.mj).dofs[dofs]
     # This part of M^-1 is the inverse of M_c, the mass matrix of these dofs with all others floating.
     mobility = np.linalg.solve(mass_matrix(system.mj, data), np.eye(system.mj.nv)[:, dofs])[dofs]
     values, vectors = np.linalg.eig(period * mobility @ damping.matrix)

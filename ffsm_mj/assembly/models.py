@@ -80,6 +80,8 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
         for name, each in files.items()
     }
     robot = changed.pop("robot")
+    if scenario.has_rigid_laws and keys == _CONTROLLER_MODEL:
+        robot = replace(robot, flex={})
     added = (config.added(name) for name, config in scenario.sensors.items())
     return compile_system(
         robot,
@@ -121,7 +123,7 @@ def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[s
         for name, given in paths.items()
     }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
-    return files | {"robot": replace(files["robot"], sites=sites)}
+    return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}
 
 
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:

@@ -14,6 +14,7 @@ from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
 from ffsm_mj.model.added_sensors import ADDED_KINDS, AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
+from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
@@ -32,6 +33,7 @@ class LoggedScenario:
         objects: Name of the model file of each object, by object.
         strip: Elements that are removed from the models, by ``robot`` or object.
         sites: Sites that are added to the robot.
+        flex: Flexible drives of the robot, by joint.
         sensors: Sensors that are added to the scene.
         overrides: Changed properties of bodies and geoms, by ``robot`` or object; only models with changes.
         poses: Poses of the fixed objects, by object.
@@ -45,6 +47,7 @@ class LoggedScenario:
     objects: Mapping[str, str]
     strip: Mapping[str, tuple[str, ...]]
     sites: tuple[AddedSite, ...]
+    flex: Mapping[str, JointFlex]
     sensors: tuple[AddedSensor, ...]
     overrides: Mapping[str, Overrides]
     poses: Mapping[str, Pose]
@@ -91,6 +94,7 @@ def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
                 for name, part in parts.items()
             },
             sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
+            flex={_text(name): _flex(part) for name, part in (data["robot"].get("joint_flex") or {}).items()},
             sensors=tuple(
                 _sensor(_text(name), part)
                 for name, part in (data.get("sensors") or {}).items()
@@ -120,6 +124,13 @@ def _site(name: str, data: Any) -> AddedSite:
     if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
         raise ValueError(f"sites: {place!r} is not a position")
     return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
+
+
+def _flex(value: Any) -> JointFlex:
+    try:
+        return JointFlex.model_validate(value)
+    except ValidationError as error:
+        raise ValueError(f"joint_flex: {error.errors()[0]['msg']}") from error
 
 
 def _sensor(name: str, data: Any) -> AddedSensor:
@@ -180,7 +191,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
 
     try:
         return compile_system(
-            replace(model_of("robot", scenario.robot), sites=scenario.sites),
+            replace(model_of("robot", scenario.robot), sites=scenario.sites, flex=scenario.flex),
             {name: model_of(name, main) for name, main in scenario.objects.items()},
             time_step_s=scenario.time_step_s,
             conservative=scenario.conservative,

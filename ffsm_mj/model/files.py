@@ -10,11 +10,12 @@ import os
 import posixpath
 import stat
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.collection import Shelf, collect
+from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.packages import SCHEME, find_in_package
 from ffsm_mj.model.properties import Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
@@ -33,6 +34,7 @@ class ModelFiles:
         label: Prefix of file names in messages: the folder with a slash, or the log.
         strip: Elements to remove before compilation; see :mod:`ffsm_mj.model.strip`.
         sites: Sites to add before compilation; see :mod:`ffsm_mj.model.sites`.
+        flex: Flexible drives by joint; see :mod:`ffsm_mj.model.flex`.
         overrides: Layers of changed properties of bodies and geoms, the last on top; see :mod:`ffsm_mj.model.overrides`.
         pose: Pose at which it is fixed to the world; None: it floats.
     """
@@ -42,6 +44,7 @@ class ModelFiles:
     label: str = ""
     strip: tuple[str, ...] = ()
     sites: tuple[AddedSite, ...] = ()
+    flex: Mapping[str, JointFlex] = field(default_factory=dict)
     overrides: tuple[Overrides, ...] = ()
     pose: Pose | None = None
 

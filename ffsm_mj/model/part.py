@@ -8,6 +8,7 @@ from typing import Any
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.flex import add_flex
 from ffsm_mj.model.joint_limits import empty_ranges
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sensors import Sensors, sensors_of_model
@@ -38,7 +39,7 @@ class Part:
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
-    """Prepare one model: remove elements, change properties and add sites, in this order.
+    """Prepare one model: remove elements, change properties, add sites and flexible drives, in this order.
 
     Args:
         name: Name of the model in the scene.
@@ -47,7 +48,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
 
     Raises:
         InputError: MuJoCo refuses the model, a joint has an empty range, or a sensor cannot be measured.
-        ScenarioFaults: A site or a property is impossible.
+        ScenarioFaults: A site, a flexible drive or a property is impossible.
     """
     spec, timing = load_with_timing(files, vfs)
     notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
@@ -60,6 +61,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
+    add_flex(spec, files.flex)
     sensors = sensors_of_model(spec, name, files, timing.sensors)
     left = {actuator.name for actuator in spec.actuators}
     delays_s = {f"{name}/{each}": delay for each, delay in timing.actuator_delays_s.items() if each in left}

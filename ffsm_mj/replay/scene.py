@@ -22,6 +22,7 @@ from ffsm_mj.simulation.plant import Plant
 _NO_CONTROL = {
     "phases": [{"name": "any", "until": "end", "controller": {"kind": "off"}}],
     "controller_model": {},
+    "controller_joints": "flexible",
     "estimator": {"kind": "truth"},
 }
 """Control laws and estimators need not be installed where a log is analysed."""

@@ -8,6 +8,7 @@ from pydantic import (
 )
 
 from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.properties import Pose
 from ffsm_mj.model.strip import LimitsMode, Strippable
 
@@ -34,6 +35,8 @@ class RobotConfig(StrictModel):
     """Elements to remove from the model, which would break conservation; the file itself is not changed."""
     sites: dict[Name, SiteConfig] = {}
     """Sites to add to the model by name; the file itself is not changed."""
+    joint_flex: dict[Name, JointFlex] = {}
+    """Joints of the model with a flexible drive, by their names in the file; the file itself is not changed."""
     limits: LimitsMode = "stop"
     """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
 

@@ -107,6 +107,9 @@ class Scenario(StrictModel):
     """Properties of bodies and their geoms, by ``robot`` or the object's name, then by body; files are not changed."""
     controller_model: Trees = {}
     """Further changes, on top of ``model``, in the models that the control laws use; default: the true models."""
+    controller_joints: Literal["rigid", "flexible"] = "rigid"
+    """Joints of the models of control laws where ``robot.joint_flex`` makes some flexible: ``rigid`` as in the file, at the
+    coordinates of the motors, or ``flexible`` as in the plant."""
     initial: InitialConfig = InitialConfig()
     actuation: ActuationConfig = ActuationConfig()
     """Delays of commands and of control ticks."""
@@ -139,7 +142,12 @@ class Scenario(StrictModel):
     @property
     def has_controller_model(self) -> bool:
         """Whether control laws compute with models of their own: other ones, or with an estimated state."""
-        return any(self.controller_model.values()) or self.estimator.kind != "truth"
+        return any(self.controller_model.values()) or self.estimator.kind != "truth" or self.has_rigid_laws
+
+    @property
+    def has_rigid_laws(self) -> bool:
+        """Whether control laws assume rigid joints where those of the plant are flexible."""
+        return bool(self.robot.joint_flex) and self.controller_joints == "rigid"
 
     @property
     def steps_per_tick(self) -> int:
