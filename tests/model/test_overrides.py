@@ -88,7 +88,10 @@ def test_explicit_inertials_change_nothing(kind):
 def test_explicit_inertials_change_nothing_in_what_is_shipped(scenario):
     prepared = ffsm_mj.prepare(scenario)
     bodies = [name.split("/") for name in prepared.system.names("body") if not name.endswith("/world")]
-    same = ffsm_mj.prepare(scenario, {f"model.{tree}.{body}": {} for tree, body in bodies})
+    given = prepared.scenario.model
+    same = ffsm_mj.prepare(
+        scenario, {f"model.{tree}.{body}": {} for tree, body in bodies if body not in given.get(tree, {})}
+    )
     assert len(same.scenario.model) > 0
     assert_same(prepared.system.mj, same.system.mj)
 
