@@ -32,7 +32,8 @@ class SensorGroup:
     def __init__(self, sensors: Sequence[Sensor], seed: int) -> None:
         """Before the first sample; ``seed`` is that of the run."""
         self.sensors, self.layout = tuple(sensors), SampleLayout(sensors)
-        self._errors = GroupErrors(sensors, seed, self.layout.parts)
+        self._errors = GroupErrors(sensors, seed, self.layout)
+        self._given = np.zeros(self.layout.size)
         self._first_s, self._interval_s = sensors[0].first_s, sensors[0].interval_s
         self.begin()
 
@@ -57,12 +58,12 @@ class SensorGroup:
         self.shown: FloatArray | None = None
         self.arrival_s = math.inf
         self._under_way: list[tuple[float, int, FloatArray]] = []
-        count = len(self.layout.summed)
-        self._impulses, self._last = np.zeros(count), np.full(count, np.nan)
+        self._last = np.full(len(self.layout.summed), np.nan)
+        self._impulses: FloatArray | None = None
 
     def add_impulses(self, impulses: FloatArray) -> None:
         """Add impulses through force sensors and angular impulses through torque sensors, in their order, (3 n,)."""
-        self._impulses = self._impulses + impulses
+        self._impulses = (0.0 if self._impulses is None else self._impulses) + impulses
 
     def take(self, true: FloatArray, hidden: Collection[int] = ()) -> None:
         """Take the next sample.
@@ -72,20 +73,21 @@ class SensorGroup:
             hidden: Sensors, by their place in the group, whose target is not in view.
         """
         layout, number, time_s = self.layout, self.number, self.next_s
-        sample = np.empty(layout.size)
-        sample[layout.values] = self._errors.measured(true, number)
-        sample[layout.true] = true
-        sample[layout.times] = time_s
-        sample[layout.valid] = 1.0
+        given = self._given
+        given[layout.values] = given[layout.true] = true
+        if layout.cells:
+            forces = true[layout.summed]
+            given[layout.means] = 0.5 * (self._last + forces)
+            self._last = forces
+        sample = self._errors.sample(given, number)
         if math.isnan(true.dot(true)):
             sample[layout.valid] = [not np.isnan(true[part]).any() for part in layout.parts]
         for k in hidden:
             sample[layout.valid.start + k] = 0.0
-        if len(layout.summed):
-            forces = true[layout.summed]
+        if self._impulses is not None:
             sample[layout.impulses] = self._impulses
-            sample[layout.means] = 0.5 * (self._last + forces) + self._impulses / self._interval_s
-            self._impulses, self._last = np.zeros(len(forces)), forces
+            sample[layout.means] = given[layout.means] + self._impulses / self._interval_s
+            self._impulses = None
         sample.setflags(write=False)  # control laws see parts of it
         if (after_s := self._errors.arrival_s(number)) < math.inf:
             heappush(self._under_way, (time_s + after_s, number, sample))

@@ -28,13 +28,11 @@ class _Evaluation(NamedTuple):
 
     Attributes:
         stages: Functions of MuJoCo that evaluate them, in order.
-        accelerations: Whether accelerations of bodies and forces between them are needed.
         forces: Whether forces of contact models are needed there.
         touch: Values of touch sensors and their sites.
     """
 
     stages: tuple[Callable[[Any, Any], None], ...]
-    accelerations: bool
     forces: bool
     touch: tuple[tuple[slice, int], ...]
 
@@ -58,6 +56,7 @@ class SensorReader:
             bodies_of: Bodies of the two geoms of each pair by its name, ids in the logged system.
         """
         self._model, self._data, self._motion, self._bodies_of = motion.model, motion.data, motion, bodies_of
+        self._values = motion.data.sensordata
         self._groups = tuple(tuple(group) for group in groups)
         self.parts: list[slice] = []
         self._own: dict[str, slice] = {}
@@ -105,7 +104,7 @@ class SensorReader:
             self._evaluate(found, wrenches() if found.forces else ())
         finally:
             options.disableflags |= _DISABLED
-        values: FloatArray = self._data.sensordata[self._order]
+        values: FloatArray = self._values[self._order]
         if self._missing is not None:
             whole = self._missing.copy()
             whole[self._there] = values
@@ -128,7 +127,6 @@ class SensorReader:
         ]
         return _Evaluation(
             tuple(evaluate for stage, evaluate in _STAGES.items() if stage in needed),
-            int(mujoco.mjtStage.mjSTAGE_ACC) in needed,
             any(sensor.sums for sensor, _ in there),
             tuple(touch),
         )
@@ -140,8 +138,9 @@ class SensorReader:
         try:
             if external is not None:
                 apply_wrenches(self._motion, data, wrenches)
-            if found.accelerations:
-                mujoco.mj_rnePostConstraint(model, data)
+            data.flg_rnepost = (
+                False  # MuJoCo then evaluates accelerations and forces between bodies where a sensor needs them
+            )
             for evaluate in found.stages:
                 evaluate(model, data)
         finally:

@@ -120,11 +120,13 @@ class SensorSampler:
     def elapse(self, duration_s: float) -> None:
         """Take the samples of a finished (sub-)step, whose end is the state in ``data``."""
         # Ends of steps are multiples of the step, as in the loop: sums of sub-steps differ from them by rounding.
-        end_s = self._clock_s + duration_s
-        grid_s = round(end_s / self._time_step_s) * self._time_step_s
-        self._clock_s = grid_s if abs(end_s - grid_s) < SAME_TIME_S * self._time_step_s else end_s
-        while self._next_s <= self._clock_s + SAME_TIME_S:
-            before_s = self._clock_s - self._next_s
+        end_s, step_s = self._clock_s + duration_s, self._time_step_s
+        grid_s = round(end_s / step_s) * step_s
+        if abs(end_s - grid_s) < SAME_TIME_S * step_s:
+            end_s = grid_s
+        self._clock_s = end_s
+        while self._next_s <= end_s + SAME_TIME_S:
+            before_s = end_s - self._next_s
             if before_s <= SAME_TIME_S:
                 self._take()
             else:

@@ -14,6 +14,7 @@ from ffsm_mj.model.sensors import ModelSensor
 from ffsm_mj.sensing.group import SensorGroup
 from ffsm_mj.sensing.group_errors import GroupErrors
 from ffsm_mj.sensing.noise import NoiseStream, RandomWalk
+from ffsm_mj.sensing.sample_layout import SampleLayout
 from ffsm_mj.sensing.sensor import Sensor, sensors_of
 from ffsm_mj.sensing.sensor_config import SensorConfig
 from ffsm_mj.sensing.sensor_errors import SensorErrors
@@ -198,9 +199,16 @@ def test_a_group_measures_what_each_sensor_measures(tmp_path):
         {"range": [-0.5, 0.5], "noise_density": 0.01},
     ]
     made = [sensor(tmp_path, **config) for config in configs]
-    together = GroupErrors(made, 4, [slice(3 * i, 3 * i + 3) for i in range(len(made))])
+    layout = SampleLayout(made)
+    together = GroupErrors(made, 4, layout)
     for number in (0, 1, 255, 256, 300, 3):
         true = np.sin(np.arange(3.0 * len(made)) + number)
         parts = zip(made, np.split(true, len(made)), strict=True)
         alone = [SensorErrors(each, 4).measured(part, number) for each, part in parts]
-        assert np.array_equal(together.measured(true, number), np.concatenate(alone))
+        given = np.zeros(layout.size)
+        given[layout.values] = given[layout.true] = true
+        sample = together.sample(given, number)
+        assert np.array_equal(sample[layout.values], np.concatenate(alone))
+        assert np.array_equal(sample[layout.true], true)
+        assert (sample[layout.times] == number * made[0].interval_s).all()
+        assert (sample[layout.valid] == 1.0).all()
