@@ -36,11 +36,14 @@ from ffsm_mj.dynamics.site_motion import SiteMotion
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints, drives_rotation
+from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.shared_joints import SharedJoints, shared_joints
 from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import Command, GivenCommand
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
+from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.records.recorded_table import RecordedTable, TableError
 from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.sensing.measurement import Measurement
@@ -66,6 +69,7 @@ __all__ = [
     "Finishes",
     "FloatArray",
     "GivenCommand",
+    "Grasp",
     "ImpactRecord",
     "IntArray",
     "Joint",
@@ -78,6 +82,7 @@ __all__ = [
     "ReducedModel",
     "ScenarioFaults",
     "Sensor",
+    "SharedJoints",
     "Signal",
     "SiteMotion",
     "StrictModel",
@@ -95,11 +100,13 @@ __all__ = [
     "external_actuators",
     "free_components",
     "identifier",
+    "kind_named",
     "kinetic_energy",
     "mass_matrix",
     "momentum_matrix",
     "predict",
     "reduced_model",
+    "shared_joints",
     "site_actuators",
     "site_wrench",
     "skew",
@@ -153,6 +160,7 @@ class ControllerContext:
         limits: Limits of the actuators; None: all are ideal.
         sensors: Sensors of the robot and its objects by full name, with their timing and errors.
         recorded: Tables of the files that the configuration of the law names, by their keys in it (``FileName``).
+        grasped: Of an estimator: the systems with a grasped object by the name of the grasp, as control laws know them.
     """
 
     system: System
@@ -162,6 +170,7 @@ class ControllerContext:
     limits: EffortLimits | None = None
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     recorded: Mapping[str, RecordedTable] = field(default_factory=dict)
+    grasped: Mapping[str, System] = field(default_factory=dict)
 
 
 class Observation(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -192,9 +192,9 @@ def _phase_machine(
         raise ScenarioFaults([Fault(text, ("robot", "joint_flex"))])
     if scenario.estimator.kind == "truth":
         return ControllerModelPhaseMachine(phases, controller_model, grasped)
-    estimator = make_estimator(scenario.estimator, context, estimators)
-    systems = {name: each.controller_system for name, each in held.items()}
-    models = {name: (system, grasped[name]) for name, system in systems.items() if system is not None}
+    systems = {name: each.controller_system for name, each in held.items() if each.controller_system is not None}
+    estimator = make_estimator(scenario.estimator, replace(context, grasped=systems), estimators)
+    models = {name: (system, grasped[name]) for name, system in systems.items()}
     return EstimatePhaseMachine(phases, estimator, scenario.estimator.kind, context.system, controller_model, models)
 
 

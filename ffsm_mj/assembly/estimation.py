@@ -11,13 +11,14 @@ import numpy as np
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.phases import Phase, PhaseMachine
 
-from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.column_faults import signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, Observation
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
 from ffsm_mj.errors import Fault, ScenarioFaults, described, raised_at
+from ffsm_mj.model.shared_joints import shared_joints
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord
@@ -111,9 +112,7 @@ class _GraspedEstimate:
 
     def __init__(self, system: System, grasped: System, model: ControllerModel) -> None:
         self._model = model
-        own = [(joint, system.joints[name]) for name, joint in grasped.joints.items() if name in system.joints]
-        self._qpos = _places(own, "qpos")
-        self._dofs = _places(own, "dofs")
+        self._qpos, self._dofs = shared_joints(system, grasped)
         assert grasped.grasp is not None
         self._latch = LatchJoints(system, grasped, grasped.grasp)
         tree = next(tree for tree in system.trees if tree.name == grasped.grasp.tree)
@@ -123,7 +122,7 @@ class _GraspedEstimate:
     def show(self, free: ControllerModel) -> Any:
         """Data of the grasped model at the estimate; the object's own joint in the free estimate follows the hand."""
         data, scene = self._model.data, free.data
-        (theirs, ours), (their_rates, our_rates) = self._qpos, self._dofs
+        (ours, theirs), (our_rates, their_rates) = self._qpos, self._dofs
         data.qpos[theirs], data.qvel[their_rates] = scene.qpos[ours], scene.qvel[our_rates]
         self._latch.write_coordinates(scene, data.qpos)
         data.qvel[self._latch.dofs] = self._latch.rate_rows(scene) @ scene.qvel
@@ -137,15 +136,6 @@ class _GraspedEstimate:
             scene.qvel[self._joint.dofs] = np.concatenate((self._scratch[3:], turning))
             free.update()
         return data
-
-
-def _places(joints: Sequence[tuple[Any, Any]], what: str) -> tuple[IntArray, IntArray]:
-    """Places of joints in two models: in the first and in the second of each pair."""
-    found = []
-    for side in (0, 1):
-        ranges = [getattr(pair[side], what) for pair in joints]
-        found.append(np.concatenate([np.arange(part.start, part.stop) for part in ranges]))
-    return found[0], found[1]
 
 
 class EstimateColumns:

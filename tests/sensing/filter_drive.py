@@ -97,15 +97,23 @@ class Truth:
         self._sample(0.0)
 
     def advance(self, time_s: float) -> None:
-        """Move on by a period, then add what white noise of the accelerations does to rates and coordinates."""
-        predict(self.model, self.data, PERIOD_S)
-        walk = np.zeros(self.model.nv)
-        for joint in self.joints:
-            of_rate, of_integral = self.random.standard_normal((2, 6))
-            self.data.qvel[joint.dofs] += self._push * PERIOD_S**0.5 * of_rate
-            walk[joint.dofs] = self._push * PERIOD_S**1.5 * (of_rate / 2.0 + of_integral / 12.0**0.5)
-        mujoco.mj_integratePos(self.model, self.data.qpos, walk, 1.0)
+        """Move on by a period, and take the samples at its end."""
+        self.move(PERIOD_S)
         self._sample(time_s)
+
+    def move(self, duration_s: float) -> None:
+        """Move on, with the pushes."""
+        predict(self.model, self.data, duration_s)
+        self.push(self.model, self.data, self.joints, duration_s)
+
+    def push(self, model: Any, data: Any, joints: Sequence[Any], duration_s: float) -> None:
+        """Add what white noise of the accelerations of floating bodies does in a time."""
+        walk = np.zeros(model.nv)
+        for joint in joints:
+            of_rate, of_integral = self.random.standard_normal((2, 6))
+            data.qvel[joint.dofs] += self._push * duration_s**0.5 * of_rate
+            walk[joint.dofs] = self._push * duration_s**1.5 * (of_rate / 2.0 + of_integral / 12.0**0.5)
+        mujoco.mj_integratePos(model, data.qpos, walk, 1.0)
 
     def _sample(self, time_s: float) -> None:
         self.model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_SENSOR)
@@ -154,7 +162,7 @@ class Drive:
     def __init__(self, system: System, sensors: dict[str, Sensor], made: Mekf, seed: int, **options: Any) -> None:
         """Begin with an initial error: by default drawn with the standard deviations of ``INITIAL``."""
         self.system, self.made = system, made
-        self.truth = Truth(system, sensors, seed, options.get("process", PROCESS))
+        self.truth = options.get("truth") or Truth(system, sensors, seed, options.get("process", PROCESS))
         deviations = np.tile(np.repeat(list(INITIAL.values()), 3), len(system.trees))
         error = options.get("error", deviations * self.truth.random.standard_normal(len(deviations)))
         self.estimate = moved(system, self.truth.data, -np.asarray(error))

@@ -159,7 +159,7 @@ def test_the_covariance_moves_as_the_differences_of_predictions(moving_arm):
     system, data = moving_arm
     config = MekfConfig(kind="mekf", process=STILL)
     belief = believed(system, data, np.zeros((24, 24)))
-    propagation = Propagation(system.mj, belief.layout, config, {})
+    propagation = Propagation(system.mj, belief.layout, config, {}, {})
     found = np.empty((24, 24))
     for i in range(24):
         error = DIFFERENCE * np.eye(24)[i]
@@ -180,7 +180,7 @@ def test_process_noise_is_a_random_walk_and_its_integral(moving_arm):
     robot, _ = moving_arm
     belief = believed(robot, mujoco.MjData(robot.mj))
     config = MekfConfig(kind="mekf", process={"acceleration_density": 0.1, "angular_acceleration_density": 0.2})
-    propagation = Propagation(robot.mj, belief.layout, config, {})
+    propagation = Propagation(robot.mj, belief.layout, config, {}, {})
     for _ in range(40):
         propagation.advance(belief, 0.05, np.zeros(robot.mj.nu))
     body = belief.layout.named("b")
@@ -333,7 +333,7 @@ def test_a_turned_and_boosted_scene_has_the_same_errors(system):
 
 
 def test_what_others_set_in_the_estimate_stays_when_samples_come_late(system):
-    """A held object follows the hand: its state of the last call stands, uncertain as at first, whatever comes late."""
+    """As by an estimator around it: the state of the last call stands, uncertain as at first, whatever comes late."""
     sensors = sensors_in(system, delay_s=0.1)
     made = filter_of(system, sensors, process=STILL)
     drive = Drive(system, sensors, made, 0, process=STILL)

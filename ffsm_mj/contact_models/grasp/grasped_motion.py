@@ -15,11 +15,12 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
-from ffsm_mj.contact_models.grasp.state_transfer import Shared, StateTransfer
+from ffsm_mj.contact_models.grasp.state_transfer import StateTransfer
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.grasp import Grasp
-from ffsm_mj.model.system import Joint, System
+from ffsm_mj.model.shared_joints import shared_joints
+from ffsm_mj.model.system import System
 
 _POSE_TOLERANCE = 1e-12
 _CONFIGURATIONS = 4
@@ -55,11 +56,7 @@ class GraspedMotion(Motion):
         self.momenta = (self.momentum, free.momentum)
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
-        shared = [(joint, system.joints[name]) for name, joint in scene.system.joints.items() if name in system.joints]
-        (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = (
-            _places(shared, "qpos"),
-            _places(shared, "dofs"),
-        )
+        (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = shared_joints(scene.system, system)
         own = dict(zip(self._dofs.tolist(), self._held_dofs.tolist(), strict=True))
         self.dofs = [own.get(dof, -1) for dof in range(self._model.nv)]
         self.joints = LatchJoints(scene.system, system, grasp)
@@ -187,12 +184,3 @@ def check_grasped_system(free: System, held: System, grasp: Grasp) -> None:
 def _same_body(system: System, body: int, other: System) -> int:
     """Id of a body in another system, by name."""
     return int(other.mj.body(system.mj.body(body).name).id)
-
-
-def _places(shared: list[tuple[Joint, Joint]], which: str) -> Shared:
-    """Indices in ``qpos`` or ``dofs`` of the shared joints of two systems, in each of them."""
-    ours, theirs = (
-        np.concatenate([np.arange(part.start, part.stop) for part in (getattr(pair[i], which) for pair in shared)])
-        for i in (0, 1)
-    )
-    return ours, theirs

@@ -10,9 +10,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.belief import Belief, Held
+from ffsm_controllers.estimators.mekf.closing import GraspClosing
 from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of
+from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.history import Entry, History
 from ffsm_controllers.estimators.mekf.impacts import impact_of, is_jump
 from ffsm_controllers.estimators.mekf.joints import encoder_errors, joint_entry, white_noise
@@ -31,6 +33,7 @@ from ffsm_mj.controller_protocol import (
     Sensor,
     Signal,
     System,
+    kind_named,
     unknown_name,
 )
 
@@ -52,9 +55,10 @@ class Mekf:
       of the places and attitudes that are measured across them, see :class:`~.joints.EncoderErrors`.
     - Samples are used at their own time, late ones too; see :class:`~.history.History`. Of several samples of a sensor that
       arrive between two calls, only the newest is shown and used.
-    - A body whose estimate others set, as that of a held object, which follows the hand, begins anew there: with the initial
-      deviations, independent of all else. The base is predicted without the load that it holds: the process noise is to
-      cover that.
+    - An object in a rigid grasp moves with the hand, and the robot with its load; see :class:`~.closing.GraspClosing` and
+      :class:`~.grasped.GraspedScene`.
+    - A body whose estimate others set, as that of an object in another latch, begins anew there: with the initial
+      deviations, independent of all else.
     """
 
     Config = MekfConfig
@@ -88,7 +92,9 @@ class Mekf:
         self._belief = Belief(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
         shown = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
         longest_s = max(each.delay_s + each.delay_jitter_s for each in shown) + context.control_period_s
-        self._history = History(self._belief, Propagation(model, self._layout, config, sensors), longest_s)
+        self._grasped, self._closings = self._of_grasps(context.grasped)
+        propagation = Propagation(model, self._layout, config, sensors, self._grasped)
+        self._history = History(self._belief, propagation, longest_s)
         self._scratch, self._left = mujoco.MjData(model), mujoco.MjData(model)
         self._used_s: dict[str, float] = {}
         self._last_s, self._count = 0.0, 0
@@ -102,6 +108,7 @@ class Mekf:
         for body in self._layout.bodies:
             deviations[body.error] = np.repeat(_initial(config, body), 3)
         belief.covariance, belief.biases = np.diag(deviations**2), np.zeros_like(belief.biases)
+        belief.held = None
         belief.data.qpos[:], belief.data.qvel[:], belief.data.ctrl[:] = data.qpos, data.qvel, data.ctrl
         self._used_s.clear()
         for reading in self._joints:
@@ -113,8 +120,7 @@ class Mekf:
     def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
         """See :class:`~ffsm_mj.controller_protocol.Estimator`."""
         new = [*self._given(data), *self._of_joints(measured), *self._of_frames(measured)]
-        for event in filter(is_jump, events):
-            new.append(self._entry(event.time_s, _JUMP, impact_of(event, self._system, self._layout, self._config)))
+        new += [self._entry(event.time_s, _JUMP, apply) for event in events if (apply := self._of_event(event)) is not None]
         self._innovations = self._history.advance(time_s, data.ctrl, new)
         data.qpos[:], data.qvel[:] = self._belief.data.qpos, self._belief.data.qvel
         self._last_s = time_s
@@ -132,6 +138,28 @@ class Mekf:
         """
         part = self._layout.named(body).error
         return self._belief.covariance[part, part].copy()
+
+    def _of_grasps(self, systems: Mapping[str, System]) -> tuple[dict[str, GraspedScene], dict[str, GraspClosing]]:
+        """Systems with a grasped object, and what the closing of their grasps does to an estimate, by name."""
+        scenes, closings = {}, {}
+        free, layout, encoders = self._system, self._layout, self._encoders
+        for name, system in systems.items():
+            grasp = system.grasp
+            if grasp is None or grasp.joint.joints:
+                continue  # the relative motion that such a latch leaves free is not part of the error state
+            scene = scenes[name] = GraspedScene(free, system, layout, encoders)
+            closings[name] = GraspClosing(free, grasp, scene, layout, encoders, self._config.floor)
+        return scenes, closings
+
+    def _of_event(self, event: Any) -> Callable[[Belief], None] | None:
+        """What an event does to an estimate; None: nothing."""
+        kind = {kind_named(name).record: name for name in ("capture", "release")}.get(type(event), "")
+        if kind == "capture" and event.grasp in self._closings:
+            held = Held(event.grasp, np.array(event.held_position_m), np.array(event.held_quaternion))
+            return partial(self._closings[event.grasp].apply, held=held)
+        if kind == "release":
+            return partial(_release, grasp=event.grasp)
+        return impact_of(event, self._system, self._layout, self._config, self._grasped) if is_jump(event) else None
 
     def _entry(self, time_s: float, rank: int, apply: Callable[[Belief], Innovation | None]) -> Entry:
         self._count += 1
@@ -164,15 +192,22 @@ class Mekf:
         return update(belief, innovation, slope[:, :size], noise, self._largest_nis)
 
     def _given(self, data: Any) -> list[Entry]:
-        """What others have set in the estimate since the last call, as the state of a held object."""
+        """What others have set in the estimate since the last call."""
+        held = self._belief.held
+        following = self._grasped[held.grasp].object if held is not None else None  # it is known to rounding
         return [
             self._entry(
                 self._last_s, _GIVEN, self._beginning(body, data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy())
             )
             for body in self._layout.bodies
-            if np.abs(data.qpos[body.qpos] - self._left.qpos[body.qpos]).max() > _GIVEN_BEYOND
-            or np.abs(data.qvel[body.dofs] - self._left.qvel[body.dofs]).max() > _GIVEN_BEYOND
+            if body is not following and self._is_set(data, body)
         ]
+
+    def _is_set(self, data: Any, body: FloatingBody) -> bool:
+        """Whether the state of a body is not that which the filter has left."""
+        coordinates = data.qpos[body.qpos] - self._left.qpos[body.qpos]
+        rates = data.qvel[body.dofs] - self._left.qvel[body.dofs]
+        return bool(max(np.abs(coordinates).max(), np.abs(rates).max()) > _GIVEN_BEYOND)
 
     def _beginning(self, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> Callable[[Belief], None]:
         """Beginning anew of a body at a given state."""
@@ -189,6 +224,12 @@ class Mekf:
 
     def _leave(self, data: Any) -> None:
         self._left.qpos[:], self._left.qvel[:] = data.qpos, data.qvel
+
+
+def _release(belief: Belief, grasp: str) -> None:
+    """Let go of what a grasp holds: it begins with the errors that it had in the hand."""
+    if belief.held is not None and belief.held.grasp == grasp:
+        belief.held = None
 
 
 def _initial(config: MekfConfig, body: FloatingBody) -> tuple[float, float, float, float]:

@@ -7,7 +7,7 @@ from bisect import bisect_right, insort
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.belief import Belief, Held
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.update import Innovation
 from ffsm_mj.controller_protocol import FloatArray
@@ -45,6 +45,7 @@ class Knot:
         qvel: Estimated rates, (nv,).
         biases: Estimated biases of gyros.
         covariance: Covariance of the error state.
+        held: The closed grasp.
     """
 
     time_s: float
@@ -54,6 +55,7 @@ class Knot:
     qvel: FloatArray
     biases: FloatArray
     covariance: FloatArray
+    held: Held | None
 
 
 class History:
@@ -107,6 +109,7 @@ class History:
             self._propagation.advance(self._belief, entry.time_s - now_s, ctrl)
             now_s = max(now_s, entry.time_s)
             innovation = entry.apply(self._belief)
+            self._propagation.follow(self._belief)
             if innovation is not None:
                 found.append((entry, innovation))
         self._propagation.advance(self._belief, call_s - now_s, ctrl)
@@ -116,12 +119,12 @@ class History:
     def _knot(self, time_s: float, through_s: float, ctrl: FloatArray) -> Knot:
         belief = self._belief
         qpos, qvel = belief.data.qpos.copy(), belief.data.qvel.copy()
-        return Knot(time_s, through_s, ctrl, qpos, qvel, belief.biases.copy(), belief.covariance)
+        return Knot(time_s, through_s, ctrl, qpos, qvel, belief.biases.copy(), belief.covariance, belief.held)
 
     def _return_to(self, knot: Knot) -> None:
         belief = self._belief
         belief.data.qpos[:], belief.data.qvel[:] = knot.qpos, knot.qvel
-        belief.biases, belief.covariance = knot.biases.copy(), knot.covariance
+        belief.biases, belief.covariance, belief.held = knot.biases.copy(), knot.covariance, knot.held
 
     def _forget(self, time_s: float) -> None:
         """Drop what no sample under way can change."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ffsm_controllers.estimators.mekf.belief import Belief
 from ffsm_controllers.estimators.mekf.config import MekfConfig
+from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout
 from ffsm_mj.controller_protocol import System
 
@@ -21,22 +22,33 @@ def is_jump(event: Any) -> bool:
     return hasattr(event, "energy_before_J")
 
 
-def impact_of(event: Any, system: System, layout: Layout, config: MekfConfig) -> Callable[[Belief], None]:
+def impact_of(
+    event: Any, system: System, layout: Layout, config: MekfConfig, grasped: Mapping[str, GraspedScene]
+) -> Callable[[Belief], None]:
     """Inflation of the covariance at an event at which velocities jump; the estimate itself stays.
 
     To the variances of velocity and angular velocity of each body that it involves those of ``impact_velocity_m_s`` and
-    ``impact_rate_rad_s`` are added: the jump is taken to be of zero mean, independent of what was, in any direction.
+    ``impact_rate_rad_s`` are added: the jump is taken to be of zero mean, independent of what was, in any direction. An
+    object that is grasped moves with the robot.
     """
     bodies = _involved(event, system, layout)
 
     def inflate(belief: Belief) -> None:
         more = np.zeros(layout.size)
-        for body in bodies:
+        for body in _moving(bodies, belief, grasped):
             more[body.velocity] = config.impact_velocity_m_s**2
             more[body.rate] = config.impact_rate_rad_s**2
         belief.covariance = belief.covariance + np.diag(more)
 
     return inflate
+
+
+def _moving(bodies: list[FloatingBody], belief: Belief, grasped: Mapping[str, GraspedScene]) -> list[FloatingBody]:
+    """Bodies whose errors are not those of others: the base of the robot in place of an object that it holds."""
+    if belief.held is None or (scene := grasped[belief.held.grasp]).object not in bodies:
+        return bodies
+    carrier = scene.carrier.name if scene.carrier is not None else ""
+    return [body for body in belief.layout.bodies if body.name == carrier or (body in bodies and body is not scene.object)]
 
 
 def _involved(event: Any, system: System, layout: Layout) -> list[FloatingBody]:

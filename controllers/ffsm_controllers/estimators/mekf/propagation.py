@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators.mekf.belief import Belief, symmetric
 from ffsm_controllers.estimators.mekf.config import MekfConfig
+from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.layout import SIZE, FloatingBody, Layout
 from ffsm_mj.controller_protocol import FloatArray, Sensor, predict, skew
 
@@ -18,6 +19,20 @@ _TURN_RAD = 0.1
 """Largest turn of a body within one step of the covariance, whose relative error is then below 0.1^3 / 12 = 1e-4."""
 _DIFFERENCE_RAD_S = 1e-3
 """Step of the differences by angular velocity: accelerations are quadratic in it, so central differences are exact."""
+
+
+class Moving(NamedTuple):
+    """What is predicted.
+
+    Attributes:
+        model: MuJoCo model, of the scene or of that with a grasped object.
+        data: Its data, with the estimate.
+        bodies: Its floating bodies, with their places in the error state.
+    """
+
+    model: Any
+    data: Any
+    bodies: Sequence[FloatingBody]
 
 
 class Propagation:
@@ -28,11 +43,21 @@ class Propagation:
     not depend on place, attitude and velocity, and come from the model with all its joints (Euler's equations for one rigid
     body); their derivatives by w are central differences. The transition over a step is the exponential of this matrix at
     the middle, to third order. White noise of the two accelerations enters as over a step without rotation.
+
+    While an object is grasped all this is done in the system in which it is a part of the robot; see
+    :class:`~.grasped.GraspedScene`.
     """
 
-    def __init__(self, model: Any, layout: Layout, config: MekfConfig, sensors: Mapping[str, Sensor]) -> None:
-        """Bind to a model."""
-        self._model, self._layout = model, layout
+    def __init__(
+        self,
+        model: Any,
+        layout: Layout,
+        config: MekfConfig,
+        sensors: Mapping[str, Sensor],
+        grasped: Mapping[str, GraspedScene],
+    ) -> None:
+        """Bind to the model of the scene, and to those with a grasped object by the name of the grasp."""
+        self._model, self._layout, self._grasped = model, layout, grasped
         self._cubic, self._square, self._linear = _noise_of_a_step(layout, config, sensors)
 
     def advance(self, belief: Belief, duration_s: float, ctrl: FloatArray) -> None:
@@ -40,48 +65,66 @@ class Propagation:
         if not duration_s > 0.0:
             return
         belief.data.ctrl[:] = ctrl
-        fastest = max(math.hypot(*belief.data.qvel[body.turning].tolist()) for body in self._layout.bodies)
-        steps = max(1, math.ceil(duration_s * fastest / _TURN_RAD))
-        for _ in range(steps):
-            self._step(belief, duration_s / steps)
+        if belief.held is None:
+            self._advance(belief, Moving(self._model, belief.data, self._layout.bodies), duration_s)
+            return
+        scene = self._grasped[belief.held.grasp]
+        self._advance(belief, Moving(scene.model, scene.enter(belief), scene.bodies), duration_s)
+        scene.leave(belief)
 
-    def _step(self, belief: Belief, h: float) -> None:
-        predict(self._model, belief.data, 0.5 * h)
-        dynamics = self._dynamics(belief.data)
-        predict(self._model, belief.data, 0.5 * h)
+    def follow(self, belief: Belief) -> None:
+        """Let a grasped object follow the hand in an estimate that was changed."""
+        if belief.held is not None:
+            scene = self._grasped[belief.held.grasp]
+            scene.enter(belief)
+            scene.leave(belief)
+
+    def _advance(self, belief: Belief, moving: Moving, duration_s: float) -> None:
+        rates = [math.hypot(*moving.data.qvel[body.turning].tolist()) for body in moving.bodies]
+        steps = max(1, math.ceil(duration_s * max(rates, default=0.0) / _TURN_RAD))
+        for _ in range(steps):
+            self._step(belief, moving, duration_s / steps)
+
+    def _step(self, belief: Belief, moving: Moving, h: float) -> None:
+        predict(moving.model, moving.data, 0.5 * h)
+        dynamics = _dynamics(moving)
+        predict(moving.model, moving.data, 0.5 * h)
         transition = np.eye(self._layout.size)
-        for body, matrix in zip(self._layout.bodies, dynamics, strict=True):
+        for body, matrix in zip(moving.bodies, dynamics, strict=True):
             scaled = h * matrix
             square = scaled @ scaled
             transition[body.error, body.error] += scaled + square / 2.0 + square @ scaled / 6.0
         moved = symmetric(transition @ belief.covariance @ transition.T)
         belief.covariance = moved + (h**3 / 3.0 * self._cubic + h**2 / 2.0 * self._square + h * self._linear)
 
-    def _dynamics(self, data: Any) -> list[FloatArray]:
-        """Matrix of the error dynamics of each body at a state, (12, 12)."""
-        model, bodies = self._model, self._layout.bodies
-        mujoco.mj_forward(model, data)
-        still = data.qacc.copy()
-        slopes = self._slopes(data)
-        return [_matrix(body, data, model.opt.gravity, still, slopes) for body in bodies]
 
-    def _slopes(self, data: Any) -> FloatArray:
-        """Derivatives of all accelerations by each component of the angular velocities, (nv, 3).
+def _dynamics(moving: Moving) -> list[FloatArray]:
+    """Matrix of the error dynamics of each body at a state, (12, 12)."""
+    model, data, bodies = moving
+    mujoco.mj_forward(model, data)
+    still = data.qacc.copy()
+    slopes = _slopes(moving)
+    return [_matrix(body, data, model.opt.gravity, still, slopes) for body in bodies]
 
-        Trees do not act on each other, so that one component of all bodies is moved at a time.
-        """
-        slopes = np.empty((self._model.nv, 3))
-        for axis in range(3):
-            turning = [body.turning.start + axis for body in self._layout.bodies]
-            usual = data.qvel[turning].copy()
-            data.qvel[turning] = usual + _DIFFERENCE_RAD_S
-            mujoco.mj_forwardSkip(self._model, data, mujoco.mjtStage.mjSTAGE_POS, 1)
-            slopes[:, axis] = data.qacc
-            data.qvel[turning] = usual - _DIFFERENCE_RAD_S
-            mujoco.mj_forwardSkip(self._model, data, mujoco.mjtStage.mjSTAGE_POS, 1)
-            slopes[:, axis] -= data.qacc
-            data.qvel[turning] = usual
-        return slopes / (2.0 * _DIFFERENCE_RAD_S)
+
+def _slopes(moving: Moving) -> FloatArray:
+    """Derivatives of all accelerations by each component of the angular velocities, (nv, 3).
+
+    Trees do not act on each other, so that one component of all bodies is moved at a time.
+    """
+    model, data, bodies = moving
+    slopes = np.empty((model.nv, 3))
+    for axis in range(3):
+        turning = [body.turning.start + axis for body in bodies]
+        usual = data.qvel[turning].copy()
+        data.qvel[turning] = usual + _DIFFERENCE_RAD_S
+        mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_POS, 1)
+        slopes[:, axis] = data.qacc
+        data.qvel[turning] = usual - _DIFFERENCE_RAD_S
+        mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_POS, 1)
+        slopes[:, axis] -= data.qacc
+        data.qvel[turning] = usual
+    return slopes / (2.0 * _DIFFERENCE_RAD_S)
 
 
 def _matrix(body: FloatingBody, data: Any, gravity: FloatArray, qacc: FloatArray, slopes: FloatArray) -> FloatArray:
