@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.columns import CLOSED_GRASP
+from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE, CaptureRecord
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
@@ -149,38 +151,52 @@ class FrictionCheck:
         L = np.linalg.cholesky(mass_matrix(system.mj, data))
         J, impulses, speeds = _directions(system.mj, data, event, contacts)
         A = np.linalg.solve(L, J.T).T
-        if (joined := self._joined(first)) is not None:  # the latch stops relative motions of link and object
-            try:
-                B = np.linalg.solve(L, _stopped_rows(system.mj, data, joined).T).T
-            except LookupError:
-                return None
+        try:
+            grasp = self._closed_grasp(first)
+            held = self._stopped_rows(grasp) if grasp else None
+        except (LookupError, ValueError, TypeError):  # the scenario in the log has no such grasp
+            return None
+        if held is not None:  # the latch stops relative motions of link and object
+            B = np.linalg.solve(L, held.T).T
             A = A - A @ np.linalg.pinv(B, rcond=RANK) @ B
         return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
-    def _joined(self, impact: _Record) -> CaptureRecord | None:
-        """The capture by which a grasp is closed at an impact; None without a closed grasp."""
-        captures, releases = (
-            [each for each in self._log.records.get(kind.plural, ()) if _precedes(each, impact)]
-            for kind in (CAPTURE, RELEASE)
-        )
-        begun = sum(not each.replaces for each in captures)
-        return captures[-1] if begun > len(releases) else None
+    def _closed_grasp(self, impact: _Record) -> str:
+        """Name of the grasp that is closed at an impact; empty if none is.
 
+        Raises:
+            LookupError: The scenario has fewer grasps than the log says.
+            ValueError: The number in the log is none.
+        """
+        records = [each for kind in (CAPTURE, RELEASE) for each in self._log.records.get(kind.plural, ())]
+        before = [each for each in records if _precedes(each, impact)]
+        if before:
+            last = max(before, key=lambda each: each.event)
+            return last.grasp if isinstance(last, CaptureRecord) else ""
+        if records:  # what is closed since the start of a log is what its first record ends
+            first = min(records, key=lambda each: each.event)
+            return first.replaces if isinstance(first, CaptureRecord) else first.grasp
+        column = self._log.header.layout.index.get(CLOSED_GRASP)
+        number = int(self._log.rows[0, column]) if column is not None and len(self._log.rows) else 0
+        return [*scenario_data(self._log)["captures"]][number - 1] if number > 0 else ""
 
-def _stopped_rows(model: Any, data: Any, capture: CaptureRecord) -> FloatArray:
-    """Rows of the relative velocities that a closed grasp stops, (n, nv).
+    def _stopped_rows(self, grasp: str) -> FloatArray:
+        """Rows of the relative velocities that a closed grasp stops, (n, nv).
 
-    Raises:
-        LookupError: The record names a site that the model does not have, or an unknown kind of joint.
-    """
-    from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
-    from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+        Raises:
+            LookupError: The scenario has no such grasp, or the models have no such site.
+            ValueError: Its configuration is not of this version.
+        """
+        from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+        from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
 
-    robot, of_object = (model.site(name) for name in (capture.robot_site, capture.object_site))
-    point = data.site_xpos[of_object.id].copy()
-    rows = relative_twist_rows(model, data, int(robot.bodyid[0]), int(of_object.bodyid[0]), point)
-    axis = data.site_xmat[robot.id].reshape(3, 3) @ capture.axis
-    return stopped_components(capture.joint, axis) @ rows
+        (system, data), config = self._models, CaptureConfig.model_validate(scenario_data(self._log)["captures"][grasp])
+        robot, of_object = (system.index("site", name) for name in (config.robot_site, config.object_site))
+        link, root = (int(system.mj.site_bodyid[site]) for site in (robot, of_object))
+        rows = relative_twist_rows(system.mj, data, link, root, data.site_xpos[of_object].copy())
+        joint = config.latch_joint
+        axis = data.site_xmat[robot].reshape(3, 3) @ (joint.axis or np.zeros(3))
+        return stopped_components(joint.kind, axis) @ rows
 
 
 def _precedes(event: Any, impact: _Record) -> bool:
