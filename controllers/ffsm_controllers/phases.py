@@ -10,45 +10,21 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_controllers.endings import Ending
 from ffsm_controllers.indices import compact
 from ffsm_controllers.parts import Parts
-from ffsm_controllers.settled import TIME_TOLERANCE_S, SettlingMonitor
 from ffsm_mj.controller_protocol import (
     Columns,
     Command,
     Controller,
     ControllerError,
     ControllerReport,
-    Finishes,
     GivenCommand,
     Observation,
     PhaseRecord,
     Signal,
     Summarises,
 )
-
-
-@dataclass(frozen=True)
-class MeasurementBound:
-    """A bound on what a sensor measures.
-
-    Attributes:
-        sensor: Its full name.
-        above: The measurement is beyond it above this value; None: no such bound.
-        below: The measurement is beyond it below this value; None: no such bound.
-    """
-
-    sensor: str
-    above: float | None = None
-    below: float | None = None
-
-    def is_exceeded(self, observation: Observation) -> bool:
-        """Whether the newest sample is valid, and its value, or the norm of a vector, is beyond the bound."""
-        sample = observation.measured[self.sensor]
-        if not sample.valid:
-            return False
-        value = float(sample.value[0]) if len(sample.value) == 1 else math.hypot(*sample.value.tolist())
-        return value > self.above if self.above is not None else self.below is not None and value < self.below
 
 
 @dataclass(frozen=True)
@@ -59,13 +35,7 @@ class Phase:
         name: Name in the scenario.
         kind: Kind of its controller; with several parts ``name: kind`` of each.
         controller: What drives the robot in it.
-        until: What ends it after its start, for people: ``impact``, a record of another contact model, ``settled``,
-            ``finished``; empty: nothing.
-        ending: Class of the records that do.
-        settled: Says when the tip has settled, which ends it; None where that does not.
-        sensed: Bound on a measurement, beyond which it ends; None where that does not.
-        finishes: Whether it ends when its controller has finished.
-        duration_s: It ends at the first control tick at or after this time since its start; None: no such end.
+        endings: What ends it, in the order in which they count at one instant.
         arm: Names of the captures that may close while it lasts.
         release: Names of those that let go as it begins.
         held: The same law made for the systems in which objects are held, by the name of the capture.
@@ -74,12 +44,7 @@ class Phase:
     name: str
     kind: str
     controller: Controller
-    until: str = ""
-    ending: type | None = None
-    settled: SettlingMonitor | None = None
-    sensed: MeasurementBound | None = None
-    finishes: bool = False
-    duration_s: float | None = None
+    endings: tuple[Ending, ...] = ()
     arm: tuple[str, ...] = ()
     release: tuple[str, ...] = ()
     held: Mapping[str, Controller] = field(default_factory=dict)
@@ -90,7 +55,7 @@ class Phase:
 
 
 class PhaseMachine:
-    """Runs phases in order; the last one lasts to the end of the run.
+    """Runs phases from the first one on: each leads to the next, or to another, which may have been there before.
 
     Attributes:
         phases: The phases in their order.
@@ -134,9 +99,10 @@ class PhaseMachine:
         """Change phase where it is due, then ask its controller, unless a given command leaves it nothing to command."""
         if self.phase_index < 0:
             self._begin(0, observation, "start")
-        reason = self._ended(observation)
-        if reason and self.phase_index + 1 < len(self.phases):
-            self._begin(self.phase_index + 1, observation, reason)
+        ending = self._ended(observation)
+        following = self.phase_index + 1 if ending is None or ending.to is None else ending.to
+        if ending is not None and following < len(self.phases):
+            self._begin(following, observation, ending.reason)
         if observation.grasp != self._grasp or self._begins_again:
             self._take_over(observation)
         if self.given is None:
@@ -159,22 +125,13 @@ class PhaseMachine:
                 raise ValueError(f"telemetry gives {len(report)} values for {len(controller.telemetry_signals)} signals")
             self.telemetry[self._columns[self.phase_index]] = report
 
-    def _ended(self, observation: Observation) -> str:
-        """Why the current phase is over, or nothing."""
+    def _ended(self, observation: Observation) -> Ending | None:
+        """What ends the current phase now; None if nothing does."""
         phase = self.phases[self.phase_index]
-        if phase.ending is not None and any(isinstance(event, phase.ending) for event in observation.events):
-            return phase.until
-        if phase.settled is not None and phase.settled.look(_of_free(observation)):
-            return phase.until
-        if phase.sensed is not None and phase.sensed.is_exceeded(observation):
-            return phase.until
-        law = phase.law(self._grasp)
-        if phase.finishes and observation.at_tick and isinstance(law, Finishes) and law.is_finished(observation.time_s):
-            return phase.until
-        elapsed = observation.time_s - self._start_s
-        if observation.at_tick and phase.duration_s is not None and elapsed >= phase.duration_s - TIME_TOLERANCE_S:
-            return "time"
-        return ""
+        if not phase.endings:
+            return None
+        free, law = _of_free(observation), phase.law(self._grasp)
+        return next((each for each in phase.endings if each.trigger.is_due(free, self._start_s, law)), None)
 
     def _begin(self, index: int, observation: Observation, reason: str) -> None:
         phase, before = self.phases[index], self.phases[self.phase_index].arm if self.phase_index >= 0 else ()
@@ -186,8 +143,8 @@ class PhaseMachine:
         self.telemetry.fill(np.nan)
         self._current = PhaseRecord(index, phase.name, phase.kind, observation.time_s, reason)
         self._begun.append(self._current)
-        if phase.settled is not None:
-            phase.settled.begin(_of_free(observation))
+        for ending in phase.endings:
+            ending.trigger.begin(_of_free(observation))
         self._take_over(observation)
 
     def _take_over(self, observation: Observation) -> None:
@@ -219,7 +176,8 @@ class PhaseMachine:
             ControllerError: One says what is neither a finite number nor text.
         """
         found: dict[str, ControllerReport] = {}
-        for i, phase in enumerate(self.phases[: self.phase_index + 1]):
+        for i in sorted({begun for begun, _ in self._asked}):
+            phase = self.phases[i]
             report: dict[str, float | int | str] = {}
             for grasp in ("", *phase.held):
                 law = self._asked.get((i, grasp))

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from pydantic import PositiveFloat
 
-from ffsm_mj.controller_protocol import Observation, StrictModel, System, Task
+from ffsm_mj.controller_protocol import Controller, Observation, StrictModel, System, Task
 
 # Ticks are exact multiples of the period up to rounding of the product.
 TIME_TOLERANCE_S = 1e-9
@@ -38,10 +38,13 @@ class SettlingMonitor:
     def begin(self, observation: Observation) -> None:
         """The phase begins here."""
         self._since_s = None
-        self.look(observation)
+        self._look(observation)
 
-    def look(self, observation: Observation) -> bool:
+    def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
         """Whether the phase is over, at a control tick or at an impact."""
+        return self._look(observation)
+
+    def _look(self, observation: Observation) -> bool:
         if not self._within(observation):
             self._since_s = None
             return False

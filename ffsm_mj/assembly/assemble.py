@@ -206,10 +206,12 @@ def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
     """
     faults = []
     for i, phase in enumerate(scenario.phases):
-        if phase.until == "impact" and not contacts.pairs:
-            faults.append(Fault("no impact can end it: no two geoms have a contact rule", ("phases", i, "until")))
-        if phase.until in ("contact_slips", "contact_sticks") and not any(pair.mu > 0.0 for pair in contacts.pairs):
-            faults.append(Fault("nothing slips or sticks: no contact rule has friction, mu > 0", ("phases", i, "until")))
+        for end in phase.ends:
+            keys: tuple[str | int, ...] = ("phases", i, *end.keys)
+            if end.event == "impact" and not contacts.pairs:
+                faults.append(Fault("no impact can end it: no two geoms have a contact rule", keys))
+            if end.event in ("contact_slips", "contact_sticks") and not any(pair.mu > 0.0 for pair in contacts.pairs):
+                faults.append(Fault("nothing slips or sticks: no contact rule has friction, mu > 0", keys))
     names = [*(rule.name for rule in contacts.rules), *(pair.name for pair in contacts.pairs)]
     for name, capture in scenario.captures.items():
         for k, touched in enumerate(capture.when.touch or ()):

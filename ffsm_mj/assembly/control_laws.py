@@ -10,18 +10,16 @@ import mujoco
 import numpy as np
 from ffsm_controllers import kinds
 from ffsm_controllers.parts import Parts
-from ffsm_controllers.phases import MeasurementBound, Phase
-from ffsm_controllers.settled import SettlingMonitor
+from ffsm_controllers.phases import Phase
 
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
+from ffsm_mj.assembly.phase_endings import phase_endings
 from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives, Finishes
+from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
 from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.scenario.phase_config import PhaseConfig, SensorEndConfig
+from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.scenario import Scenario
 
 
@@ -45,7 +43,7 @@ def build_phases(
         ScenarioFaults: A control law cannot be made, or two parts of a phase drive the same actuator.
     """
     classes = {**kinds().classes, **laws}
-    phases, faults = [], []
+    phases, faults, names = [], [], [config.name for config in scenario.phases]
     for i, config in enumerate(scenario.phases):
         made: dict[str, Any] = {}
         tables = recorded.of_phase(i)
@@ -58,7 +56,9 @@ def build_phases(
                 break
         else:
             try:
-                phases.append(_phase(config, made.pop(""), context, made))
+                controller = made.pop("")
+                endings = phase_endings(config, names, controller, context)
+                phases.append(Phase(config.name, config.kind, controller, endings, config.arm, config.release, made))
             except ScenarioFaults as error:
                 faults += [replace(fault, path=("phases", i, *fault.path)) for fault in error.faults]
     if faults:
@@ -173,59 +173,6 @@ def _refuse_second_claims(system: System, name: str, claims: list[int], owners: 
                 faults.append(Fault(message, ("controllers", part)))
     if faults:
         raise ScenarioFaults(faults)
-
-
-def _phase(config: PhaseConfig, controller: Any, context: ControllerContext, held: Mapping[str, Any]) -> Phase:
-    """A phase with its end condition."""
-    until = config.until if isinstance(config.until, str) and config.until != "end" else ""
-    ending, settled, sensed = None, None, None
-    if isinstance(config.until, SensorEndConfig):
-        until, sensed = config.until.sensor, _sensor_end(config.until, context)
-    if config.settled is not None and context.task is not None:
-        settled = SettlingMonitor(config.settled, context.system, context.task)
-    elif until == "finished":
-        _refuse_endless(config, controller)
-    elif until and sensed is None:
-        ending = ImpactRecord if until == "impact" else kind_named(until).record
-    return Phase(
-        name=config.name,
-        kind=config.kind,
-        controller=controller,
-        until=until,
-        ending=ending,
-        settled=settled,
-        sensed=sensed,
-        finishes=until == "finished",
-        duration_s=config.for_s,
-        arm=config.arm,
-        release=config.release,
-        held=held,
-    )
-
-
-def _refuse_endless(config: PhaseConfig, controller: Any) -> None:
-    """Refuse a phase until its control law has finished where none can finish.
-
-    Raises:
-        ScenarioFaults: None can.
-    """
-    laws = [part.law for part in controller.parts] if isinstance(controller, Parts) else [controller]
-    if not any(isinstance(law, Finishes) for law in laws):
-        message = f"{config.kind} never finishes; playback and joint_path do, and laws with a method is_finished"
-        raise ScenarioFaults([Fault(message, ("until",))])
-
-
-def _sensor_end(config: SensorEndConfig, context: ControllerContext) -> MeasurementBound:
-    """Bound on a measurement.
-
-    Raises:
-        ScenarioFaults: There is no such sensor.
-    """
-    try:
-        name = context.system.resolve("sensor", config.sensor)
-    except LookupError as error:
-        raise ScenarioFaults([Fault(str(error.args[0]), ("until", "sensor"))]) from error
-    return MeasurementBound(name, config.above, config.below)
 
 
 def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[str]:

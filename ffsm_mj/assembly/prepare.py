@@ -34,6 +34,7 @@ from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.loading import load_scenario, validated
+from ffsm_mj.scenario.phase_graph import graph_lines, is_branching
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
@@ -271,7 +272,6 @@ class PreparedRun:
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
         assembly, system = self.assemble(), self.system
-        phases = ", ".join(f"{p.name} ({p.kind})" for p in self.scenario.phases)
         lines = [
             f"{self.scenario.name}: valid",
             *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
@@ -281,7 +281,7 @@ class PreparedRun:
             *spring_lines(self.scenario, system, assembly.data),
             *_sensors(assembly),
             *([f"  goes on from {self.origin.folder} at t = {self.origin.at_s:g} s"] if self.origin is not None else []),
-            f"  phases: {phases}",
+            *_phases(self.scenario),
             f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
             f" steps of {self.scenario.time_step_s:g} s",
             *initial_lines(assembly),
@@ -293,6 +293,14 @@ class PreparedRun:
         return lines + [
             f"note: {note}" for note in (*self._notes(assembly), *mesh_notes(assembly.contacts, assembly.system))
         ]
+
+
+def _phases(scenario: Scenario) -> list[str]:
+    """The phases in a line, or their graph where they branch."""
+    phases = scenario.phases
+    if not is_branching(phases):
+        return [f"  phases: {', '.join(f'{phase.name} ({phase.kind})' for phase in phases)}"]
+    return ["  phases:", *(f"    {line}" for line in graph_lines(phases))]
 
 
 def _sensors(assembly: Assembly) -> list[str]:

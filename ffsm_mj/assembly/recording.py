@@ -32,10 +32,12 @@ from ffsm_mj.records.metadata import (
     free_metadata,
     gravity_metadata,
     model_metadata,
+    phase_graph_metadata,
     start_metadata,
     task_metadata,
 )
 from ffsm_mj.report.run import Run
+from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.loop import Simulation
@@ -187,6 +189,10 @@ def _metadata(assembly: Assembly) -> dict[str, str]:
         "control_period_s": repr(config.time_step_s * config.steps_per_tick),
         "phases": "\n".join(phase.name for phase in config.phases),
     }
+    if is_branching(config.phases):
+        edges = phase_edges(config.phases)
+        ways = [(edge.start, trigger_text(config.phases[edge.start], edge.end), edge.to) for edge in edges]
+        metadata |= phase_graph_metadata(ways)
     metadata |= conservative_metadata(assembly.system.faults) | free_metadata(assembly.plant.balance.free)
     metadata |= gravity_metadata(assembly.system.mj.opt.gravity)
     metadata |= model_metadata(assembly.changes)

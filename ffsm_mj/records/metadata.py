@@ -82,6 +82,22 @@ def logged_task(metadata: Mapping[str, str]) -> LoggedTask | None:
     return LoggedTask(axes, np.array([float(x) for x in metadata["task_target_m"].split()]))
 
 
+def phase_graph_metadata(edges: Sequence[tuple[int, str, int]]) -> dict[str, str]:
+    """Metadata of phases that branch: position of a phase, what ends it, position of the phase that follows."""
+    return {"phase_graph": json.dumps(edges)}
+
+
+def logged_phase_graph(metadata: Mapping[str, str]) -> tuple[list[str], list[tuple[int, str, int]]]:
+    """Names of the phases, and the ways between them; without ways where the phases do not branch."""
+    names = metadata.get("phases", "").split("\n")
+    try:
+        edges = [(int(start), str(trigger), int(to)) for start, trigger, to in json.loads(metadata.get("phase_graph", "[]"))]
+    except (ValueError, TypeError):
+        return names, []  # the log of a stranger
+    there = range(len(names))
+    return names, [edge for edge in edges if edge[0] in there and edge[2] in there]
+
+
 def free_metadata(free: FloatArray) -> dict[str, str]:
     """Metadata of which components of (P, L about the origin) the base joints leave free: 1 or 0 by subsystem, (3, 6)."""
     return {_free(subsystem): " ".join(f"{x:.0f}" for x in row) for subsystem, row in zip(SUBSYSTEMS, free, strict=True)}

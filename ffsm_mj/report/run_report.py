@@ -144,11 +144,12 @@ def _notes_of_laws(run: Run) -> str:
     """Notes in the reports of control laws; empty without any."""
     phases = run.summary(checks=False)["controller"]["phases"]
     notes = ((each, name, text) for each in phases for name, text in each["reports"].items())
-    return "\n".join(
+    lines = (
         one_line(f"phase {each['name']!r} ({each['kind']}): {text}")
         for each, name, text in notes
         if name == "note" or name.endswith("_note")
     )
+    return "\n".join(dict.fromkeys(lines))  # a phase that was entered again reports once
 
 
 def _tip(run: Run) -> str:

@@ -19,6 +19,7 @@ from ffsm_mj.scenario.estimator_config import TruthConfig
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.grasps import capture_faults
 from ffsm_mj.scenario.phase_config import PhaseConfig
+from ffsm_mj.scenario.phase_graph import graph_faults, is_branching
 from ffsm_mj.scenario.scenario import Scenario, located, timing_faults, with_contact_models
 from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
 from ffsm_mj.scenario.source import YamlSource, read_yaml
@@ -139,17 +140,18 @@ def _other_faults(scenario: Scenario) -> list[Fault]:
     for i, phase in enumerate(scenario.phases):
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
-        event = phase.until if isinstance(phase.until, str) else None
-        if fault := fault_of_ending(event, scenario.contact_models, captures=bool(scenario.captures)):
-            faults.append(Fault(fault, ("phases", i, "until")))
-        if phase.until == "settled" and scenario.task is None:
-            faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, "until")))
+        for end in phase.ends:
+            if fault := fault_of_ending(end.event, scenario.contact_models, captures=bool(scenario.captures)):
+                faults.append(Fault(fault, ("phases", i, *end.keys)))
+            if end.event == "settled" and scenario.task is None:
+                faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, *end.keys)))
         faults += [Fault(fault, ("phases", i, *keys)) for keys, fault in _broken_plugins(phase)]
     faults += capture_faults(scenario)
+    branching = is_branching(scenario.phases)
     for i, phase in enumerate(scenario.phases[:-1]):
-        if phase.until == "end":
+        if phase.until == "end" and not branching:
             faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
-    return faults
+    return faults + (graph_faults(scenario.phases) if branching else [])
 
 
 def _broken_plugins(phase: PhaseConfig) -> Iterator[tuple[tuple[str, ...], str]]:

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from ffsm_controllers.endings import Ending, EventTrigger, TimeTrigger
 from ffsm_controllers.phases import Phase, PhaseMachine
 
 import ffsm_mj
@@ -48,7 +49,11 @@ class Hit:
 def test_a_timed_phase_ends_at_the_first_tick_at_or_after_its_time():
     first, second, third = Recorder(), Silent(), Recorder()
     machine = PhaseMachine(
-        [Phase("a", "x", first, "impact", Hit), Phase("b", "y", second, duration_s=0.25), Phase("c", "z", third)]
+        [
+            Phase("a", "x", first, (Ending("impact", EventTrigger(Hit)),)),
+            Phase("b", "y", second, (Ending("time", TimeTrigger(0.25)),)),
+            Phase("c", "z", third),
+        ]
     )
     hit = Hit()
     calls = [(0.0, ()), (0.1, ()), (0.137, (hit,)), (0.2, ()), (0.3, ()), (0.35, (hit,)), (0.4, ()), (0.5, ())]
@@ -138,7 +143,7 @@ def test_a_phase_settles_only_where_there_is_a_task(tmp_path):
 
 
 def test_telemetry_of_other_phases_is_nan():
-    machine = PhaseMachine([Phase("a", "x", Recorder(), duration_s=1.0), Phase("b", "y", Silent())])
+    machine = PhaseMachine([Phase("a", "x", Recorder(), (Ending("time", TimeTrigger(1.0)),)), Phase("b", "y", Silent())])
     machine.control(Observation(0.0, None), Command.off(0))
     np.testing.assert_array_equal(machine.telemetry, [1.0])
     machine.control(Observation(1.0, None), Command.off(0))

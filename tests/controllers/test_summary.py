@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from ffsm_controllers import kinds
+from ffsm_controllers.endings import Ending, TimeTrigger
 from ffsm_controllers.off import Off
 from ffsm_controllers.phases import Phase, PhaseMachine
 
@@ -56,7 +57,11 @@ def telling(monkeypatch, tmp_path):
 def test_a_phase_machine_asks_the_laws_of_the_phases_begun():
     one, two, three = Told(count=np.int64(3), error_m=np.float32(0.5), note="near"), Off(None, None), Told(never=1)
     machine = PhaseMachine(
-        [Phase("a", "x", one, duration_s=1.0), Phase("b", "off", two, duration_s=1.0), Phase("c", "x", three)]
+        [
+            Phase("a", "x", one, (Ending("time", TimeTrigger(1.0)),)),
+            Phase("b", "off", two, (Ending("time", TimeTrigger(1.0)),)),
+            Phase("c", "x", three),
+        ]
     )
     assert machine.reports() == {}
     for time in (0.0, 0.5, 1.0):

@@ -26,6 +26,7 @@ from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
 from ffsm_mj.report.page import moving, scene
 from ffsm_mj.report.page.inline_figures import inline_figures
+from ffsm_mj.report.page.phase_graph import phase_graph
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.scene import PageScene
 from ffsm_mj.report.run_card import card_html
@@ -59,6 +60,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         card=card_html(run),
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
+        phases=_phases(run),
         figures="\n".join(
             f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
         ),
@@ -67,6 +69,13 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         snapshot=b64encode(drawn.snapshot).decode("ascii"),
         script=script,
     )
+
+
+def _phases(run: Run) -> str:
+    """The graph of the phases where they branch; ways that the run has taken are bold."""
+    graph = phase_graph(run)
+    caption = "Phases and what ends them; bold: what the run did"
+    return f"<h2>Phases</h2><figure><figcaption>{caption}</figcaption>{graph}</figure>" if graph else ""
 
 
 def _part(name: str) -> str:

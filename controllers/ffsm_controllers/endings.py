@@ -1,0 +1,109 @@
+"""What ends a phase of a task, and which phase follows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from ffsm_controllers.settled import TIME_TOLERANCE_S
+from ffsm_mj.controller_protocol import Controller, Finishes, Observation
+
+
+class Trigger(Protocol):
+    """What may end a phase."""
+
+    def begin(self, observation: Observation) -> None:
+        """The phase begins here."""
+
+    def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:
+        """Whether it ends the phase now.
+
+        Args:
+            observation: State at a control tick, an impact or another event; of the free system, whatever is held.
+            start_s: Time at which the phase began.
+            law: The phase's control law.
+        """
+
+
+@dataclass(frozen=True)
+class Ending:
+    """A trigger of a phase.
+
+    Attributes:
+        reason: What the record of the next phase says: ``impact``, ``time``, the name of a sensor.
+        trigger: When it is due.
+        to: Position of the phase that follows; None: the next one, if there is one.
+    """
+
+    reason: str
+    trigger: Trigger
+    to: int | None = None
+
+
+class _Memoryless:
+    """A trigger that depends on the present alone."""
+
+    def begin(self, observation: Observation) -> None:
+        """Nothing to remember."""
+
+
+@dataclass(frozen=True)
+class EventTrigger(_Memoryless):
+    """The first record of a class after the start of the phase.
+
+    Attributes:
+        record: The class.
+    """
+
+    record: type
+
+    def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
+        """Whether there is one."""
+        return any(isinstance(event, self.record) for event in observation.events)
+
+
+@dataclass(frozen=True)
+class MeasurementBound(_Memoryless):
+    """A bound on what a sensor measures.
+
+    Attributes:
+        sensor: Its full name.
+        above: The measurement is beyond it above this value; None: no such bound.
+        below: The measurement is beyond it below this value; None: no such bound.
+    """
+
+    sensor: str
+    above: float | None = None
+    below: float | None = None
+
+    def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
+        """Whether the newest sample is valid, and its value, or the norm of a vector, is beyond the bound."""
+        sample = observation.measured[self.sensor]
+        if not sample.valid:
+            return False
+        value = float(sample.value[0]) if len(sample.value) == 1 else math.hypot(*sample.value.tolist())
+        return value > self.above if self.above is not None else self.below is not None and value < self.below
+
+
+class FinishedTrigger(_Memoryless):
+    """The control law has finished, at a control tick."""
+
+    def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
+        """Whether it has."""
+        return observation.at_tick and isinstance(law, Finishes) and law.is_finished(observation.time_s)
+
+
+@dataclass(frozen=True)
+class TimeTrigger(_Memoryless):
+    """The first control tick at or after a time since the start of the phase.
+
+    Attributes:
+        duration_s: The time, s.
+    """
+
+    duration_s: float
+
+    def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
+        """Whether it is over."""
+        return observation.at_tick and observation.time_s - start_s >= self.duration_s - TIME_TOLERANCE_S
