@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures campaign screenshots browser-pictures docs reader reference reproduce test test-fast build check all
+.PHONY: sync format lint type contracts schema figures campaign screenshots browser-pictures docs reader reference reproduce validate test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -27,6 +27,8 @@ figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact
 	uv run python benchmarks/grip.py
 reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce --out docs
+validate:    ## regenerate the validation page
+	uv run ffsm validate --page docs
 campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
 	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
 	uv run --extra fast ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md

@@ -25,6 +25,7 @@ COMMANDS = {
     "impact-map": "map what an impact does over the configurations of the arm that reach its contact",
     "campaign": "run a scenario many times with dispersed parameters, and report the results",
     "reproduce": "run the paper's case study and compare every printed number with ours",
+    "validate": "compute published cases and closed forms and compare every number with ours",
     "schema": "print the JSON Schema of scenario or campaign files",
     "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
     "new-law": "generate a Python package with a control law of your own",
@@ -124,6 +125,14 @@ def parser() -> argparse.ArgumentParser:
     )
     again.add_argument(
         "--long", action="store_true", help="with --check: all runs of the report, including step-size studies and long runs"
+    )
+    validate = parsers["validate"]
+    validate.add_argument("cases", nargs="*", metavar="CASE", help="names of cases (default: all; the page lists them)")
+    validate.add_argument(
+        "--page", metavar="DIR", nargs="?", const="docs", help="write validation.md with all cases to DIR (default: docs)"
+    )
+    validate.add_argument(
+        "--check", metavar="DIR", nargs="?", const="docs", help="exit 1 if validation.md in DIR (default: docs) is stale"
     )
     parsers["schema"].add_argument("--campaign", action="store_true", help="print the schema of campaign files")
     parsers["completion"].add_argument("--keys", nargs=argparse.REMAINDER, metavar="WORD", help=argparse.SUPPRESS)

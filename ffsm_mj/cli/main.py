@@ -25,6 +25,7 @@ _COMMANDS = {
     "impact-map": "impact_map:impact_map",
     "campaign": "campaign:campaign",
     "reproduce": "reproduce:reproduce",
+    "validate": "validate:validate",
     "schema": "check:schema",
     "new": "generate:new",
     "new-law": "generate:new_law",

@@ -1,0 +1,1 @@
+"""Validation: published numbers and closed forms beside those of the engine, by ``ffsm validate``."""

@@ -1,0 +1,187 @@
+"""Free motion: rigid bodies, an arm without momentum, a reaction wheel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.validation.scene import final, model, run_scene, states, text_of, times
+
+_INERTIA = (2.0, 3.0, 1.5)
+_FAR = 1e12
+
+
+def _free(inertia: tuple[float, ...]) -> str:
+    return f"""<body name="body"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="{" ".join(map(str, inertia))}"/>
+      <geom name="body" type="sphere" size="0.1" mass="0"/></body>"""
+
+
+def _rock() -> dict[str, str]:
+    """A free object far away: a scene has one."""
+    return {"rock": model(_free((1.0, 1.0, 1.0)).replace('name="body"', 'name="rock" pos="90 0 0"', 1))}
+
+
+def _detest() -> Values:
+    """Euler's equations are those of B5 in y_i = omega_i / s_i."""
+    first, second, third = _INERTIA
+    a, b, c = (second - third) / first, (first - third) / second, (second - first) / third
+    scale = np.array([math.sqrt(0.51 / (b * c)), math.sqrt(0.51 / (a * c)), math.sqrt(1.0 / (a * b))])
+    spin = scale * (0.0, 1.0, 1.0)
+    run = run_scene(
+        model(_free(_INERTIA)), _rock(), initial={"rates": {"robot/free": [0, 0, 0, *spin.tolist()]}}, **times(5e-3, 20.0)
+    )
+    y = final(run, "v_robot_free")[3:] / scale
+    return {f"y{i + 1}": float(y[i]) for i in range(3)}
+
+
+_AXIAL, _ACROSS, _SPIN, _TILT = 1.0, 2.0, 3.0, 0.5
+
+
+def _precession() -> Values:
+    """The axis of the body goes round the angular momentum at |L| / I_t."""
+    omega = np.array([_TILT, 0.0, _SPIN])
+    momentum = omega * (_ACROSS, _ACROSS, _AXIAL)
+    rate = float(np.linalg.norm(momentum)) / _ACROSS
+    turn_s = 2.0 * math.pi / rate
+    run = run_scene(
+        model(_free((_ACROSS, _ACROSS, _AXIAL))),
+        _rock(),
+        initial={"rates": {"robot/free": [0, 0, 0, *omega.tolist()]}},
+        **times(1e-3, round(turn_s / 4.0, 3)),
+    )
+    w, x, y, z = states(run, "q_robot_free")[:, 3:].T
+    axis = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    about = momentum / np.linalg.norm(momentum)
+    start = axis[0] - about * (axis[0] @ about)
+    across = axis[-1] - about * (axis[-1] @ about)
+    angle = math.atan2(float(about @ np.cross(start, across)), float(start @ across))
+    return {"rate": angle / float(run.time[-1]), "nutation": float(np.ptp(axis @ about))}
+
+
+_BASE_KG, _BASE_I, _LINK_KG, _LINK_I, _HALF_M = 40.0, 3.6, 4.0, 0.1, 0.25
+
+
+def _arm() -> Values:
+    """A base with one joint from rest: momentum stays zero, and the base turns by what the link does."""
+    link = f"""<body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="{_BASE_KG}" diaginertia="3 3 {_BASE_I}"/>
+      <geom name="base" size="0.01" mass="0"/>
+      <body name="link" pos="{_HALF_M} 0 0"><joint name="joint" axis="0 0 1"/>
+        <inertial pos="{_HALF_M} 0 0" mass="{_LINK_KG}" diaginertia="0.1 0.1 {_LINK_I}"/>
+        <geom name="link" size="0.01" mass="0"/></body></body>"""
+    push = {"kind": "pd", "joints": ["joint"], "kp": 0.2 / _FAR, "kd": 0.0, "target": [_FAR]}
+    run = run_scene(
+        model(link, more='<actuator><motor name="joint" joint="joint"/></actuator>'),
+        _rock(),
+        phases=[{"name": "push", "until": "end", "controller": push}],
+        **times(1e-3, 3.0),
+    )
+    angle, rate = states(run, "q_robot_joint")[:, 0], states(run, "v_robot_joint")[:, 0]
+    turning = states(run, "v_robot_free")[:, 5]
+    mu = _BASE_KG * _LINK_KG / (_BASE_KG + _LINK_KG)
+    whole = _BASE_I + _LINK_I + mu * (2 * _HALF_M**2 + 2 * _HALF_M**2 * np.cos(angle))
+    expected = -rate * (_LINK_I + mu * (_HALF_M**2 + _HALF_M**2 * np.cos(angle))) / whole
+    way = float(np.trapezoid(turning - expected, run.time))
+    return {"worst": float(np.max(np.abs(turning - expected))), "turned": float(angle[-1]), "way": way}
+
+
+_BUS_I, _WHEEL_I, _START, _TORQUE = 2.0, 0.01, 0.05, 0.02
+
+
+def _wheel() -> Values:
+    """A wheel takes up the spin of a bus at a constant torque."""
+    bus = f"""<body name="bus"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="10" diaginertia="2 2 {_BUS_I}"/>
+      <geom name="bus" size="0.1" mass="0"/><body name="wheel"><joint name="wheel" axis="0 0 1"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="0.005 0.005 {_WHEEL_I}"/>
+        <geom name="wheel" size="0.05" mass="0"/></body></body>"""
+    push = {"kind": "pd", "joints": ["wheel"], "kp": _TORQUE / _FAR, "kd": 0.0, "target": [_FAR]}
+    run = run_scene(
+        model(bus, more='<actuator><motor name="wheel" joint="wheel"/></actuator>'),
+        _rock(),
+        initial={"rates": {"robot/free": [0, 0, 0, 0, 0, _START], "robot/wheel": 0.0}},
+        phases=[{"name": "dump", "until": "end", "controller": push}],
+        **times(1e-2, _BUS_I * _START / _TORQUE),
+    )
+    momentum = run["momentum.robot_L_z_N_m_s"]
+    return {
+        "bus": float(final(run, "v_robot_free")[5]),
+        "wheel": float(final(run, "v_robot_wheel")[0]),
+        "momentum": float(np.ptp(momentum)),
+    }
+
+
+CASES = (
+    ValidationCase(
+        "detest-b5",
+        "Euler's equations of a free rigid body",
+        Origin.PUBLISHED,
+        "DETEST problem B5: Hull, Enright, Fellen & Sedgwick 1972, SIAM J. Numer. Anal. 9; reference solution at t = 20 as"
+        " distributed with the test set (Enright & Pryce 1987, ACM TOMS 13)",
+        "A free body of inertia (2, 3, 1.5) kg m^2 in MuJoCo, scaled to y' = (y2 y3, -y1 y3, -0.51 y1 y2), y(0) = (0, 1, 1);"
+        " RK4 at 5 ms.",
+        (
+            Number("y1", "y1(20)", "-0.9396570798729192", 1e-8, "RK4 at 5 ms: 20 s (h omega)^4 / 120 of a rate of 5 rad/s"),
+            Number("y2", "y2(20)", "-0.3421177754000779", 1e-8, "as above"),
+            Number("y3", "y3(20)", "0.7414126596199957", 1e-8, "as above"),
+        ),
+        _detest,
+    ),
+    ValidationCase(
+        "precession",
+        "Precession of an axisymmetric body",
+        Origin.CLOSED_FORM,
+        "Rate |L| / I_t about the angular momentum, constant nutation; Poinsot 1834; Goldstein, Classical Mechanics, 5.6",
+        "I = (2, 2, 1) kg m^2, omega = (0.5, 0, 3) rad/s; RK4 at 1 ms over a quarter of a turn.",
+        (
+            Number(
+                "rate",
+                "rate of precession, rad/s",
+                text_of(math.hypot(_ACROSS * _TILT, _AXIAL * _SPIN) / _ACROSS),
+                1e-10,
+                "RK4 at 1 ms: (h omega)^4 of 3 rad/s",
+            ),
+            Number("nutation", "change of the cosine of the nutation", "0", 1e-11, "RK4, as above"),
+        ),
+        _precession,
+    ),
+    ValidationCase(
+        "zero-momentum-arm",
+        "A base turns against its arm",
+        Origin.CLOSED_FORM,
+        "Zero angular momentum of two bodies; Umetani & Yoshida 1989, Resolved motion rate control of space"
+        " manipulators with"
+        " generalized Jacobian matrix",
+        "Base 40 kg, 3.6 kg m^2; link 4 kg, 0.1 kg m^2, joint and centre 0.25 m away; 0.2 N m for 3 s.",
+        (
+            Number(
+                "worst", "largest difference of the base's rate from that of the joint's, rad/s", "0", 1e-11, "RK4 at 1 ms"
+            ),
+            Number("way", "its integral, rad", "0", 1e-11, "RK4 at 1 ms"),
+        ),
+        _arm,
+    ),
+    ValidationCase(
+        "wheel-dumping",
+        "A reaction wheel takes up the spin of a bus",
+        Origin.CLOSED_FORM,
+        "I_b d(omega)/dt = -tau, angular momentum of the whole constant; Wertz 1978, Spacecraft Attitude Determination and"
+        " Control, 18",
+        "Bus 2 kg m^2 at 0.05 rad/s, wheel 0.01 kg m^2, 0.02 N m for 5 s.",
+        (
+            Number("bus", "rate of the bus, rad/s", "0", 1e-9, "the spring that stands for the torque yields by 1e-9"),
+            Number(
+                "wheel",
+                "rate of the wheel relative to the bus, rad/s",
+                text_of(_START + _BUS_I * _START / _WHEEL_I),
+                1e-7,
+                "as above, times 200",
+            ),
+            Number("momentum", "change of the angular momentum, N m s", "0", 1e-14, "rounding of 0.1 N m s"),
+        ),
+        _wheel,
+    ),
+)

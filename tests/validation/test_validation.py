@@ -1,0 +1,134 @@
+"""Validation cases: how numbers are compared, and that the page says what the engine computes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ffsm_mj.cli.main import main
+from ffsm_mj.validation.case import (
+    ComparedCase,
+    ComparedNumber,
+    Number,
+    Origin,
+    ValidationCase,
+    Verdict,
+    compare_case,
+)
+from ffsm_mj.validation.cases import CASES, case_names, single_impacts
+from ffsm_mj.validation.page import committed_page, ours, stale_cases, total, validation_page
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES, ids=case_names())
+def test_a_case_is_as_the_page_says(case):
+    """Every number agrees or differs for a stated reason; the whole is what ``ffsm validate --check`` does."""
+    compared = compare_case(case)
+    assert compared.verdict is not Verdict.DIFFERS
+    assert stale_cases(committed_page(DOCS), [compared]) == []
+
+
+def test_there_are_enough_cases_with_names_of_their_own():
+    assert len(set(case_names())) == len(CASES)
+    origins = Counter(case.origin for case in CASES)
+    assert origins[Origin.PUBLISHED] >= 12
+    assert origins[Origin.CLOSED_FORM] >= 8
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "verdict"),
+    [
+        (Number("x", "", "1.23"), 1.2349, Verdict.AGREES),
+        (Number("x", "", "1.23"), 1.2351, Verdict.DIFFERS),
+        (Number("x", "", "-7.5e-3"), -7.54e-3, Verdict.AGREES),
+        (Number("x", "", "-7.5e-3"), -7.56e-3, Verdict.DIFFERS),
+        (Number("x", "", "-7.5e-3"), 7.5e-3, Verdict.DIFFERS),
+        (Number("x", "", "1.23", known="why"), 1.2351, Verdict.EXPLAINED),
+        (Number("x", "", "1.23", known="why"), 1.2349, Verdict.AGREES),
+        (Number("x", "", "0.5", 1e-12), 0.5 + 2e-12, Verdict.DIFFERS),
+        (Number("x", "", "1e-9", at_most=True), 1e-12, Verdict.AGREES),
+        (Number("x", "", "1e-9", at_most=True), 1.1e-9, Verdict.DIFFERS),
+        (Number("x", "", "1.23"), float("nan"), Verdict.DIFFERS),
+        (Number("x", "", "1e-9", at_most=True), float("nan"), Verdict.DIFFERS),
+    ],
+)
+def test_a_number_agrees_within_its_tolerance(number, value, verdict):
+    assert ComparedNumber(number, value).verdict is verdict
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "text"),
+    [
+        (Number("x", "", "1.23"), 1.23456, "1.235"),
+        (Number("x", "", "1", 1e-12), 1.0 - 1e-15, "1.000000000000"),
+        (Number("x", "", "0", 1e-3), -1e-9, "0.000"),
+        (Number("x", "", "4.5e-14", at_most=True), 1.64e-14, "1.6e-14"),
+        (Number("x", "", "4.5e-14", at_most=True), 1.64e-20, "< 1e-19"),
+        (Number("x", "", "4.5e-14", at_most=True), 0.0, "0"),
+    ],
+)
+def test_digits_are_those_of_the_tolerance(number, value, text):
+    assert ours(ComparedNumber(number, value)) == text
+
+
+def case(*values, known=""):
+    """A compared case whose numbers are 1 to 1e-3."""
+    numbers = tuple(Number(f"x{i}", f"x{i}, m", "1", 1e-3, known=known) for i in range(len(values)))
+    stated = ValidationCase("name", "Title", Origin.PUBLISHED, "Source", "Setting.", numbers, dict)
+    return ComparedCase(stated, tuple(ComparedNumber(*each) for each in zip(numbers, values, strict=True)))
+
+
+def test_a_case_is_as_bad_as_its_worst_number():
+    assert case(1.0, 1.0).verdict is Verdict.AGREES
+    assert case(1.0, 1.1).verdict is Verdict.DIFFERS
+    assert case(1.0, 1.1, known="why").verdict is Verdict.EXPLAINED
+    assert total([case(1.0, 1.1)]).endswith("2 numbers: 1 agree, 0 differ for a stated reason, 1 differ without one.")
+
+
+def test_a_stale_page_is_noticed():
+    page = validation_page([case(1.0, 1.0)])
+    assert stale_cases(page, [case(1.0, 1.0)]) == []
+    assert stale_cases(page, [case(1.0, 1.0004)]) == []
+    (line,) = stale_cases(page, [case(1.0, 1.1, known="why")])[:1]
+    assert line.startswith("name: line ")
+    renamed = replace(case(1.0), case=replace(case(1.0).case, title="Other"))
+    assert stale_cases(page, [renamed]) == ["name: no section 'Other'"]
+
+
+def test_a_wrong_restitution_differs(monkeypatch, capsys):
+    hit = single_impacts._off_centre
+    monkeypatch.setattr(single_impacts, "_off_centre", lambda e: hit(0.999 * e))
+    assert main(["validate", "one-collision"]) == 1
+    out = capsys.readouterr().out
+    assert "e = 0.5: energy ratio" in out
+    assert "differ without one" in out
+
+
+def test_one_case_on_the_command_line(capsys):
+    assert main(["validate", "rod-with-friction"]) == 0
+    out = capsys.readouterr().out
+    assert "Stronge 1990" in out
+    assert "\n1 case (0 with published numbers, 1 with closed forms)" in out
+    assert out.rstrip().endswith("2 numbers: 2 agree, 0 differ for a stated reason, 0 differ without one.")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["one-colision"], "unknown case 'one-colision'"),
+        (["one-collision", "--page", "docs"], "ffsm validate: --page writes all cases; leave out their names"),
+        (["one-collision", "--check", "nowhere"], "nowhere/validation.md: cannot be read (No such file or directory)"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["validate", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(message)
+    assert captured.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
