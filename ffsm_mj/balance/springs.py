@@ -24,6 +24,7 @@ from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import MODE_STEP
 
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 NUMBERS = 3
 """Values per tree: elastic energy, heat of dampers, and energy that the truncation of RK4 takes from the modes, J."""
 
@@ -50,6 +51,9 @@ class SpringBalance:
         for row, tree in zip(self._trees, system.trees, strict=True):
             row[tree.dofs] = 1.0
         self._forces, self._answers = np.zeros((3, system.mj.nv)), np.zeros((3, system.mj.nv))
+        # Coordinates of hinges and slides; rates of other joints are no differences of coordinates.
+        scalar = np.isin(system.mj.jnt_type, (_HINGE, _SLIDE))
+        self._places, self._dofs = system.mj.jnt_qposadr[scalar], system.mj.jnt_dofadr[scalar]
         self.open()
 
     def set_elastic(self) -> None:
@@ -59,36 +63,45 @@ class SpringBalance:
     def open(self) -> None:
         """Begin a (sub-)step at the state in ``data``."""
         self._qpos, self._qvel = self._data.qpos.copy(), self._data.qvel.copy()
+        self._elastic = self._springs.energy(self._qpos)
 
     def close(self, duration_s: float) -> None:
         """End the step at the state in ``data``, derived quantities current."""
-        springs, data, accounts = self._springs, self._data, self._accounts
+        springs, accounts = self._springs, self._accounts
         if springs.elastic:
-            accounts[:, 0] += self._trees @ (springs.energy(data.qpos) - springs.energy(self._qpos))
             taken = self._truncation(duration_s)
             if self.grasped:
                 taken[0], taken[self.grasped] = taken[0] + taken[self.grasped], 0.0
+            accounts[:, 0] += self._trees.dot(springs.energy(self._data.qpos) - self._elastic)
             accounts[:, 2] += taken
         if springs.damped:
-            accounts[:, 1] += self._trees @ self._heat(duration_s)
+            accounts[:, 1] += self._trees.dot(self._heat(duration_s))
 
     def _heat(self, duration_s: float) -> FloatArray:
         """Heat of dampers by degree of freedom, J, (nv,)."""
-        data, power = self._data, self._springs.dissipation
-        _, middle = hermite_midpoint(self._model, self._qpos, self._qvel, data.qpos, data.qvel, duration_s)
-        return duration_s / 6.0 * (power(self._qvel) + 4.0 * power(middle) + power(data.qvel))
+        qpos, qvel, power = self._data.qpos, self._data.qvel, self._springs.dissipation
+        if self._springs.damped_balls:
+            _, middle = hermite_midpoint(self._model, self._qpos, self._qvel, qpos, qvel, duration_s)
+        else:
+            middle = -0.25 * (self._qvel + qvel)
+            middle[self._dofs] += 1.5 / duration_s * (qpos[self._places] - self._qpos[self._places])
+        return duration_s / 6.0 * (power(self._qvel) + 4.0 * power(middle) + power(qvel))
 
     def _truncation(self, duration_s: float) -> FloatArray:
         """Energy that RK4 takes from the modes in the step, J, by tree; zero where they are too fast for its step."""
         K, v, h = self._springs.stiffness(self._data.qpos), self._data.qvel, duration_s
         forces, answers = self._forces, self._answers
-        forces[0], forces[1], forces[2] = K * self._qvel, K * v, K * (v - self._qvel) / h
+        np.multiply(K, self._qvel, forces[0])
+        np.multiply(K, v, forces[1])
+        np.subtract(forces[1], forces[0], forces[2])
+        forces[2] /= h
         mujoco.mj_solveM(self._model, self._data, answers, forces)
-        moving = 0.5 * np.sum(answers[:2] * K * answers[:2], axis=0)
+        first, second, third = forces * answers
+        moving = 0.5 * K * (answers[0] * answers[0] + answers[1] * answers[1])
         # The mean of w^2 over the modes that move; the formula is that of modes that RK4 resolves.
-        if h * h * moving.sum() > MODE_STEP**2 * 0.5 * np.sum(forces[:2] * answers[:2]):
+        if h * h * moving.sum() > MODE_STEP**2 * 0.5 * (first.sum() + second.sum()):
             return np.zeros(len(self._trees))
-        taken: FloatArray = self._trees @ (h**6 / 144.0 * (moving + forces[2] * answers[2]))
+        taken: FloatArray = self._trees.dot(h**6 / 144.0 * (moving + third))
         return taken
 
 

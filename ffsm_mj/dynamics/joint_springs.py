@@ -37,60 +37,61 @@ class JointSprings:
     Attributes:
         elastic: Whether a joint has a spring.
         damped: Whether one has a damper.
+        damped_balls: Whether a ball joint has one.
     """
 
     def __init__(self, model: Any) -> None:
         """Read the coefficients of a model."""
         self._nv, stiffness = model.nv, stiffness_coefficients(model)
         sprung = np.any(stiffness, axis=1) & (model.jnt_type != _FREE)
-        scalar, ball = sprung & (model.jnt_type != _BALL), sprung & (model.jnt_type == _BALL)
-        self._dofs, self._places = model.jnt_dofadr[scalar], model.jnt_qposadr[scalar]
-        self._zero, self._k = model.qpos_spring[self._places], stiffness[scalar]
-        self._balls = [
-            (
-                int(model.jnt_dofadr[j]),
-                int(model.jnt_qposadr[j]),
-                model.qpos_spring[model.jnt_qposadr[j] :][:4],
-                stiffness[j],
-            )
-            for j in np.flatnonzero(ball).tolist()
-        ]
+        self._scalars, self._balls = [], []
+        for j in np.flatnonzero(sprung).tolist():
+            dof, place, coefficients = int(model.jnt_dofadr[j]), int(model.jnt_qposadr[j]), stiffness[j].tolist()
+            if model.jnt_type[j] == _BALL:
+                self._balls.append((dof, place, model.qpos_spring[place : place + 4].copy(), coefficients))
+            else:
+                self._scalars.append((dof, place, float(model.qpos_spring[place]), coefficients))
         kinds = model.jnt_type[model.dof_jntid]
         self._d = np.where((kinds != _FREE)[:, None], damping_coefficients(model), 0.0)
         self.elastic, self.damped = bool(sprung.any()), bool(self._d.any())
+        self.damped_balls = bool(self._d[kinds == _BALL].any())
+        linear = not stiffness[sprung, 1:].any()
+        self._constant = self._stiffness(np.array(model.qpos_spring)) if linear else None
+        self._viscous = self._d[:, 0].copy() if not self._d[:, 1:].any() else None
 
-    def _displacements(self, qpos: FloatArray) -> tuple[FloatArray, list[float]]:
-        """Displacements of scalar joints from their references, and angles of ball joints, rad or m."""
-        turn, angles = np.empty(3), []
-        for _, place, zero, _ in self._balls:
+    def _displacements(self, qpos: FloatArray) -> list[tuple[int, int, float, list[float]]]:
+        """Springs: first dof, number of dofs, displacement (of a ball joint its angle) in rad or m, coefficients."""
+        found, turn, places = [], np.empty(3), qpos.tolist()
+        for dof, place, zero, coefficients in self._scalars:
+            found.append((dof, 1, places[place] - zero, coefficients))
+        for dof, place, reference, coefficients in self._balls:
             quaternion = qpos[place : place + 4].copy()
             mujoco.mju_normalize4(quaternion)
-            mujoco.mju_subQuat(turn, quaternion, zero)
-            angles.append(float(np.sqrt(turn.dot(turn))))
-        return qpos[self._places] - self._zero, angles
+            mujoco.mju_subQuat(turn, quaternion, reference)
+            found.append((dof, 3, math.hypot(*turn.tolist()), coefficients))
+        return found
 
     def energy(self, qpos: FloatArray) -> FloatArray:
         """Elastic energy at a configuration, J, at the first degree of freedom of each joint, (nv,)."""
         energy = np.zeros(self._nv)
-        x, angles = self._displacements(qpos)
-        a, b, c = self._k.T
-        energy[self._dofs] = x * x * (a / 2.0 + x * (b / 3.0 + x * c / 4.0))
-        for (dof, _, _, (a, b, c)), angle in zip(self._balls, angles, strict=True):
-            energy[dof] = angle * angle * (a / 2.0 + angle * (b / 3.0 + angle * c / 4.0))
+        for dof, _, x, (a, b, c) in self._displacements(qpos):
+            energy[dof] = x * x * (a / 2.0 + x * (b / 3.0 + x * c / 4.0))
         return energy
 
     def stiffness(self, qpos: FloatArray) -> FloatArray:
         """Tangent stiffness at a configuration, N m/rad or N/m, zero where it is negative, (nv,)."""
+        return self._constant if self._constant is not None else self._stiffness(qpos)
+
+    def _stiffness(self, qpos: FloatArray) -> FloatArray:
         stiffness = np.zeros(self._nv)
-        x, angles = self._displacements(qpos)
-        a, b, c = self._k.T
-        stiffness[self._dofs] = a + x * (2.0 * b + 3.0 * x * c)
-        for (dof, _, _, (a, b, c)), angle in zip(self._balls, angles, strict=True):
-            stiffness[dof : dof + 3] = a + angle * (2.0 * b + 3.0 * angle * c)
-        return np.maximum(stiffness, 0.0)
+        for dof, size, x, (a, b, c) in self._displacements(qpos):
+            stiffness[dof : dof + size] = max(0.0, a + x * (2.0 * b + 3.0 * x * c))
+        return stiffness
 
     def dissipation(self, qvel: FloatArray) -> FloatArray:
         """Power that dampers turn into heat, W, (nv,)."""
+        if self._viscous is not None:
+            return qvel * qvel * self._viscous
         a, b, c = self._d.T
         speed = np.abs(qvel)
         dissipation: FloatArray = qvel * qvel * (a + speed * (b + speed * c))
