@@ -167,11 +167,11 @@ def test_no_penetration_has_its_own_tolerance_of_a_nanometre(coast, conservative
 
 def test_without_conservation_only_impacts_and_overlap_are_checked(tmp_path):
     path = two_balls(tmp_path, conservative=False, duration_s=0.5)
-    text = (tmp_path / "target.xml").read_text().replace('type="slide"', 'type="slide" damping="2"')
+    text = (tmp_path / "target.xml").read_text().replace('type="slide"', 'type="slide" frictionloss="2"')
     (tmp_path / "target.xml").write_text(text)
     run = ffsm_mj.run(path)
     assert not run.conservative
     assert {check.name for check in run.checks()} - {"no penetration"} == {"impact energy", "impact restitution"}
     assert all(check.passes for check in run.checks())
     assert run.summary()["conservation"] is None
-    assert np.ptp(run["balance.total_energy_residual_J"]) > 1e-3  # dissipated by the damper, and not in the balance
+    assert np.ptp(run["balance.total_energy_residual_J"]) > 1e-3  # dissipated by the friction, and not in the balance

@@ -34,7 +34,6 @@ def sprung(folder, step, speed=0.5):
         duration_s=0.8,
         time_step_s=step,
         control_period_s=0.008,
-        conservative=False,
         initial={"joints": {"ball/x": 0.25}, "rates": {"robot/x": speed}},
         contacts={"rules": [{"between": ["pad", "ball/ball"], "restitution": 0.0}]},
     )
