@@ -6,6 +6,7 @@ import math
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ffsm_mj
@@ -18,6 +19,7 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.report.plots import figure_names
 from ffsm_mj.task_model import JointModel
 from tests.contact_models.grasp.scenes import TARGET, grasping
+from tests.model.test_pinocchio import oracle, to_pinocchio
 from tests.scenes import HEAD, ball, compile_paths, scene
 
 K, BUS, MASS = 200.0, 3.0, 1.0
@@ -323,6 +325,32 @@ def test_a_restored_state_goes_on_bit_for_bit(tmp_path):
     rows = second.close().log.rows
     assert len(rows) > 50
     np.testing.assert_array_equal(rows, whole.log.rows[-len(rows) :])
+
+
+def test_accelerations_agree_with_pinocchio():
+    """A flexible arm and a flexible panel in 50 states: springs and dampers as joint efforts written down here."""
+    drive = {"stiffness": 8000.0, "damping": 4.0, "gear": 100.0, "rotor_inertia": 1e-4}
+    changes = {"robot.joint_flex": {"shoulder": drive, "elbow": drive}, "time_step_s": 1e-3}
+    system = ffsm_mj.prepare("capture-flexible", changes).system
+    model, data, rng = system.mj, mujoco.MjData(system.mj), np.random.default_rng(1)
+    other, _ = oracle(model)
+    other.gravity.setZero()
+    workspace, K, D = other.createData(), np.zeros(model.nv), np.zeros(model.nv)
+    for name, given in (("shoulder", (8e3, 4.0)), ("elbow", (8e3, 4.0)), ("root", (6e3, 185.0)), ("middle", (6e3, 185.0))):
+        joint = system.joint(f"envisat/{name}" if name in ("root", "middle") else f"robot/{name}_flex")
+        K[joint.dofs], D[joint.dofs] = given
+    scalar = [joint for joint in system.joints.values() if joint.kind == "hinge"]
+    dofs, places = (np.array([getattr(joint, part).start for joint in scalar]) for part in ("dofs", "qpos"))
+    for _ in range(50):
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_integratePos(model, data.qpos, 0.3 * rng.normal(size=model.nv), 1.0)
+        data.qvel[:] = 0.3 * rng.normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        effort = -D * data.qvel
+        effort[dofs] -= K[dofs] * data.qpos[places]
+        q, v, _ = to_pinocchio(model, data.qpos, data.qvel)
+        found = pin.aba(other, workspace, q, v, effort)
+        np.testing.assert_allclose(data.qacc[dofs], found[dofs], rtol=1e-10, atol=1e-10 * np.abs(found).max())
 
 
 @pytest.mark.long
