@@ -303,6 +303,16 @@ def test_the_bias_of_a_law_contains_the_spring(tmp_path):
     assert abs(data.qacc[-1]) < 1e-12
 
 
+def test_a_force_sensor_reads_the_spring_and_the_damper(tmp_path):
+    """The interaction force along the joint is what spring and damper exert, the same as mass times acceleration."""
+    site = '<geom name="mass" size="0.1" mass="0"/>'
+    text = mass_on_bus(2.0).replace(site, site + '<site name="cut"/>')
+    text = text.replace("</mujoco>", '<sensor><force name="f" site="cut"/></sensor></mujoco>')
+    run = good(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.2, initial={"joints": {"s": 0.05}})))
+    expected = -(K * run["state.q_robot_s_m"] + 2.0 * run["state.v_robot_s_m_s"])
+    np.testing.assert_allclose(run["sensor.robot_f_x_N"], expected, atol=1e-12)
+
+
 def test_predictions_resolve_the_springs(tmp_path):
     """One step over half a second from rest would be unstable at h w = 8."""
     (tmp_path / "robot.xml").write_text(ARM)
