@@ -1,5 +1,7 @@
 """Exact impacts, usable alone on any MuJoCo model: ``resolve``, ``reflect`` and the paper's own system as the oracle.
 
+``linearize`` gives the saltation matrix of an impact, and the changes of its time and impulse with the state before it.
+
 :class:`ImpactLaw` is the interface of impact laws, ``register_law`` makes one known; see ``docs/impact-laws.md``.
 """
 
@@ -9,6 +11,7 @@ from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact
 from ffsm_mj.contact_models.impact.installed_laws import register as register_law
 from ffsm_mj.contact_models.impact.law import Coverage, ImpactLaw, ImpactProblem, ImpactSolution
 from ffsm_mj.contact_models.impact.laws import reflect
+from ffsm_mj.contact_models.impact.linearize import Saltation, linearize
 from ffsm_mj.contact_models.impact.paper import PaperSolution, solve_paper_system
 from ffsm_mj.contact_models.impact.resolution import Impact, ImpactState, compare_laws, resolve
 from ffsm_mj.contact_models.impact.with_friction import Friction
@@ -26,8 +29,10 @@ __all__ = [
     "ImpactState",
     "LimitContact",
     "PaperSolution",
+    "Saltation",
     "compare_laws",
     "contact_jacobian",
+    "linearize",
     "reflect",
     "register_law",
     "resolve",

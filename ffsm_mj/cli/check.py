@@ -13,6 +13,7 @@ from ffsm_mj.campaign.plan.shipped import is_campaign
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.scenario.schema import scenario_schema
+from ffsm_mj.sensitivity.of_run import checked_parameters
 
 
 def check(options: argparse.Namespace, output: Output) -> int:
@@ -25,7 +26,8 @@ def check(options: argparse.Namespace, output: Output) -> int:
         plan = load_campaign(options.scenario, options.overrides)
         lines = description(plan, plan.design())
     else:
-        lines = prepare(options.scenario, options.overrides).describe()
+        prepared = prepare(options.scenario, options.overrides)
+        lines = [*prepared.describe(), *(f"uncertain: {each.size} in {each.key}" for each in checked_parameters(prepared))]
     for line in lines:
         output.say(line)
     return OK

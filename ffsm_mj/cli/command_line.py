@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import exit_codes
 from ffsm_mj.cli.impact_map import describe_impact_map
+from ffsm_mj.cli.sensitivity import describe_sensitivity
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
 from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
@@ -23,6 +24,7 @@ COMMANDS = {
     "export": "export a run's tables, or an animation of its motion",
     "view": "open a run, or a scenario as it starts, in the Rerun viewer",
     "impact-map": "map what an impact does over the configurations of the arm that reach its contact",
+    "sensitivity": "print what uncertain numbers of a scenario change in its outcomes",
     "campaign": "run a scenario many times with dispersed parameters, and report the results",
     "reproduce": "run the paper's case study and compare every printed number with ours",
     "validate": "compute published cases and closed forms and compare every number with ours",
@@ -111,6 +113,7 @@ def parser() -> argparse.ArgumentParser:
     _describe_new(parsers["new"])
     describe_campaign(parsers["campaign"], _add_overrides)
     describe_impact_map(parsers["impact-map"], _add_overrides)
+    describe_sensitivity(parsers["sensitivity"], _add_overrides)
     law = parsers["new-law"]
     law.add_argument(
         "name", help="kind of the law, also name of the folder and module: lower-case letters, digits, underscores"

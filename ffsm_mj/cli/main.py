@@ -23,6 +23,7 @@ _COMMANDS = {
     "export": "export:export",
     "view": "view:view",
     "impact-map": "impact_map:impact_map",
+    "sensitivity": "sensitivity:sensitivity",
     "campaign": "campaign:campaign",
     "reproduce": "reproduce:reproduce",
     "validate": "validate:validate",

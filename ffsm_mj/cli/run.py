@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, INTERRUPTED, OK, RUN_FAILED, TRUNCATED
 from ffsm_mj.cli.progress import progress
+from ffsm_mj.cli.sensitivity import of_run
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
@@ -38,6 +39,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
     from ffsm_mj.campaign.plan.shipped import is_campaign
     from ffsm_mj.log.run_folder import RunFolder
+    from ffsm_mj.sensitivity.of_run import checked_parameters
 
     if is_campaign(options.scenario):
         raise InputError(
@@ -59,6 +61,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
         if prepared.origin is not None:
             shown.stage(f"make {prepared.origin.folder} again")
             prepared.origin.start()
+        checked_parameters(prepared)
         notes = prepared.notes()
     scenario = prepared.scenario
     head = _notes(notes, options)
@@ -71,7 +74,8 @@ def run(options: argparse.Namespace, output: Output) -> int:
         done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if given is None:
         folder.link_latest()
-    return _summarise(done, folder, notes, options, output, len(head.splitlines()))
+    said = of_run(prepared, done, folder)
+    return _summarise(done, folder, notes, options, output, len(head.splitlines()), said)
 
 
 def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
@@ -92,9 +96,15 @@ def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
 
 
 def _summarise(
-    run: Run, folder: RunFolder, notes: Sequence[str], options: argparse.Namespace, output: Output, used: int
+    run: Run,
+    folder: RunFolder,
+    notes: Sequence[str],
+    options: argparse.Namespace,
+    output: Output,
+    used: int,
+    said: Sequence[str],
 ) -> int:
-    """Print the summary of a run below ``used`` lines of output; returns the exit code."""
+    """Print the summary of a run below ``used`` lines of output, and what is said of it; returns the exit code."""
     from ffsm_mj.report.check_report import any_check_failed, fail_by_truncation, verdict
     from ffsm_mj.report.run_report import MOST_LINES, run_report
     from ffsm_mj.report.text_table import wrapped
@@ -102,6 +112,8 @@ def _summarise(
 
     failed = run.outcome != "completed" or any_check_failed(run, DEFAULT_TOLERANCE)
     output.say(run_report(run, notes, MOST_LINES - used - (_REASON_LINES if failed else 0)))
+    for sentence in said:
+        output.say(sentence)
     output.say(wrapped(f"files in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}", 2))
     output.say(f"view:   {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
     if run.outcome != "completed":

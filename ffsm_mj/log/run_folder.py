@@ -28,7 +28,8 @@ PARTIAL_LOG = "run.mcap.partial"
 RECORDING = "run.rrd"
 SCENARIO = "scenario.yaml"
 SUMMARY = "summary.json"
-_RUN_FILES = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY)
+SENSITIVITY = "sensitivity.csv"
+_RUN_FILES = (LOG, PARTIAL_LOG, RECORDING, SCENARIO, SUMMARY, SENSITIVITY)
 
 
 class RunFolder:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -59,6 +62,37 @@ class Run(analysis.Run):
         from ffsm_mj.report.film import film
 
         return film(self, frames_per_second, speed)
+
+    def sensitivity(
+        self,
+        of: Sequence[str] | str = (),
+        wrt: Mapping[str, float] = MappingProxyType({}),
+        kind: str = "secant",
+        *,
+        controllers: Mapping[str, Any] = MappingProxyType({}),
+        estimators: Mapping[str, Any] = MappingProxyType({}),
+    ) -> Any:
+        """How outcomes of the run change with uncertain numbers of its scenario; see docs/sensitivity.md.
+
+        Args:
+            of: Outcomes, by their names in ``summary.json``: ``impacts.0.impulse_N_s``; those of the first impact and of the
+                tip if none is named.
+            wrt: Standard deviation of each uncertain number, by dotted key of the scenario; its ``uncertainties`` if none is
+                given.
+            kind: ``secant``: two runs per number, at plus and minus one standard deviation; it refuses nothing. ``exact``:
+                the derivative, where it exists.
+            controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+            estimators: Estimators of the caller's own.
+
+        Returns:
+            A :class:`~ffsm_mj.sensitivity.result.Sensitivity`.
+
+        Raises:
+            InputError: An unknown name, or a derivative that does not exist.
+        """
+        # Runs are made above this package.
+        module = import_module("ffsm_mj.sensitivity.of_run")
+        return module.sensitivity(self, of, wrt, kind, controllers=controllers, estimators=estimators)
 
 
 def load_run(path: str | Path) -> Run:

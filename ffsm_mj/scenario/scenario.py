@@ -136,6 +136,9 @@ class Scenario(StrictModel):
     contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()
+    uncertainties: dict[Name, PositiveFloat] = {}
+    """Standard deviations of numbers of the scenario by dotted key, in their units: a run is repeated at plus and minus each
+    of them, and its report says what they change (docs/sensitivity.md)."""
     env: EnvConfig | None = None
     """The scenario as a Gymnasium environment (docs/gymnasium.md); a run ignores it."""
 

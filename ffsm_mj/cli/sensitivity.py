@@ -1,0 +1,97 @@
+"""Options and implementation of ``ffsm sensitivity``, and the sentences that ``ffsm run`` adds to its report."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ffsm_mj.cli.display import display
+from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
+from ffsm_mj.cli.progress import progress
+from ffsm_mj.cli.standard_streams import Output, complain
+
+if TYPE_CHECKING:
+    from ffsm_mj.assembly.prepare import PreparedRun
+    from ffsm_mj.log.run_folder import RunFolder
+    from ffsm_mj.report.run import Run
+    from ffsm_mj.sensitivity.result import Sensitivity
+
+
+def describe_sensitivity(of: argparse.ArgumentParser, add_overrides: Callable[[argparse.ArgumentParser], None]) -> None:
+    """Add the options to a parser."""
+    of.add_argument("scenario", help="a scenario file, a run folder, or the name of a shipped scenario")
+    add_overrides(of)
+    of.add_argument(
+        "--of",
+        action="append",
+        default=[],
+        metavar="OUTCOME",
+        help="number of summary.json, e.g. impacts.0.impulse_N_s (default: first impact and final error of the tip)",
+    )
+    of.add_argument(
+        "--wrt",
+        action="append",
+        default=[],
+        metavar="KEY=SIGMA",
+        help="an uncertain key and its standard deviation, in SI units or with mm, um, mrad, deg: "
+        "initial.joints.object/y=1mm (default: 'uncertainties' of the scenario)",
+    )
+    of.add_argument("--exact", action="store_true", help="derivatives, where they exist, in place of runs")
+    of.add_argument("--out", metavar="FILE", help="also write the table as CSV or, with the suffix .parquet, as Parquet")
+
+
+def sensitivity(options: argparse.Namespace, output: Output) -> int:
+    """Run a scenario, repeat it at both sides of each uncertain key, and print what changes; returns the exit code.
+
+    Raises:
+        InputError: The scenario or a name is wrong, or a derivative does not exist.
+    """
+    from ffsm_mj.assembly.prepare import prepare
+    from ffsm_mj.sensitivity.of_run import checked_parameters, of_prepared
+    from ffsm_mj.sensitivity.parameters import given
+
+    wrt = given(options.wrt)
+    with display(output) as (say, shown):
+        prepared = prepare(options.scenario, options.overrides)
+        checked_parameters(prepared, wrt)
+        nominal = prepared.run(report=shown.stage(prepared.scenario.name, "s", prepared.scenario.duration_s))
+        if nominal.outcome != "completed":
+            complain(f"{nominal.outcome}: {nominal.message}")
+            return RUN_FAILED
+        report = shown.stage("sensitivity", "runs")
+        found = of_prepared(prepared, nominal, options.of, wrt, "exact" if options.exact else "secant", report)
+        for sentence in sentences(found):
+            say(sentence)
+        if options.out:
+            say(f"{options.out}: {_write(found, Path(options.out))}")
+    return OK
+
+
+def sentences(found: Sensitivity) -> list[str]:
+    """Sentences on a sensitivity, wrapped at the width of the terminal."""
+    from ffsm_mj.report.text_table import wrapped
+
+    return [wrapped(sentence, 2) for sentence in found.sentences()]
+
+
+def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
+    """Sentences on the ``uncertainties`` of a scenario, also written as a table into the run folder; none without them."""
+    if not prepared.scenario.uncertainties or run.outcome != "completed":
+        return []
+    from ffsm_mj.log.run_folder import SENSITIVITY
+    from ffsm_mj.sensitivity.of_run import of_prepared
+
+    with progress() as shown:
+        found = of_prepared(prepared, run, report=shown.stage("sensitivity", "runs"))
+    _write(found, folder.path / SENSITIVITY)
+    return sentences(found)
+
+
+def _write(found: Sensitivity, path: Path) -> str:
+    """Write the table; returns a line that describes the output."""
+    from ffsm_mj.report.export import to_arrow, write_arrow
+
+    form = "parquet" if path.suffix.lower() == ".parquet" else "csv"
+    return write_arrow(iter([to_arrow(found.table)]), path, form)

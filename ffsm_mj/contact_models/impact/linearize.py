@@ -1,0 +1,207 @@
+"""First-order effect of small changes of the state before an impact: its saltation matrix, time and impulse.
+
+A neighbouring motion meets at another time, so the Jacobian of the impact map alone is wrong. With x = (q, v), f = dx/dt
+just before (-) and after (+) the impact, R the impact map, n = (J, 0) the gradient of the gap and u = J v- < 0,
+
+    S = DR + (f+ - DR f-) n^T / (n^T f-),    dt = -J dq / u
+
+(Kong, Payne, Zhu & Johnson, Proc. IEEE 112(6):585, 2024). Always S f- = f+; without friction det S = e^2. Changes of q are
+in the tangent space of ``mj_integratePos``: of a free joint, position in world axes and rotation in body axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
+from ffsm_mj.contact_models.impact.resolution import Impact, resolve
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.errors import UnsupportedContactError
+
+_STEP = 1e-5
+"""Step of central differences, rad, m, and of velocities over the largest one: error of truncation and rounding 1e-9."""
+
+
+@dataclass(frozen=True)
+class Saltation:
+    """First-order effects of a change (dq, dv) of the state just before an impact, all at the time of the unchanged impact.
+
+    Attributes:
+        S: Change of the state just after, as if both motions had their impact at that time, (2 nv, 2 nv).
+        time: Change of the time of the impact, (2 nv,), s.
+        impulse: Change of the normal impulse, (2 nv,), N s.
+        impulse_by_restitution: Change of the normal impulse with the coefficient of restitution, N s.
+        velocity_by_restitution: Change of the velocities after, (nv,).
+        J: Gradient of the gap, (nv,).
+        rate: Gap rate u before, m/s, negative.
+        reset: Jacobian of the impact map at a fixed time, DR, (2 nv, 2 nv).
+        f_before: (v, a) before, (2 nv,).
+        f_after: (v, a) after, (2 nv,).
+        impact: The impact itself.
+    """
+
+    S: FloatArray
+    time: FloatArray
+    impulse: FloatArray
+    impulse_by_restitution: float
+    velocity_by_restitution: FloatArray
+    J: FloatArray
+    rate: float
+    reset: FloatArray
+    f_before: FloatArray
+    f_after: FloatArray
+    impact: Impact
+
+
+def linearize(
+    model: Any,
+    data: Any,
+    pair: ContactPair,
+    *,
+    restitution: float | None = None,
+    mu: float | None = None,
+    law: str = "blend",
+    effort_before: FloatArray | None = None,
+    effort_after: FloatArray | None = None,
+) -> Saltation:
+    """Linearize an impact of one contact point at the state in ``data``, which is not changed.
+
+    Args:
+        model: MuJoCo model.
+        data: Its state at the instant of the impact, with the velocities before it.
+        pair: The two geoms.
+        restitution: Coefficient of restitution; None: that of the pair. Above 1 is refused as in :func:`resolve`.
+        mu: Coefficient of friction; None: that of the pair.
+        law: Name of the impact law.
+        effort_before: Generalised forces of the actuators just before, (nv,); None: off.
+        effort_after: Those just after; None: off.
+
+    Raises:
+        UnsupportedContactError: The geoms touch in an edge or a face, do not approach, or a neighbouring impact passes
+            through other contact modes: there is no derivative.
+    """
+    event = _Event(model, data, pair, pair.restitution if restitution is None else restitution, _mu(pair, mu), law)
+    nv, qpos, qvel = model.nv, np.array(data.qpos), np.array(data.qvel)
+    impact = event.impact(qpos, qvel)
+    J = event.row(qpos)
+    u = float(J @ qvel)
+    if not u < 0.0:
+        raise UnsupportedContactError(
+            f"{pair}: the contact does not approach (gap rate {u:.3g} m/s): no impact to linearize"
+        )
+    by_q = event.differences(qpos, qvel, of_velocity=False)
+    by_v = event.differences(qpos, qvel, of_velocity=True)
+    reset = np.block([[np.eye(nv), np.zeros((nv, nv))], [by_q[:nv], by_v[:nv]]])
+    zero = np.zeros(nv)
+    after = impact.after.qvel
+    f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, zero if effort_before is None else effort_before)))
+    f_after = np.concatenate((after, event.acceleration(qpos, after, zero if effort_after is None else effort_after)))
+    n = np.concatenate((J, zero))
+    time = -n / u
+    of_impulse = np.concatenate((by_q[nv], by_v[nv]))
+    by_e = event.by_restitution(qpos, qvel)
+    return Saltation(
+        S=reset + np.outer(f_after - reset @ f_before, n) / u,
+        time=time,
+        # At the event of the neighbour its state has moved on by f- dt.
+        impulse=of_impulse + (of_impulse @ f_before) * time,
+        impulse_by_restitution=float(by_e[nv]),
+        velocity_by_restitution=by_e[:nv],
+        J=J,
+        rate=u,
+        reset=reset,
+        f_before=f_before,
+        f_after=f_after,
+        impact=impact,
+    )
+
+
+def _mu(pair: ContactPair, mu: float | None) -> float:
+    return pair.mu if mu is None else mu
+
+
+class _Event:
+    """The impact of a pair as a function of the state."""
+
+    def __init__(self, model: Any, data: Any, pair: ContactPair, restitution: float, mu: float, law: str) -> None:
+        self._model, self._pair, self._e, self._mu, self._law = model, pair, restitution, mu, law
+        self._data = mujoco.MjData(model)
+        mujoco.mj_copyData(self._data, model, data)
+        self._path: str | None = None
+
+    def impact(self, qpos: FloatArray, qvel: FloatArray, restitution: float | None = None) -> Impact:
+        """Impact of the nearest points, as if they touched.
+
+        Raises:
+            UnsupportedContactError: They are several, or other contact modes than in the first call occur.
+        """
+        contact = self._contact(qpos, qvel, self._e if restitution is None else restitution)
+        found = resolve(self._model, self._data, [contact], self._law)
+        path = f"{found.status} {found.friction.paths[0] if found.friction is not None else ''}"
+        if self._path is None:
+            self._path = path
+        elif path != self._path:
+            modes = f"{self._path.strip()}, or {path.strip()}"
+            raise UnsupportedContactError(f"{self._pair}: the contact modes change here ({modes}): no derivative exists")
+        return found
+
+    def row(self, qpos: FloatArray) -> FloatArray:
+        """Gradient of the gap, (nv,)."""
+        return contact_jacobian(self._model, self._data, self._contact(qpos, np.zeros(self._model.nv), self._e))
+
+    def differences(self, qpos: FloatArray, qvel: FloatArray, *, of_velocity: bool) -> FloatArray:
+        """Derivatives of (velocity after, impulse) by coordinates or velocities, (nv + 1, nv)."""
+        if of_velocity and self._mu == 0.0:
+            return self._by_velocity(qpos, qvel)
+        columns = []
+        step = _STEP * (max(1.0, float(np.abs(qvel).max())) if of_velocity else 1.0)
+        for unit in np.eye(self._model.nv):
+            ends = []
+            for h in (-step, step):
+                q, v = qpos.copy(), qvel + h * unit if of_velocity else qvel
+                if not of_velocity:
+                    mujoco.mj_integratePos(self._model, q, unit, h)
+                ends.append(self._outcome(self.impact(q, v)))
+            columns.append((ends[1] - ends[0]) / (2.0 * step))
+        return np.array(columns).T
+
+    def _by_velocity(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Closed form without friction: v+ = (I - (1 + e) M^-1 J^T J / G) v-, impulse -(1 + e) J v- / G."""
+        self._contact(qpos, qvel, self._e)
+        J, M = self.row(qpos), mass_matrix(self._model, self._data)
+        response = np.linalg.solve(M, J)
+        gain = (1.0 + self._e) / float(J @ response)
+        return np.vstack((np.eye(self._model.nv) - gain * np.outer(response, J), -gain * J))
+
+    def by_restitution(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Derivatives of (velocity after, impulse) by e, (nv + 1,); at an end of its range from the inside."""
+        low, high = max(self._e - _STEP, 0.0), min(self._e + _STEP, max(1.0, self._e))
+        ends = [self._outcome(self.impact(qpos, qvel, e)) for e in (low, high)]
+        return np.asarray((ends[1] - ends[0]) / (high - low))
+
+    def acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray) -> FloatArray:
+        """Accelerations under generalised forces, (nv,)."""
+        data = self._data
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos, qvel, effort, 0.0
+        mujoco.mj_forward(self._model, data)
+        return np.array(data.qacc)
+
+    def _contact(self, qpos: FloatArray, qvel: FloatArray, restitution: float) -> Contact:
+        data, pair = self._data, self._pair
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_fwdPosition(self._model, data)
+        mujoco.mj_fwdVelocity(self._model, data)
+        near = pair.proximity(self._model, data)
+        if len(near.points) > 1:
+            raise UnsupportedContactError(f"{pair}: {len(near.points)} contact points at one instant: no derivative exists")
+        return Contact(pair.body_a, pair.body_b, near.points[0], near.normal, restitution, self._mu)
+
+    @staticmethod
+    def _outcome(impact: Impact) -> FloatArray:
+        return np.append(impact.after.qvel, impact.impulses[0])

@@ -1,0 +1,99 @@
+"""Sensitivity of a run in memory or read from a log: its scenario and models are those that it logged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import Any, Literal
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.errors import InputError, ScenarioFaults, unknown_name
+from ffsm_mj.log.run_folder import SCENARIO
+from ffsm_mj.scenario.scenario import located
+from ffsm_mj.sensitivity.exact import exact
+from ffsm_mj.sensitivity.outcomes import Outcome, default_outcomes
+from ffsm_mj.sensitivity.parameters import Parameter, parameters
+from ffsm_mj.sensitivity.result import Sensitivity
+from ffsm_mj.sensitivity.secant import secant
+
+Kind = Literal["secant", "exact"]
+KINDS: tuple[Kind, ...] = ("secant", "exact")
+
+
+def sensitivity(
+    run: Run,
+    of: Sequence[str] | str = (),
+    wrt: Mapping[str, float] = MappingProxyType({}),
+    kind: Kind = "secant",
+    *,
+    controllers: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Mapping[str, Any] = MappingProxyType({}),
+    report: Callable[[float, float], None] | None = None,
+) -> Sensitivity:
+    """Sensitivity of a run; see :meth:`ffsm_mj.report.run.Run.sensitivity`."""
+    if not run.complete or run.outcome != "completed":
+        raise InputError(f"{run.name}: the run did not reach its end ({run.outcome}); no sensitivity is computed")
+    with TemporaryDirectory(prefix="ffsm-") as folder:
+        scenario = _written(run, Path(folder))
+        prepared = prepare(scenario, (), controllers=controllers, estimators=estimators)
+        return of_prepared(prepared, run, of, wrt, kind, report)
+
+
+def of_prepared(
+    prepared: PreparedRun,
+    run: Run,
+    of: Sequence[str] | str = (),
+    wrt: Mapping[str, float] = MappingProxyType({}),
+    kind: Kind = "secant",
+    report: Callable[[float, float], None] | None = None,
+) -> Sensitivity:
+    """Sensitivity of the run of a prepared scenario; see :meth:`ffsm_mj.report.run.Run.sensitivity`.
+
+    Raises:
+        InputError: Nothing is uncertain, or a name is unknown.
+    """
+    if kind not in KINDS:
+        raise InputError(f"kind: {unknown_name('kind', kind, KINDS)}")
+    names = (of,) if isinstance(of, str) else tuple(of)
+    outcomes = tuple(map(Outcome.named, names or default_outcomes(run)))
+    found = checked_parameters(prepared, wrt)
+    if not outcomes:
+        raise InputError(f"{run.name}: the run has no impact and no task: name an outcome")
+    if not found:
+        raise InputError(
+            f"{run.name}: nothing is uncertain: name a key and its standard deviation, or state 'uncertainties'"
+        )
+    return exact(prepared, run, outcomes, found) if kind == "exact" else secant(prepared, run, outcomes, found, report)
+
+
+def checked_parameters(prepared: PreparedRun, wrt: Mapping[str, float] = MappingProxyType({})) -> tuple[Parameter, ...]:
+    """The uncertain numbers of a scenario: those given, or else those that it states.
+
+    Raises:
+        InputError: No such key, or not a number, or no positive standard deviation; one line each.
+    """
+    try:
+        return parameters(prepared, wrt or prepared.scenario.uncertainties)
+    except ScenarioFaults as error:
+        if wrt:
+            raise InputError([f"{fault.path[-1]}: {fault.message}" for fault in error.faults]) from None
+        raise located(error, prepared.source) from None
+
+
+def _written(run: Run, folder: Path) -> Path:
+    """Write the scenario and the models of a run below a folder.
+
+    Raises:
+        InputError: A name in the log leads out of the folder.
+    """
+    for name, content in {**run.log.header.files, SCENARIO: run.log.header.scenario_yaml.encode()}.items():
+        parts = PurePosixPath(name)
+        if parts.is_absolute() or ".." in parts.parts or "\\" in name:
+            raise InputError(f"{run.name}: the log has a file {name!r}, which is not below its folder")
+        path = folder / parts
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return folder / SCENARIO
