@@ -60,7 +60,8 @@ def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
             reason = f"since the end of phase {since!r}: one grasp can be closed at a time; release it first"
             yield Fault(f"{message}, {reason}, or give both the same sites, so that it takes over", ("phases", i, "arm", k))
             break
-        if phase.until == "capture" and phase.for_s is None and phase.arm:
+        bears_any_load = all(scenario.captures[name].load_limit is None for name in phase.arm)
+        if phase.until == "capture" and phase.for_s is None and phase.arm and bears_any_load:
             holding = phase.arm, phase.name
         elif phase.until == "release" or not _asks_for_nothing(phase):
             holding = None

@@ -79,18 +79,23 @@ class Bounds:
         def excess(time_s: float) -> float:
             return self.ratio(at(time_s)) - 1.0
 
-        times = [0.0, *(share * duration_s for share in _SAMPLES), duration_s]
-        values = [excess(time) for time in times]
-        if values[0] <= 0.0:
-            return 0.0
-        for i in range(1, len(times)):
-            if values[i] <= 0.0:
-                return _root(excess, times[i - 1], times[i])
-            if 0 < i < len(times) - 1 and values[i] <= values[i - 1] and values[i] <= values[i + 1]:
-                dip = lowest(excess, times[i - 1], times[i + 1])
-                if excess(dip) <= 0.0:
-                    return _root(excess, times[i - 1], dip)
-        return None
+        return first_at_most_zero(excess, duration_s)
+
+
+def first_at_most_zero(f: Callable[[float], float], duration_s: float) -> float | None:
+    """First time in a step at which a function is not positive, s, also where it dips inside; None if there is none."""
+    times = [0.0, *(share * duration_s for share in _SAMPLES), duration_s]
+    values = [f(time) for time in times]
+    if values[0] <= 0.0:
+        return 0.0
+    for i in range(1, len(times)):
+        if values[i] <= 0.0:
+            return _root(f, times[i - 1], times[i])
+        if 0 < i < len(times) - 1 and values[i] <= values[i - 1] and values[i] <= values[i + 1]:
+            dip = lowest(f, times[i - 1], times[i + 1])
+            if f(dip) <= 0.0:
+                return _root(f, times[i - 1], dip)
+    return None
 
 
 def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:

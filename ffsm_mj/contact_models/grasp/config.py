@@ -53,6 +53,22 @@ class WhenConfig(StrictModel):
         return self
 
 
+class LoadLimitConfig(StrictModel):
+    """Load at which a closed grasp opens by itself: the first stated limit that is reached."""
+
+    force_N: PositiveFloat | None = None
+    """Force of the link on the object, N."""
+    torque_N_m: PositiveFloat | None = None
+    """Torque on the object about the object's site, N m."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _states_one(cls, data: Any) -> Any:
+        if isinstance(data, dict) and not any(value is not None for value in data.values()):
+            raise ValueError("needs one limit at least: force_N, torque_N_m")
+        return data
+
+
 class CaptureConfig(StrictModel):
     """A grasp: attaches a floating object to a link of the robot at the relative pose they have when it closes.
 
@@ -71,6 +87,9 @@ class CaptureConfig(StrictModel):
     rotation about an axis (``hinge``), translation along it (``slide``), or both (``cylindrical``, as a probe in a cone)."""
     axis: tuple[float, float, float] | None = None
     """Direction of this axis in the frame of ``robot_site``; the axis passes through ``object_site``."""
+
+    load_limit: LoadLimitConfig | None = None
+    """Load at which the closed grasp opens; impulses do not count."""
 
     @model_validator(mode="after")
     def _axis_where_needed(self) -> CaptureConfig:

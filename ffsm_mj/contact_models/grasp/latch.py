@@ -9,6 +9,7 @@ from ffsm_mj.contact_models.grasp.closing_time import Bounds, lowest
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
+from ffsm_mj.contact_models.grasp.load_limit import LoadLimit
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites, Vectors
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -30,6 +31,7 @@ class Latch:
         contacts: Names of the contact rules and pairs whose impact closes it.
         held: The motion while it is closed.
         load: Interface load between link and object while it is closed.
+        limit: Load at which it opens; None: it bears any.
         stated_bounds: Bounds of the closing condition, by the name of the value in :class:`Nearness`; may be empty.
         armed: Whether it may close.
         least: Closest approach to its bounds since it was armed, within steps too, and its time in s; None if not evaluated.
@@ -59,6 +61,7 @@ class Latch:
         self.number, self.grasp, self._data = number, grasp, scene.data
         self.sites, self.held = Sites(scene.system, grasp), GraspedMotion(free, scene, system, grasp)
         self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object], scene.data, others)
+        self.limit = LoadLimit(config.load_limit, self.load) if config.load_limit is not None else None
         self.contacts = frozenset(config.when.touch or ())
         stated = config.when.within.bounds if config.when.within is not None else ()
         self._bounds = Bounds(stated) if stated else None

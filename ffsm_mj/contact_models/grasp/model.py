@@ -60,6 +60,7 @@ class GraspModel(EventSource, Replayable):
         self._step_s = float(scene.system.mj.opt.timestep)
         self._closed_latch: Latch | None = None
         self._closing: Latch | None = None
+        self._opening: Latch | None = None
         self._requests: set[str] = set()
         self.requests = tuple(f"{name}.{what}" for name in self._latches for what in (ARM, DISARM, RELEASE))
         self._loads, self._logged_grasp = LoadBuffer(), 0.0
@@ -102,25 +103,42 @@ class GraspModel(EventSource, Replayable):
 
     def _update_watched(self) -> None:
         self._watching = [latch for latch in self._latches.values() if latch.watches]
-        self.event_bound = -math.inf if self._requests or self._closing or self._watching else math.inf
+        self._limited = (
+            self._closed_latch if self._closed_latch is not None and self._closed_latch.limit is not None else None
+        )
+        watches = self._requests or self._closing or self._opening or self._watching or self._limited
+        self.event_bound = -math.inf if watches else math.inf
 
     def due(self) -> bool:
         """Whether a request is pending, an impact closes a grasp, or the bounds of an armed grasp are satisfied."""
         if self._requests or self._closing is not None:
             return True
+        self._opening = self._overloaded()
         within = [latch for latch in self._watching if latch.is_within()]
         self._closing = within[0] if within else None
-        return bool(within)
+        return bool(within) or self._opening is not None
+
+    def _overloaded(self) -> Latch | None:
+        """The closed grasp if its load limit is reached at the state in ``data``, at the start of a step."""
+        latch = self._limited
+        return latch if latch is not None and latch.limit is not None and latch.limit.is_reached() else None
 
     def is_clear(self) -> bool:
-        """Whether the bounds of every armed grasp were certainly violated throughout the last step."""
+        """Whether the bounds of every armed grasp were certainly violated throughout the last step, and no limit reached."""
         clear = [latch.was_clear(self._step_s) for latch in self._watching]  # every latch must record the end of the step
+        if self._limited is not None and self._limited.limit is not None:
+            clear.append(self._limited.limit.was_clear())
         return all(clear)
 
     def first_event(self, duration_s: float) -> float | None:
-        """First time at which the bounds of an armed grasp are satisfied."""
-        found = [(at, latch) for latch in self._watching if (at := latch.first(self.motion.path, duration_s)) is not None]
+        """First time at which the bounds of an armed grasp are satisfied, or the load limit of the closed one is reached."""
+        path = self.motion.path
+        found = [(at, latch) for latch in self._watching if (at := latch.first(path, duration_s)) is not None]
         at_s, self._closing = min(found, key=lambda each: each[0]) if found else (None, None)
+        self._opening = self._limited
+        if self._limited is not None and self._limited.limit is not None:
+            opens_s = self._limited.limit.first(path, duration_s if at_s is None else at_s)
+            at_s = at_s if opens_s is None else opens_s
         return at_s
 
     def after_substep(self, duration_s: float) -> None:
@@ -129,19 +147,22 @@ class GraspModel(EventSource, Replayable):
             latch.after_substep(self.motion.path, duration_s)
 
     def on_event_located(self, _: float) -> None:
-        """Keep the closing grasp only if its bounds hold here: an event of another model may have come first."""
+        """Keep what closes or opens only if its condition holds here: an event of another model may have come first."""
+        self._opening = self._overloaded() if self._opening is not None else None
         self._closing = next((latch for latch in self._watching if latch is self._closing and latch.is_within()), None)
 
     def act(self, instant: EventTime) -> EventEffect | None:
-        """Execute the pending requests, or close a grasp.
+        """Execute the pending requests, open a grasp at its load limit, or close one.
 
         Raises:
             RunEnded: A grasp is armed, or would close, while one of other sites is closed.
         """
+        if not self._requests and self._opening is not None:
+            return self._break(self._opening, instant)
         if not self._requests:
             latch, self._closing = self._closing, None
             return self._close(latch, instant) if latch is not None else None
-        asked, closed_latch, self._requests = self._requests, self._closed_latch, set()
+        asked, closed_latch, self._requests, self._opening = self._requests, self._closed_latch, set(), None
         records: list[Any] = []
         if closed_latch is not None and f"{closed_latch.grasp.name}.{RELEASE}" in asked:
             records.append(self._release(closed_latch, instant))
@@ -187,13 +208,31 @@ class GraspModel(EventSource, Replayable):
         latch.disarm()
         return EventEffect((record,), exchange, latch.held)
 
-    def _release(self, latch: Latch, instant: EventTime) -> ReleaseRecord:
+    def _break(self, latch: Latch, instant: EventTime) -> EventEffect:
+        """Open a grasp at its load limit."""
+        self._opening = self._closing = None
+        load = latch.limit.load() if latch.limit is not None else (0.0, 0.0)
+        record = self._release(latch, instant, "load_limit", *load)
+        return EventEffect((record,), motion=self._free)
+
+    def _release(
+        self, latch: Latch, instant: EventTime, reason: str = "request", force_N: float = 0.0, torque_N_m: float = 0.0
+    ) -> ReleaseRecord:
         """Release the object; its velocity is continuous, as no impulse acts."""
         self._closed_latch = None
         mujoco.mj_forward(self.scene.system.mj, self.scene.data)
         point = as_tuple(latch.sites.point(self.scene.data))
-        who = self.scene.numbers.next_number(), latch.grasp.name
-        return ReleaseRecord(*who, instant.time_s, instant.step, point, **state_fields(self.scene, self.scene.data.qvel))
+        return ReleaseRecord(
+            event=self.scene.numbers.next_number(),
+            grasp=latch.grasp.name,
+            time_s=instant.time_s,
+            step=instant.step,
+            point_m=point,
+            reason=reason,
+            force_N=force_N,
+            torque_N_m=torque_N_m,
+            **state_fields(self.scene, self.scene.data.qvel),
+        )
 
     def _disarm(self, latch: Latch, instant: EventTime) -> list[Any]:
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
@@ -260,6 +299,8 @@ class GraspModel(EventSource, Replayable):
             latch = self._latches[record.grasp]
             if isinstance(record, CaptureRecord):
                 self._closing = latch
+            elif isinstance(record, ReleaseRecord) and record.reason != "request":
+                self._opening = latch
             elif isinstance(record, ReleaseRecord):
                 self._requests.add(f"{record.grasp}.{RELEASE}")
             elif isinstance(record, ArmingRecord):

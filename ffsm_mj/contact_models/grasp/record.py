@@ -87,7 +87,7 @@ class CaptureRecord:
 
 @dataclass(frozen=True)
 class ReleaseRecord:
-    """A grasp releases its object; no velocity changes.
+    """A grasp releases its object, on request or because its load limit is reached; no velocity changes.
 
     Attributes:
         event: Event number, counted over grasps and persistent contacts from 0.
@@ -95,6 +95,9 @@ class ReleaseRecord:
         time_s: Time of the release.
         step: Index of the integration step, from 0.
         point_m: Position of the object's site, world axes.
+        reason: ``request`` or ``load_limit``.
+        force_N: Force on the object right before, if its limit is reached; 0 for a request.
+        torque_N_m: Torque on the object about its site right before, likewise.
         qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
         qvel_before: Generalised velocity before, by joint.
         qvel_after: Generalised velocity after, by joint.
@@ -106,6 +109,9 @@ class ReleaseRecord:
     time_s: float
     step: int
     point_m: tuple[float, ...]
+    reason: str
+    force_N: float
+    torque_N_m: float
     qpos: tuple[float, ...]
     qvel_before: Mapping[str, tuple[float, ...]]
     qvel_after: Mapping[str, tuple[float, ...]]
@@ -196,6 +202,13 @@ def _capture_marks(record: CaptureRecord) -> list[Mark]:
     return [Mark(record.point_m, along, size, f"{record.grasp}: {size:.4g} N s", record.grasp)]
 
 
+def _released(record: ReleaseRecord) -> str:
+    load = (
+        f" at its load limit: {record.force_N:.5g} N and {record.torque_N_m:.5g} N m" if record.reason != "request" else ""
+    )
+    return f"release {record.grasp}{load}"
+
+
 def _missed(record: NearMissRecord) -> str:
     """The violated bounds at the closest approach, the worst first."""
     beyond = [(getattr(record, name) / bound, name) for name, (bound,) in record.bounds.items()]
@@ -278,12 +291,15 @@ RELEASE = RecordKind(
     plural="releases",
     when="when a grasp releases its object",
     time=lambda record: record.time_s,
-    sentence=lambda record: f"release {record.grasp}",
+    sentence=_released,
     summarised=False,
     columns={
         "time_s": ("s", "simulation time"),
         **_GRASP,
         "point_{xyz}_m": ("m", "the object's site, world frame"),
+        "reason": ("", "request or load_limit"),
+        "force_N": ("N", "force on the object right before, if a limit is reached; 0 for a request"),
+        "torque_N_m": ("N m", "torque on the object about its site right before, likewise"),
     },
     lengths={"point_m": 3},
     marks=lambda record: [Mark(record.point_m, text=f"{record.grasp} releases", name=record.grasp)],
