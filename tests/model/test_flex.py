@@ -172,3 +172,15 @@ def test_faults_name_file_line_and_key(tmp_path, robot, key, change, message):
 def test_an_estimator_needs_the_joints_of_the_plant(tmp_path):
     with pytest.raises(InputError, match=r"robot\.joint_flex: an estimator estimates the joints of the plant: write"):
         pushed(tmp_path, estimator={"kind": "direct"})
+
+
+def test_damping_gains_are_judged_by_the_rotor(tmp_path):
+    """A sampled torque -kd rate meets the inertia B of the rotor alone: it is stable up to 2 B / dt."""
+    most = 2.0 * REFLECTED / 1e-3
+    noted = []
+    for share in (1.01, 0.99):
+        law = {"kind": "pd", "kp": 0.0, "kd": share * most}
+        pushed(tmp_path, phases=[{"name": "push", "until": "end", "controller": law}])
+        notes = ffsm_mj.prepare(tmp_path / "scene.yaml").notes()
+        noted.append([note for note in notes if "kd is unstable at the control period" in note and "robot/drive'" in note])
+    assert [len(each) for each in noted] == [1, 0]
