@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ffsm_mj.assembly.prepare import run as run
     from ffsm_mj.assembly.simulator import Simulator as Simulator
     from ffsm_mj.campaign.campaign import Campaign as Campaign
+    from ffsm_mj.campaign.comparison import compare_campaigns as compare_campaigns
     from ffsm_mj.campaign.sweep import sweep as sweep
     from ffsm_mj.impact_maps.impact_map import impact_map as impact_map
     from ffsm_mj.report.run import Run as Run
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 _LAZY = {
     "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
+    "compare_campaigns": ("ffsm_mj.campaign.comparison", "compare_campaigns"),
     "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
     "go_on": ("ffsm_mj.assembly.go_on", "go_on"),
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
@@ -40,7 +42,20 @@ _LAZY = {
     "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
 }
 
-__all__ = ["Campaign", "Run", "Simulator", "compare", "go_on", "impact", "impact_map", "load_run", "prepare", "run", "sweep"]
+__all__ = [
+    "Campaign",
+    "Run",
+    "Simulator",
+    "compare",
+    "compare_campaigns",
+    "go_on",
+    "impact",
+    "impact_map",
+    "load_run",
+    "prepare",
+    "run",
+    "sweep",
+]
 
 
 def __getattr__(name: str) -> Any:
