@@ -15,12 +15,18 @@ CAPTURES = 18
 """The seed of the series."""
 
 _WORDS = ("grasp", "other", "capture", "release", "end", "robot", "target", "target/handle", "grip", "handle", "hand", "")
-_KEYS = (*_WORDS[:5], "within", "touch", "arm", "release", "when")
+_KEYS = (*_WORDS[:5], "within", "touch", "arm", "release", "when", "joint", "axis", "load_limit", "force_N")
+_LATCHES: tuple[dict[str, Any], ...] = (
+    {},
+    {"joint": "ball"},
+    {"joint": "hinge", "axis": [0.0, 1.0, 0.0]},
+    {"joint": "cylindrical", "axis": [1.0, 0.0, 0.0], "load_limit": {"force_N": 1.0}},
+)
 _HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
 
 
-def scenario(when: dict[str, Any]) -> Map:
-    """The arm takes hold after some ticks and lets go before the end."""
+def scenario(when: dict[str, Any], latch: dict[str, Any] | None = None) -> Map:
+    """The arm takes hold after some ticks, by a latch with some freedom or none, and lets go before the end."""
     return tree_of(
         {
             "name": "gripped",
@@ -34,7 +40,7 @@ def scenario(when: dict[str, Any]) -> Map:
                 "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "shoulder": 0.1},
             },
             "contacts": {"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
-            "captures": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when}},
+            "captures": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when, **(latch or {})}},
             "phases": [
                 {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}},
                 {"name": "hold", "for_s": 0.02, "controller": _HOLD},
@@ -51,7 +57,7 @@ def drawn(number: int, data: bytes) -> Case:
 
 
 def _scenario_case(rng: Random) -> Case:
-    tree = scenario(rng.choice((TOUCH, BOUNDS)))
+    tree = scenario(rng.choice((TOUCH, BOUNDS)), rng.choice(_LATCHES))
     for _ in range(rng.choice((0, 1, 1, 2))):
         mutate_within(rng, tree, ("captures", "phases"), _WORDS, _KEYS)
     if rng.random() < 0.6:
