@@ -10,6 +10,7 @@ from ffsm_mj.validation.cases import (
     chains,
     free_motion,
     friction,
+    panels,
     seed_paper,
     single_impacts,
     walker,
@@ -24,6 +25,7 @@ CASES: tuple[ValidationCase, ...] = (
     *chains.CASES,
     *walker.CASES,
     *free_motion.CASES,
+    *panels.CASES,
     *captures.CASES,
 )
 
