@@ -14,7 +14,7 @@ from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.text_table import table
 from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compare_case
 from ffsm_mj.validation.cases import CASES, case_names
-from ffsm_mj.validation.page import HEAD, PAGE, committed_page, rows, stale_cases, total, validation_page
+from ffsm_mj.validation.page import HEAD, PAGE, committed_page, rows, stale_cases, stale_page, total, validation_page
 
 
 def validate(options: argparse.Namespace, output: Output) -> int:
@@ -40,7 +40,7 @@ def validate(options: argparse.Namespace, output: Output) -> int:
         with new_file(path) as temporary:
             temporary.write_text(validation_page(compared), encoding="utf-8")
         output.say(f"\nwritten: {path}")
-    stale = stale_cases(committed, compared) if committed else []
+    stale = (stale_cases if options.cases else stale_page)(committed, compared) if committed else []
     for line in stale:
         complain(f"{Path(options.check) / PAGE}: {line}")
     differs = any(case.verdict is Verdict.DIFFERS for case in compared)

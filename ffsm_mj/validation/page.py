@@ -75,6 +75,11 @@ def ours(compared: ComparedNumber) -> str:
     return text.removeprefix("-") if float(text) == 0.0 else text
 
 
+def stale_page(committed: str, compared: Sequence[ComparedCase]) -> list[str]:
+    """What a committed page says that the numbers of all cases do not, one line each."""
+    return stale_lines(committed, validation_page(compared))
+
+
 def stale_cases(committed: str, compared: Sequence[ComparedCase]) -> list[str]:
     """What a committed page says of these cases that their numbers do not, one line each."""
     sections = {part.partition("\n")[0]: part.strip() for part in committed.split("\n## ")}

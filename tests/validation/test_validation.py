@@ -19,7 +19,7 @@ from ffsm_mj.validation.case import (
     compare_case,
 )
 from ffsm_mj.validation.cases import CASES, case_names, single_impacts
-from ffsm_mj.validation.page import committed_page, ours, stale_cases, total, validation_page
+from ffsm_mj.validation.page import committed_page, ours, stale_cases, stale_page, total, validation_page
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -94,6 +94,8 @@ def test_a_stale_page_is_noticed():
     page = validation_page([case(1.0, 1.0)])
     assert stale_cases(page, [case(1.0, 1.0)]) == []
     assert stale_cases(page, [case(1.0, 1.0004)]) == []
+    assert stale_page(page, [case(1.0, 1.0)]) == []
+    assert len(stale_page(page.replace("2 of 2", "1 of 2"), [case(1.0, 1.0)])) == 1
     (line,) = stale_cases(page, [case(1.0, 1.1, known="why")])[:1]
     assert line.startswith("name: line ")
     renamed = replace(case(1.0), case=replace(case(1.0).case, title="Other"))

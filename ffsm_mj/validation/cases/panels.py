@@ -58,9 +58,10 @@ CASES = (
         "Basilisk: a hub with two hinged panels on springs",
         Origin.PUBLISHED,
         "Basilisk (AVSLab/basilisk), test of hingedRigidBodyStateEffector without gravity, reference values at 2.5 s;"
-        " equations of Allard, Schaub & Piggott 2018, General hinged rigid-body dynamics approximating first-order spacecraft"
-        " solar panel flexing, J. Spacecraft and Rockets",
-        "Hub of 750 kg, panels of 100 kg on springs of 100 N m/rad, one deflected by 5 degrees; tumbling. RK4 at 1 ms, as there.",
+        " equations of Allard, Schaub & Piggott 2018, General hinged rigid-body dynamics approximating first-order"
+        " spacecraft solar panel flexing, J. Spacecraft and Rockets",
+        "Hub of 750 kg, panels of 100 kg on springs of 100 N m/rad, one deflected by 5 degrees; tumbling."
+        " RK4 at 1 ms, as there.",
         (
             *(
                 Number(f"position{i}", f"origin of the hub, {'xyz'[i]}, m", text, 1e-10, _WHY)
