@@ -62,6 +62,7 @@ class Assembly:
         row: Columns of all components.
         recorded: Files that the control laws name.
         origin: The instant of another run at which the run begins; None: it begins at t = 0.
+        held: The systems in which captures hold, by the names of these.
     """
 
     scenario: Scenario
@@ -76,6 +77,7 @@ class Assembly:
     row: Row
     recorded: RecordedFiles = field(default_factory=RecordedFiles)
     origin: Origin | None = None
+    held: Mapping[str, GraspedSystem] = field(default_factory=dict)
 
     @property
     def logged_files(self) -> dict[str, bytes]:
@@ -170,7 +172,19 @@ def assemble(
         raise located(faults, source) from faults
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
     return Assembly(
-        scenario, plant, controller_data, controller_system, contacts, limits, known, controller, task, row, recorded, origin
+        scenario,
+        plant,
+        controller_data,
+        controller_system,
+        contacts,
+        limits,
+        known,
+        controller,
+        task,
+        row,
+        recorded,
+        origin,
+        held,
     )
 
 

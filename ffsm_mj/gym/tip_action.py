@@ -21,7 +21,7 @@ class TipAction:
 
     Velocity: u = alpha^T Lambda (k (v - ydot) - drift - B d) + d, with Lambda the inverse of alpha M_c^-1 alpha^T, so that
     yddot = k (v - ydot) exactly while no actuator is at its limit; d is the damping of the joints, of which the site feels
-    nothing. Wrench: u = alpha^T w + d. The robot is taken as free: a grasped object is not in its dynamics.
+    nothing. Wrench: u = alpha^T w + d. While an object is grasped, the robot is the one that holds it.
 
     Attributes:
         actuators: Ids of the motors, (n,).
@@ -37,12 +37,19 @@ class TipAction:
         scenario, system = assembly.scenario, assembly.system
         if config.site is None and scenario.task is None:
             raise ScenarioFaults([Fault("is missing: the scenario has no task whose tip could be used", ("site",))])
-        context = ControllerContext(system, task_of(scenario, system), scenario.control_period_s)
         site = config.site if config.site is not None else str(system.mj.site(assembly.task.tip_site).name)  # type: ignore[union-attr]
         axes = [_AXES[axis] for axis in config.axes]
-        self._task = TaskModel(context, config.joints, (), site=site, axes=axes, attitude=config.rotation)
+        systems = {"": system} | {name: each.system for name, each in assembly.held.items()}
+        contexts = {
+            name: ControllerContext(each, task_of(scenario, each), scenario.control_period_s)
+            for name, each in systems.items()
+        }
+        self._tasks = {
+            name: TaskModel(context, config.joints, (), site=site, axes=axes, attitude=config.rotation)
+            for name, context in contexts.items()
+        }
         self._config = config
-        self.actuators = self._task.joints.actuators
+        self.actuators = self._tasks[""].joints.actuators
         linear, angular = (
             (config.max_speed_m_s, config.max_rate_rad_s)
             if isinstance(config, TipVelocityAction)
@@ -52,8 +59,8 @@ class TipAction:
 
     def efforts(self, action: FloatArray, observation: Observation) -> FloatArray:
         """Efforts of the motors, N or N m, (n,), for numbers from -1 to 1, (p,)."""
-        config, task, wanted = self._config, self._task, action * self.scale
-        task.update(observation.free)
+        config, task, wanted = self._config, self._tasks[observation.grasp], action * self.scale
+        task.update(observation.data)
         damped = -config.damping_N_m_s_rad * task.qd
         if isinstance(config, TipWrenchAction):
             return np.asarray(wanted.dot(task.alpha) + damped)

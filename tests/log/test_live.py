@@ -9,6 +9,7 @@ import time
 import warnings
 
 import pytest
+import rerun as rr
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
@@ -106,3 +107,20 @@ def test_an_invalid_address_is_refused(tmp_path, capsys):
     arguments = ["run", str(two_balls(tmp_path)), "--live", "--viewer", "here", "--out", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert capsys.readouterr().err == "here: not the address of a viewer; write host:port, e.g. 127.0.0.1:9876\n"
+
+
+def test_each_run_is_a_recording_of_its_own_in_the_viewer(tmp_path, monkeypatch):
+    """Also of runs that begin in the same second, as episodes do: a viewer would draw them over each other."""
+    made = ffsm_mj.prepare(two_balls(tmp_path, duration_s=0.01))
+    header, names, begin = made.run().log.header, [], rr.RecordingStream
+
+    def noted(*args, recording_id, **options):
+        names.append(recording_id)
+        return begin(*args, recording_id=recording_id, **options)
+
+    monkeypatch.setattr(rr, "RecordingStream", noted)
+    monkeypatch.setattr(rerun_live.RerunSink, "_connect", lambda _: None)
+    for output in ("127.0.0.1:1", "127.0.0.1:1", lambda: tmp_path / "run.rrd"):
+        rerun_live.RerunSink(output, made.system, 50.0).open(header)
+    assert len(set(names)) == 3
+    assert names[2] == f"{header.scenario_name}-{header.metadata['created_utc']}"

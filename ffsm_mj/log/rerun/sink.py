@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import rerun as rr
@@ -75,9 +76,10 @@ class RerunSink:
         """Start the recording with everything that is constant."""
         self._layout = layout = header.layout
         self._picker = FramePicker(self._system, layout, self._view_rate_hz)
+        name = f"{header.scenario_name}-{header.metadata.get('created_utc', '')}"
         self._recording = rr.RecordingStream(
             f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout for each application id
-            recording_id=f"{header.scenario_name}-{header.metadata.get('created_utc', '')}",
+            recording_id=f"{name}-{uuid4().hex}" if self._streams else name,  # many runs are streamed in a second
         )
         self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
