@@ -167,8 +167,8 @@ def test_sub_steps_bring_any_step_within_the_accuracy(tmp_path):
     """At 50 ms the mode of the ball joint is at h w = 1.7: refused, unless ``accuracy`` divides the steps."""
     with pytest.raises(InputError, match=r"time_step_s: the spring of joint 'robot/ball' has a mode of .* use at most"):
         chain(tmp_path, time_step_s=0.05, control_period_s=0.05)
-    run = good(chain(tmp_path, time_step_s=0.05, control_period_s=0.05, accuracy=1e-8, duration_s=0.1))
-    fine = chain(tmp_path, duration_s=0.1)
+    run = good(chain(tmp_path, time_step_s=0.05, control_period_s=0.05, accuracy=1e-7, duration_s=0.05))
+    fine = chain(tmp_path, duration_s=0.05)
     np.testing.assert_allclose(run.qpos[-1], fine.qpos[-1], atol=1e-7)
 
 
@@ -199,9 +199,9 @@ PANEL = TARGET.replace(
 
 def test_a_flexible_object_is_caught_held_and_let_go(tmp_path):
     """Its panel rings on the robot: what the robot gives the object counts the panel's elastic energy and heat."""
-    path = grasping(tmp_path)
+    path = grasping(tmp_path, duration_s=1.4)
     (tmp_path / "target.xml").write_text(PANEL)
-    run = good(ffsm_mj.run(path))
+    run = good(ffsm_mj.run(path, {"phases.hold.for_s": 0.4}))
     held = run["contact.capture_grasp"] > 0.0
     assert 0.2 < held.mean() < 0.8
     assert np.ptp(run["energy.objects_elastic_J"][held]) > 1e-4
@@ -214,7 +214,7 @@ def test_a_spring_presses_a_contact(tmp_path):
         tmp_path,
         mass_on_bus(2.0),
         {"stone": ball("stone", mass=2.0)},
-        duration_s=0.2,
+        duration_s=0.1,
         initial={"joints": {"s": -0.05, "stone/free": [1.15, 0, 0, 1, 0, 0, 0]}},
         contacts={"rules": [{"between": ["mass", "stone/stone"], "restitution": 0.0, "mu": 0.3}]},
     )
@@ -366,7 +366,8 @@ def test_accelerations_agree_with_pinocchio():
 @pytest.mark.long
 def test_the_panel_of_a_derelict_rings_after_the_capture():
     """It hangs still before, then rings with the mode of the grasped derelict, and every row replays."""
-    run = good(ffsm_mj.run("capture-flexible"))
+    changes = {"time_step_s": 0.01, "duration_s": 45.0}
+    run = good(ffsm_mj.run("capture-flexible", changes))
     (capture,) = run.captures
     root = run["state.q_envisat_root_rad"]
     assert np.abs(root[run.time < capture.time_s]).max() < 1e-5
@@ -374,5 +375,5 @@ def test_the_panel_of_a_derelict_rings_after_the_capture():
     crossings = run.time[after][1:][np.diff(np.sign(root[after])) != 0.0]
     # Free, the first mode has 9.7 s; with the arm as a spring between two bodies it is slower, never faster.
     assert 9.7 < 2.0 * np.diff(crossings).mean() < 13.0
-    assert run["balance.objects_damper_heat_J"][-1] > 0.01
+    assert run["balance.objects_damper_heat_J"][-1] > 0.005
     assert "springs" in figure_names(run)

@@ -133,9 +133,9 @@ def test_the_drive_has_nothing_of_the_file(tmp_path):
 
 def test_a_flexible_arm_catches_and_holds(tmp_path):
     """The laws of both phases compute with the rigid arm, free and with the object, and hold the motors."""
-    path = grasping(tmp_path)
+    path = grasping(tmp_path, duration_s=1.4)
     drive = {"stiffness": 60.0, "damping": 0.05, "gear": 100.0, "rotor_inertia": 2e-5}
-    run = good(ffsm_mj.run(path, {"robot.joint_flex": {"shoulder": drive, "elbow": drive}}))
+    run = good(ffsm_mj.run(path, {"robot.joint_flex": {"shoulder": drive, "elbow": drive}, "phases.hold.for_s": 0.4}))
     (capture,) = run.captures
     assert capture.release_s is not None
     held = (run.time > capture.time_s) & (run.time < capture.release_s)
