@@ -92,7 +92,7 @@ def logged_phase_graph(metadata: Mapping[str, str]) -> tuple[list[str], list[tup
     names = metadata.get("phases", "").split("\n")
     try:
         edges = [(int(start), str(trigger), int(to)) for start, trigger, to in json.loads(metadata.get("phase_graph", "[]"))]
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError, RecursionError):
         return names, []  # the log of a stranger
     there = range(len(names))
     return names, [edge for edge in edges if edge[0] in there and edge[2] in there]
