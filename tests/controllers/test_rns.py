@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
+from ffsm_controllers.task_space.base_rotation import BaseRotation
 
+from ffsm_mj.controller_protocol import ControllerContext
+from ffsm_mj.task_model import JointModel
 from tests.controllers.task_laws import PD, critically_damped, planar_run, reports, spatial_run
+from tests.scenes import HEAD, compile_paths
+
+GIMBAL = f"""<mujoco>{HEAD}<worldbody><body name="base">
+  <joint name="roll" axis="1 0 0"/><joint name="pitch" axis="0 1 0"/><joint name="yaw" axis="0 0 1"/>
+  <inertial pos="0.1 0 0" mass="5" diaginertia="0.3 0.4 0.5"/><geom name="hull" size="0.1" mass="0"/>
+  <body name="upper" pos="0.25 0 0"><joint name="shoulder" axis="0 0 1"/>
+    <inertial pos="0.25 0 0" mass="1" diaginertia="0.01 0.02 0.02"/><geom name="upper" size="0.05" mass="0"/>
+    <body name="lower" pos="0.5 0 0"><joint name="elbow" axis="0 1 0"/><site name="tip" pos="0.5 0 0"/>
+      <inertial pos="0.25 0 0" mass="0.8" diaginertia="0.01 0.02 0.02"/><geom name="lower" size="0.05" mass="0"/>
+  </body></body></body></worldbody>
+  <actuator><motor name="shoulder" joint="shoulder"/><motor name="elbow" joint="elbow"/></actuator></mujoco>"""
+"""A base on three hinges one after the other, whose angular velocity changes without any rate changing."""
 
 RNS = {"kind": "rns", "position": PD, "joint_damping_N_m_s_rad": 2.0}
 
@@ -39,6 +55,39 @@ def test_nor_does_that_of_seven_joints(offset_m):
     turned = spatial_run({**RNS, "kind": "task_ct"}, 0.02, 3.0, offset_m)
     base = np.linalg.norm([turned[f"state.v_robot_base_w{axis}_rad_s"] for axis in "xyz"], axis=0)
     assert base.max() > 2e-3
+
+
+def test_the_base_drifts_and_answers_as_finite_differences_say(tmp_path):
+    """Angular velocity a moment before and after, coasting and with efforts: of second order in the moment."""
+    path = tmp_path / "gimbal.xml"
+    path.write_text(GIMBAL)
+    system = compile_paths(path)
+    joints = JointModel(ControllerContext(system, None, 0.01))
+    base = BaseRotation(system, joints)
+    assert base.size == 3
+    rng = np.random.default_rng(2)
+    qpos, qvel, efforts = rng.normal(size=5), rng.normal(size=5), np.array([0.3, -0.2])
+
+    def rates_after(step_s, u):
+        """Angular velocity after a step, which may be negative: everything turned round."""
+        data = mujoco.MjData(system.mj)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, np.sign(step_s) * qvel, u
+        system.mj.opt.timestep = abs(step_s)
+        mujoco.mj_step(system.mj, data)
+        mujoco.mj_forward(system.mj, data)
+        joints.update(data)
+        base.update(data)
+        return np.sign(step_s) * base.rates
+
+    for u in (np.zeros(2), efforts):
+        found = (rates_after(1e-4, u) - rates_after(-1e-4, u)) / 2e-4
+        data = mujoco.MjData(system.mj)
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_forward(system.mj, data)
+        joints.update(data)
+        base.update(data)
+        np.testing.assert_allclose(base.drift + base.B @ u, found, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(base.W, base.B @ joints.M_c, rtol=0, atol=1e-12)
 
 
 def test_the_arm_takes_the_momentum_of_the_base():

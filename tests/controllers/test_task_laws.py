@@ -192,6 +192,37 @@ def test_an_impedance_stays_with_a_site_that_moves():
     assert reports(run)["least_task_share"] == 1.0
 
 
+def test_an_impedance_carries_the_tip_along_with_a_site_that_tumbles():
+    """With next to no spring the tip has the acceleration of the site, by finite differences of the satellite alone."""
+    system = ffsm_mj.prepare("capture").system
+    context = ControllerContext(system, Task(system.index("site", "tip"), (0, 1, 2), np.zeros(3)), 1e-3)
+    position = {"stiffness_N_m": 1.0, "max_force_N": 1e-9}
+    config = {"object_site": "satellite/grapple", "offset_m": (-0.5, 0.2, 0.1), "position": position}
+    law = kinds().classes["impedance"]
+    law = law(law.Config(kind="impedance", **config), context)
+    data, rng = mujoco.MjData(system.mj), np.random.default_rng(4)
+    mujoco.mj_integratePos(system.mj, data.qpos, rng.normal(size=system.mj.nv), 1.0)
+    data.qvel[:] = rng.normal(size=system.mj.nv)
+    places = []
+    for step_s in (-1e-3, 0.0, 1e-3):
+        near = mujoco.MjData(system.mj)
+        near.qpos[:], near.qvel[:] = data.qpos, np.sign(step_s or 1.0) * data.qvel
+        if step_s:
+            system.mj.opt.timestep = abs(step_s)
+            mujoco.mj_step(system.mj, near)
+        mujoco.mj_forward(system.mj, near)
+        site = near.site("satellite/grapple")
+        places.append(site.xpos + site.xmat.reshape(3, 3) @ config["offset_m"])
+    mujoco.mj_forward(system.mj, data)
+    command = Command.off(system.mj.nu)
+    law.start(Observation(0.0, data))
+    law.control(Observation(0.0, data), command)
+    expected = (places[0] - 2.0 * places[1] + places[2]) / 1e-6
+    assert np.abs(expected).max() > 0.5
+    found = law.model.drift + law.model.B @ command.effort[law.model.joints.actuators]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
+
+
 @pytest.mark.parametrize("kind", SPATIAL)
 def test_in_space_with_attitude(kind):
     """Seven joints bring the tip to its target; the frame, held as it is at the start, comes back to it."""
