@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from ffsm_mj.cli.display import display
 from ffsm_mj.cli.exit_codes import OK
+from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
@@ -57,12 +57,13 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.impact_maps.files import BEST, difference, save
     from ffsm_mj.impact_maps.impact_map import impact_map as make_map
     from ffsm_mj.impact_maps.text import lines
+    from ffsm_mj.report.text_table import wrapped
     from ffsm_mj.scenario.shipped import scenario_path
 
     if options.seed < 0:
         raise InputError(f"--seed: {options.seed}, allowed are integers from 0")
     folder = Path(options.out) if options.out else Path("logs") / f"{scenario_path(options.scenario).stem}-impact-map"
-    with display(output) as (say, shown):
+    with progress() as shown:
         mapped = make_map(
             options.scenario,
             options.overrides,
@@ -81,14 +82,14 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
         )
         shown.stage("files")
         files = save(mapped, options.scenario, folder, tuple(options.axes))
-        for line in lines(mapped, options.hold):
-            say(line)
         kept = [text for text in options.overrides if not text.startswith("initial.")]
         apart = difference(mapped, folder / BEST, kept)
-        say(f"a run of the best configuration differs from the map by {apart:.2g} in the jump of velocities")
-        say(f"files in {folder}: {', '.join(sorted(path.name for path in files))}")
-        again = [word for text in kept for word in ("-s", text)]
-        say(f"run it: {command('run', folder / BEST, *again)}")
+    for line in lines(mapped, options.hold):
+        output.say(line)
+    again = [word for text in kept for word in ("-s", text)]
+    output.say(f"a run of the best configuration differs from the map by {apart:.2g} in the jump of velocities")
+    output.say(wrapped(f"files in {folder}: {', '.join(sorted(path.name for path in files))}", 2))
+    output.say(f"run it: {command('run', folder / BEST, *again)}")
     return OK
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ffsm_mj.cli.display import display
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
@@ -53,7 +52,7 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.sensitivity.parameters import given
 
     wrt = given(options.wrt)
-    with display(output) as (say, shown):
+    with progress() as shown:
         prepared = prepare(options.scenario, options.overrides)
         checked_parameters(prepared, wrt)
         nominal = prepared.run(report=shown.stage(prepared.scenario.name, "s", prepared.scenario.duration_s))
@@ -62,10 +61,10 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
             return RUN_FAILED
         report = shown.stage("sensitivity", "runs")
         found = of_prepared(prepared, nominal, options.of, wrt, "exact" if options.exact else "secant", report)
-        for sentence in sentences(found):
-            say(sentence)
-        if options.out:
-            say(f"{options.out}: {_write(found, Path(options.out))}")
+    for sentence in sentences(found):
+        output.say(sentence)
+    if options.out:
+        output.say(f"{options.out}: {_write(found, Path(options.out))}")
     return OK
 
 

@@ -11,8 +11,8 @@ from ffsm_mj.report.text_table import table, wrapped
 _SHOWN = {
     "impulse_N_s": ("impulse\nN s", "impulse"),
     "effective_mass_kg": ("eff. mass\nkg", "effective mass"),
-    "base_rate_change_rad_s": ("base rate\nrad/s", "change of the base rate"),
-    "joint_rate_change": ("joint rate\nrad/s", "change of a joint rate"),
+    "base_rate_change_rad_s": ("base rate\nrad/s", "base rate"),
+    "joint_rate_change": ("joint rate\nrad/s", "joint rate"),
     "object_spin_rad_s": ("object spin\nrad/s", "object spin"),
 }
 """Effects of the table: head of the column, and words."""
@@ -35,7 +35,8 @@ def lines(mapped: ImpactMap, hold: str) -> Iterator[str]:
     counts = {status: sum(each.status == status for each in mapped.configurations) for status in ("overlap", "no rates")}
     said = "".join(f"; {counts[name]} {words}" for name, words in _COUNTED.items() if counts[name])
     yield wrapped(f"{mapped.reached} of {mapped.drawn} drawn configurations reach it {_KEPT[hold]}{said}", 2)
-    yield table(("configuration", *(head for head, _ in _SHOWN.values()), "status"), _rows(mapped))
+    head = ("configuration", *(head for head, _ in _SHOWN.values()), "status")
+    yield table(head, _rows(mapped), spare=("joint rate", "eff. mass"))
 
 
 _COUNTED = {"overlap": "of all have overlapping geoms", "no rates": "cannot arrive with the velocity of the run"}
@@ -45,13 +46,13 @@ def _rows(mapped: ImpactMap) -> Iterator[tuple[str, ...]]:
     if mapped.of_run is not None:
         yield _row("as in the run", mapped.of_run)
     most = "largest" if mapped.objective.maximize else "least"
-    yield _row(f"best: {most} {_SHOWN.get(mapped.objective.effect, ('', mapped.objective.effect))[1]}", mapped.best)
+    yield _row(f"best ({most} {_SHOWN.get(mapped.objective.effect, ('', mapped.objective.effect))[1]})", mapped.best)
     allowed = [each for each in mapped.configurations if mapped.allows(each)]
     for effect in ("impulse_N_s", "base_rate_change_rad_s", "object_spin_rad_s"):
         for word, choose in (("least", min), ("largest", max)):
             found = choose(allowed, key=lambda each: each.effects[effect])
             if found is not mapped.best and found is not mapped.of_run:
-                yield _row(f"{word} {_SHOWN[effect][1]} of these", found)
+                yield _row(f"{word} {_SHOWN[effect][1]}", found)
 
 
 def _row(name: str, configuration: Configuration) -> tuple[str, ...]:

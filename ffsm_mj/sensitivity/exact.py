@@ -49,7 +49,7 @@ def exact(prepared: PreparedRun, nominal: Run, of: Sequence[Outcome], wrt: Seque
     mujoco.mj_forward(assembly.system.mj, data)
     law = prepared.scenario.impact.law
     hit = linearize(assembly.system.mj, data, pair, restitution=record.restitution_used, mu=record.mu, law=law)
-    columns = [_column(prepared, assembly, record, hit, of, parameter) for parameter in wrt]
+    columns = [_column(prepared, nominal, assembly, record, hit, of, parameter) for parameter in wrt]
     nothing = np.full((len(of), len(wrt)), np.nan)
     same, sides = tuple(True for _ in wrt), tuple("both" for _ in wrt)
     nominal_values = values(nominal, of)
@@ -72,6 +72,7 @@ def _first(nominal: Run) -> ImpactRecord:
 
 def _column(
     prepared: PreparedRun,
+    nominal: Run,
     assembly: Assembly,
     record: ImpactRecord,
     hit: Saltation,
@@ -93,7 +94,7 @@ def _column(
         raise InputError(
             f"exact: no derivative by {parameter.key}, only by initial and contacts.*.restitution; use kind='secant'"
         )
-    _refuse_control(prepared, record)
+    _refuse_control(nominal, record)
     change = _flown(prepared, assembly, record.time_s, parameter)
     return [float(getattr(hit, name) @ change) for name in names]
 
@@ -108,22 +109,18 @@ def _is_of(prepared: PreparedRun, parameter: Parameter, record: ImpactRecord) ->
     return int(parts[2]) < len(rules) and names[int(parts[2])] == record.rule
 
 
-def _refuse_control(prepared: PreparedRun, record: ImpactRecord) -> None:
-    """Refuse runs in which something else than inertia acts before the impact.
+def _refuse_control(nominal: Run, record: ImpactRecord) -> None:
+    """Refuse runs in which a control law acts before the impact.
 
     Raises:
         InputError: The law and its phase.
     """
-    start = 0.0
-    for phase in prepared.scenario.phases:
-        if phase.kind != "off":
+    for phase in nominal.phases:
+        if phase.start_s < record.time_s and phase.controller != "off":
             raise InputError(
-                f"exact: {phase.kind} of phase {phase.name!r} acts before the impact at {record.time_s:.6g} s: "
+                f"exact: {phase.controller} of phase {phase.name!r} acts before the impact at {record.time_s:.6g} s: "
                 "its efforts change at control ticks, no derivative is computed; use kind='secant'"
             )
-        start += phase.for_s or np.inf
-        if start >= record.time_s:
-            return
 
 
 def _flown(prepared: PreparedRun, assembly: Assembly, time_s: float, parameter: Parameter) -> FloatArray:

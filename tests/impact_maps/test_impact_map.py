@@ -72,6 +72,22 @@ def test_runs_of_a_spatial_arm_agree_with_their_map(spatial):
     assert worst_difference(spatial, "spatial", chosen) < AGREES
 
 
+def test_a_spinning_wheel_keeps_its_spin_and_the_satellite_its_own(spatial):
+    """Wheels keep their rates, base and arm those of least energy with them; the satellite's spin is that of the run."""
+    rates = {"initial.rates.wheel_x": 80.0}
+    mapped = impact_map("spatial", rates, samples=4, starts=0)
+    chosen = [each for each in mapped.configurations if mapped.allows(each)][-1:]
+    wheel = mapped.target.system.joint("wheel_x").dofs.start
+    assert all(each.qvel[wheel] == mapped.target.qvel[wheel] for each in mapped.configurations)
+    assert abs(mapped.target.qvel[wheel]) > 70.0
+    assert worst_difference(mapped, "spatial", chosen) < AGREES
+    record = first_impact("spatial", spatial.initial(spatial.configurations[0]), {})
+    spin = np.linalg.norm(record.qvel_after["satellite/free"][3:])
+    assert spatial.configurations[0].effects["object_spin_rad_s"] == pytest.approx(spin, rel=1e-9)
+    jump = np.subtract(record.qvel_after["satellite/free"], record.qvel_before["satellite/free"])[3:]
+    assert abs(np.linalg.norm(jump) - spin) > 1e-3
+
+
 def test_runs_with_friction_agree_with_their_map():
     rough = {"contacts.rules.0.mu": 0.2, "contacts.rules.0.restitution": 0.6}
     mapped = impact_map("coasting", rough, samples=5, starts=0)
@@ -113,6 +129,23 @@ def test_every_configuration_meets_the_conditions(planar, spatial):
             )
             assert data.subtree_com[root] == pytest.approx(com, abs=1e-11)
             assert momentum_matrix(model, data, root) @ data.qvel == pytest.approx(momenta, abs=1e-9)
+
+
+def test_angular_momentum_is_that_about_the_moving_centre_of_mass():
+    """With the base left free the centre of mass has another place; the robot drifts: L about the origin differs there."""
+    drift = {"initial.rates.base_x": 0.842824650218, "initial.rates.object/x": 0.7}
+    mapped = impact_map("coasting", drift, samples=3, starts=0, hold="nothing")
+    target = mapped.target
+    model, data, root = target.system.mj, target.data(), target.system.robot.root
+    momenta = []
+    for each in mapped.configurations:
+        data.qpos[:], data.qvel[:] = each.qpos, each.qvel
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        momenta.append([*data.subtree_linvel[root], *data.subtree_angmom[root]])
+        assert target.pair.proximity(model, data).rate == pytest.approx(-target.approach_speed, abs=1e-9)
+    assert np.ptp(momenta, axis=0) == pytest.approx(np.zeros(6), abs=1e-9)
+    assert np.linalg.norm(momenta[0][:3]) > 0.5
 
 
 def test_rates_are_those_of_least_energy(planar):
