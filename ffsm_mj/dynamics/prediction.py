@@ -9,6 +9,7 @@ import mujoco
 
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.step_path import time_step
+from ffsm_mj.model.coefficients import has_springs_or_dampers
 from ffsm_mj.tolerances import DAMPER_STEP, MODE_STEP
 
 _TURN = 0.05
@@ -29,10 +30,9 @@ def predict(model: Any, data: Any, duration_s: float) -> None:
         return
     fastest = max(map(abs, data.qvel.tolist()), default=0.0)
     steps = min(max(1, math.ceil(duration_s * fastest / _TURN)), _MOST_STEPS)
-    springs = JointSprings(model)
-    if springs.elastic or springs.damped:
+    if has_springs_or_dampers(model):
         mujoco.mj_fwdPosition(model, data)
-        mode, decay = springs.fastest(model, data)
+        mode, decay = JointSprings(model).fastest(model, data)
         steps = max(steps, math.ceil(duration_s * max(mode.rate / MODE_STEP, decay.rate / DAMPER_STEP)))
     with time_step(model, duration_s / steps):
         for _ in range(steps):

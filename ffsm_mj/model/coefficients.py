@@ -17,3 +17,10 @@ def stiffness_coefficients(model: Any) -> FloatArray:
 def damping_coefficients(model: Any) -> FloatArray:
     """Coefficients (a, b, c) of the damper of each degree of freedom, (nv, 3)."""
     return np.column_stack((model.dof_damping, model.dof_dampingpoly.reshape(model.nv, -1)))
+
+
+def has_springs_or_dampers(model: Any) -> bool:
+    """Whether any joint has a spring or a damper; cheaper than their coefficients."""
+    return bool(
+        model.jnt_stiffness.any() or model.dof_damping.any() or model.jnt_stiffnesspoly.any() or model.dof_dampingpoly.any()
+    )
