@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ import numpy as np
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
+from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import unknown_name
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
@@ -35,15 +38,25 @@ class Run:
         path: Path of the log file, absolute if the run was read or written here; None for a run in memory.
     """
 
-    def __init__(self, log: RunLog, path: Path | None = None, digested: Digest | None = None) -> None:
+    def __init__(
+        self, log: RunLog, path: Path | None = None, digested: Digest | None = None, effort: Effort | None = None
+    ) -> None:
         """Wrap a log.
 
         Args:
             log: Contents of the log.
             path: Path of the log file.
             digested: Digest of its rows, if it exists already; None: computed on demand.
+            effort: Effort in its rows, likewise.
         """
-        self.log, self.path, self._given = log, path, digested
+        self.log, self.path, self._given, self._accumulated = log, path, digested, effort
+        self._whole: Run | None = None
+
+    def with_rows(self, rows: FloatArray) -> Run:
+        """The run with a part of its rows, (n, number of signals); checks and summary are those of the whole run."""
+        part = Run(replace(self.log, rows=rows), self.path, self.digest)
+        part._whole = self
+        return part
 
     def __getitem__(self, key: str) -> FloatArray:
         """Column of a signal, one value per control tick.
@@ -256,10 +269,44 @@ class Run:
         """Content of ``summary.json``.
 
         Args:
-            checks: Include ``checks``, for which a run with failed checks is replayed.
+            checks: Include ``checks``, for which a run with failed checks is replayed, and ``effort`` and ``base_rotation``,
+                for which the models of a log are compiled.
         """
         summary = deepcopy(self._summary)
-        return summary | {"checks": failing_checks(self.checks())} if checks else summary
+        if not checks:
+            return summary
+        return summary | deepcopy(self._effort) | {"checks": failing_checks(self.checks())}
+
+    @property
+    def effort(self) -> dict[str, dict[str, float | None]] | None:
+        """Effort by actuator, under its name in the columns; None if the log lacks its columns or its models.
+
+        ``integral_u2`` (N^2 s or (N m)^2 s), ``work_J``, ``peak`` (N or N m) and ``at_bound``, the share of the ticks at
+        which the applied effort is at a bound: see :data:`ffsm_mj.analysis.effort.MEASURES`.
+        """
+        found: dict[str, dict[str, float | None]] | None = deepcopy(self._effort["effort"])
+        return found
+
+    @property
+    def base_rotation(self) -> dict[str, float] | None:
+        """Angle from the first orientation of the base, ``final_rad`` and ``largest_rad``; None: see ``effort``."""
+        found: dict[str, float] | None = deepcopy(self._effort["base_rotation"])
+        return found
+
+    @cached_property
+    def _effort(self) -> dict[str, Any]:
+        if self._whole is not None:
+            return self._whole._effort
+        if self._accumulated is not None:
+            return self._accumulated.summary()
+        try:
+            found = Effort(compile_log(self.log))
+            found.open(self.log.header)
+        except (InputError, KeyError):  # models that no longer compile, or a part of the columns
+            return {"effort": None, "base_rotation": None}
+        for block in self.log.blocks():
+            found.rows(block)
+        return found.summary()
 
     @cached_property
     def _summary(self) -> dict[str, Any]:

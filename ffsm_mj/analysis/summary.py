@@ -35,7 +35,7 @@ def tip_error(log: RunLog) -> FloatArray:
 
 
 def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
-    """Content of ``summary.json``, except ``checks``."""
+    """Content of ``summary.json``, except ``checks``, ``effort`` and ``base_rotation``."""
     outcome = log.outcome
     wall = outcome.wall_s if outcome else 0.0
     end = outcome.end_s if outcome else digest.end_s
@@ -52,6 +52,9 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
         "smallest_step_s": outcome.smallest_step_s if outcome else 0.0,
         "wall_s": wall,
         "real_time_factor": (end - start) / wall if wall else 0.0,
+        "law_wall_s_per_tick": outcome.law_wall_s / outcome.controller_ticks
+        if outcome and outcome.controller_ticks
+        else 0.0,
         "conservative": is_conservative(log.header.metadata),
         **_records(log, digest, end),
         "tip": tip_summary(digest.tip),

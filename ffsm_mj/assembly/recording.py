@@ -13,6 +13,7 @@ from types import TracebackType
 import numpy as np
 
 from ffsm_mj.analysis.digest import DigestSink
+from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_models import record_kinds
 from ffsm_mj.assembly.resolved import resolved_yaml
@@ -83,10 +84,10 @@ class Recording:
         clock = source_date()  # refuse a malformed date before the folder is created
         kept = len(layout.signals) if columns is None else 1 + len(columns)
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
-        self._folder, self._layout = folder, layout
+        self._folder, self._layout, self._effort = folder, layout, Effort(system)
         self._header = _header(assembly, start_s, is_whole=columns is None)
         self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
-        sinks: list[Sink] = [self._memory, self._digested, *watchers]
+        sinks: list[Sink] = [self._memory, self._digested, self._effort, *watchers]
         if folder is not None:
             sinks += folder.sinks(self._header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
         if live is not None:
@@ -135,9 +136,9 @@ class Recording:
     def run(self) -> Run:
         """The run, when the log is closed; writes the summary into its folder."""
         if self._folder is None:
-            return Run(self._memory.log(), digested=self._digested.digest)
+            return Run(self._memory.log(), digested=self._digested.digest, effort=self._effort)
         log = self._folder.log.absolute()
-        finished = Run(self._memory.log(stored_rows(log, self._layout)), log, self._digested.digest)
+        finished = Run(self._memory.log(stored_rows(log, self._layout)), log, self._digested.digest, self._effort)
         self._folder.write_summary(finished.summary())
         return finished
 
@@ -169,7 +170,9 @@ def _settings(config: Scenario) -> Settings:
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
     """Add versions; with a source date also remove what differs from run to run."""
-    return replace(outcome, wall_s=outcome.wall_s if source_date() is None else 0.0, versions=versions())
+    if source_date() is not None:
+        outcome = replace(outcome, wall_s=0.0, law_wall_s=0.0)
+    return replace(outcome, versions=versions())
 
 
 @cache

@@ -218,6 +218,7 @@ class OutcomeRecord:
         versions: Versions of the packages that affect results.
         sub_steps: Number of integration steps with ``accuracy``; 0 without.
         smallest_step_s: Shortest integration step with ``accuracy``; 0 without.
+        law_wall_s: Wall time of all calls of control laws and estimator; 0 if SOURCE_DATE_EPOCH is set.
     """
 
     outcome: str
@@ -230,6 +231,7 @@ class OutcomeRecord:
     versions: Mapping[str, str] = field(default_factory=dict)
     sub_steps: int = 0
     smallest_step_s: float = 0.0
+    law_wall_s: float = 0.0
 
 
 class Event(Protocol):

@@ -70,7 +70,8 @@ def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> di
     """The content of :func:`verification` as plain data."""
     checks = again.checks(tolerance)
     return {
-        "summary": run.summary(checks=False) | {"checks": failing_checks(checks)},
+        "summary": run.summary(checks=False)
+        | {"effort": run.effort, "base_rotation": run.base_rotation, "checks": failing_checks(checks)},
         "checks": [_check_data(check) for check in checks],
         "states": {
             "agree": again.agrees,

@@ -59,7 +59,7 @@ class Simulation:
         self.progress = Progress()
         self.warnings: list[str] = []
         self._grid_step = GridStep(plant, settings.time_step_s, self.progress, self.warnings)
-        self._wall_s = 0.0
+        self._wall_s, self._law_wall_s = 0.0, 0.0
         self._guard = Guard(recorder, self.progress)
         self._observed: Observation | None = None
         self.interrupted: Callable[[], bool] = bool
@@ -191,6 +191,7 @@ class Simulation:
             end_s=self.progress.time_s,
             steps=self.progress.steps,
             wall_s=self._wall_s,
+            law_wall_s=self._law_wall_s,
             controller_ticks=self.progress.evaluations,
             reports=reports,
             **self._sub_steps(),
@@ -259,7 +260,9 @@ class Simulation:
                 raise
 
     def _evaluate(self, observation: Observation) -> None:
+        started = time.perf_counter()
         self._evaluation.evaluate(observation)
+        self._law_wall_s += time.perf_counter() - started
         self.progress.evaluations += 1
 
     def _report_phases(self) -> None:

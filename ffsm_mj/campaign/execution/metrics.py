@@ -11,8 +11,8 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from ffsm_mj.analysis.contact_intervals import ContactInterval
+from ffsm_mj.analysis.effort import MEASURES
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.campaign.execution.effort import MEASURES
 from ffsm_mj.errors import described, one_line, unknown_name
 from ffsm_mj.records.kinds import kinds
 from ffsm_mj.report.run import Run
@@ -27,7 +27,6 @@ _EXACT = 1 << 53
 """Integers up to this magnitude are exact as doubles."""
 
 Scalar = float | int | str | bool | None
-Effort = Mapping[str, Mapping[str, float]]
 
 _DRIFTING = CHECK_NAMES[:3]
 COUNT, FAIL = "count", "fail"
@@ -82,21 +81,18 @@ def _excess(check: Check) -> float:
     return check.residual / check.tolerance if check.residual > 0.0 and check.tolerance > 0.0 else math.inf
 
 
-def metric_values(
-    run: Run, effort: Effort, names: Sequence[str], checks: Mapping[str, Scalar] | None = None
-) -> dict[str, Scalar]:
+def metric_values(run: Run, names: Sequence[str], checks: Mapping[str, Scalar] | None = None) -> dict[str, Scalar]:
     """Values of metrics of a run.
 
     Args:
         run: The run.
-        effort: Effort statistics by actuator and measure.
         names: Names of the metrics, in the order of the result.
         checks: Result of :func:`check_metrics`; None: computed from the checks of the run, with ``count``.
 
     Raises:
         ValueError: A metric is not a scalar of the run; the message names it.
     """
-    summary = run.summary(checks=False) | {"effort": effort}
+    summary = run.summary(checks=False) | {"effort": run.effort, "base_rotation": run.base_rotation}
     of_checks = {name: _scalar(name, value) for name, value in (checks or check_metrics(run.checks())).items()}
     plugins = plugin_metrics()
     found: dict[str, Scalar] = {}
@@ -194,6 +190,7 @@ def fault_of(name: str, actuators: Sequence[str]) -> str | None:
         return None
     known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics()]
     known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
+    known += ["base_rotation.final_rad", "base_rotation.largest_rad"]
     known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
         "effort.ACTUATOR.MEASURE",
         "controller.phases.0.reports.NAME",

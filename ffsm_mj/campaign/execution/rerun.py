@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.campaign.execution.effort import Effort
 from ffsm_mj.campaign.execution.metrics import Scalar, check_metrics, metric_values
 from ffsm_mj.campaign.execution.worker import Job, prepared_run, processor
 from ffsm_mj.campaign.storage.outcomes import ERROR
@@ -66,8 +65,7 @@ def rerun(
         InputError: The run cannot be prepared.
     """
     assembly = prepared_run(job, index, overrides).assemble()
-    effort = Effort(assembly.system, assembly.actuation.keys)
-    run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False, watchers=(effort,))
+    run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False)
     if run.outcome == Outcome.INTERRUPTED:
         raise KeyboardInterrupt  # its log is kept; the remaining runs are not executed
     if row is None:
@@ -75,7 +73,7 @@ def rerun(
     exact = row.cpu == processor() and same_settings
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
-        metrics = metric_values(run, effort.by_actuator(), job.metrics, check_metrics(run.checks(), truncated=job.truncated))
+        metrics = metric_values(run, job.metrics, check_metrics(run.checks(), truncated=job.truncated))
     except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR
     return Rerun(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))

@@ -16,7 +16,6 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.campaign.execution.effort import Effort
 from ffsm_mj.campaign.execution.metrics import COUNT, check_metrics, columns_of, metric_values
 from ffsm_mj.campaign.script_classes import ScriptClasses
 from ffsm_mj.campaign.storage.outcomes import ERROR, TIMEOUT
@@ -133,21 +132,20 @@ def execute_run(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
 
 def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> dict[str, Any]:
     assembly = prepared_run(job, index, overrides).assemble()
-    effort = Effort(assembly.system, assembly.actuation.keys)
 
     def check_time(*_: float) -> None:
         if job.timeout_s and time.perf_counter() - started > job.timeout_s:
             raise _TimeoutError
 
     with _StuckRunGuard(job):
-        run = simulate(assembly, columns=columns_of(job.metrics), watchers=(effort,), report=check_time)
+        run = simulate(assembly, columns=columns_of(job.metrics), report=check_time)
         checks = run.checks()
         if _may_be_truncation(run, checks):
             # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
             log = simulate(prepared_run(job, index, overrides).assemble(), report=check_time).log
             checks = explained(checks, DEFAULT_TOLERANCE, lambda: refined(log, check_time))
         counted = check_metrics(checks, truncated=job.truncated)
-        metrics = metric_values(run, effort.by_actuator(), job.metrics, counted)
+        metrics = metric_values(run, job.metrics, counted)
     return {
         "outcome": run.outcome,
         "message": run.message,

@@ -8,7 +8,6 @@ greatest value; those just before and after an event, and those at requested tim
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -43,14 +42,14 @@ def thinned(run: Run, times: Iterable[float] = ()) -> Run:
         part[_outstanding(part, part[:, log.header.layout.time], beside.of(part), marks)]
         for part in _slices(log.blocks(), -(-count // _SLICES))
     ]
-    return _drawable(Run(replace(log, rows=np.concatenate(kept)), run.path, run.digest))
+    return _drawable(run.with_rows(np.concatenate(kept)))
 
 
 def _drawable(run: Run) -> Run:
     """The run without rows whose time or coordinates cannot be drawn: a log may hold any double."""
     places = np.column_stack((run.time, run.qpos))
     there = (np.abs(places) < _FARTHEST).all(axis=1)
-    return run if there.all() else Run(replace(run.log, rows=np.asarray(run.log.rows[there])), run.path, run.digest)
+    return run if there.all() else run.with_rows(np.asarray(run.log.rows[there]))
 
 
 class _Beside:

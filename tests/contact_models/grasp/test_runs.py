@@ -160,7 +160,7 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
     assert "near miss grasp: relative speed 1 m/s, bound 0.4 m/s (2.5 times); closest approach at t = " in line
     assert "distance" not in line
     asked = ["near_misses.0.failed", "near_misses.0.failed_value", "near_misses.0.failed_bound"]
-    metrics = metric_values(run, {}, asked)
+    metrics = metric_values(run, asked)
     assert [metrics[name] for name in asked] == ["speed_m_s", miss.speed_m_s, 0.4]
     assert all(fault_of(name, []) is None for name in asked)
 

@@ -1,15 +1,17 @@
-"""Effort statistics of each actuator in a run, accumulated during the run: integral, work, peak, time at a bound."""
+"""Effort of each actuator in a run: integral of its square, work, peak, share of time at a bound."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
 from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from ffsm_mj.analysis.base_rotation import BaseRotation
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
@@ -29,31 +31,40 @@ class Effort:
 
     The work of an effort on a joint is effort times displacement, exact while the effort is held. The work of an effort at a
     site, whose direction moves with the site, is its power at the rows, integrated by the trapezoidal rule.
+
+    Attributes:
+        base_rotation: Rotation of the base, which a free-floating robot pays its motion with.
     """
 
-    def __init__(self, system: System, keys: Mapping[str, Sequence[str]]) -> None:
-        """Bind to a model.
-
-        Args:
-            system: Robot and objects.
-            keys: Columns of ``applied``, ``lower`` and ``upper`` by actuator, in MuJoCo's order.
-        """
-        self._system, self._keys = system, keys
-        self._names = system.names("actuator")
+    def __init__(self, system: System) -> None:
+        """Bind to robot and objects."""
+        self._system, self._names = system, system.names("actuator")
+        self.base_rotation = BaseRotation(system)
         self._joint, self._gear = _drives(system.mj)
         n = len(self._names)
         self._square, self._work, self._peak, self._bounded, self._ticks = *np.zeros((4, n)), 0
         self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
 
     def open(self, header: RunHeader) -> None:
-        """Find the columns of a run."""
+        """Find the columns of a run.
+
+        Raises:
+            KeyError: The log lacks one of them.
+        """
         layout, joints = header.layout, self._system.joints.values()
+        suffixes = ["N_m" if drives_rotation(self._system.mj, i) else "N" for i in range(len(self._names))]
+        units = list(zip(map(identifier, self._names), suffixes, strict=True))
         self._time = layout.time
-        self._applied, self._lower, self._upper = (layout.places(self._keys[what]) for what in ("applied", "lower", "upper"))
+        self.base_rotation.open(layout)
+        self._applied, self._lower, self._upper = (
+            layout.places(f"actuators.{name}_{what}_{suffix}" for name, suffix in units)
+            for what in ("applied", "lower", "upper")
+        )
         self._qpos, self._qvel = layout.places(coordinate_keys(joints)), layout.places(rate_keys(joints))
 
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""
+        self.base_rotation.rows(block)
         applied, lower, upper = block[:, self._applied], block[:, self._lower], block[:, self._upper]
         self._ticks += len(block)
         self._peak = np.maximum(self._peak, np.abs(applied).max(axis=0, initial=0.0))
@@ -76,7 +87,7 @@ class Effort:
         length[:, scalar] = qpos[:, model.jnt_qposadr[self._joint[scalar]]]
         if not scalar.all():
             data = self._data
-            for row in range(len(qpos)):
+            for row in np.flatnonzero(applied[:, ~scalar].any(axis=1)):
                 data.qpos[:], data.qvel[:] = qpos[row], qvel[row]
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_comPos(model, data)
@@ -98,6 +109,14 @@ class Effort:
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Do nothing."""
+
+    def summary(self) -> dict[str, Any]:
+        """``effort`` and ``base_rotation`` of ``summary.json``; None for a number that is not finite."""
+        effort = {
+            name: {measure: value if math.isfinite(value) else None for measure, value in each.items()}
+            for name, each in self.by_actuator().items()
+        }
+        return {"effort": effort, "base_rotation": self.base_rotation.summary()}
 
     def by_actuator(self) -> dict[str, dict[str, float]]:
         """Each of :data:`MEASURES` by actuator, under its name in the columns of a log."""
