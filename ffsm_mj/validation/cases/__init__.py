@@ -13,6 +13,7 @@ from ffsm_mj.validation.cases import (
     panels,
     seed_paper,
     single_impacts,
+    sliding,
     walker,
 )
 
@@ -21,6 +22,7 @@ CASES: tuple[ValidationCase, ...] = (
     *anymal.CASES,
     *bouncing.CASES,
     *friction.CASES,
+    *sliding.CASES,
     *single_impacts.CASES,
     *chains.CASES,
     *walker.CASES,
