@@ -17,10 +17,12 @@ from ffsm_mj.report.export import to_arrow, write_arrow
 from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.plots.style import write
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
-from ffsm_mj.scenario.source import write_yaml
+from ffsm_mj.scenario.source import read_yaml, write_yaml
 
 NAME = "impact-map"
 BEST = "best.yaml"
+_GONE_ON = ("from", "at_s")
+"""Keys of ``initial`` of a scenario that goes on from another run: the best configuration begins anew."""
 
 
 def save(mapped: ImpactMap, scenario: str | Path, folder: Path, axes: tuple[str, str] = ("", "")) -> list[Path]:
@@ -66,7 +68,7 @@ def best_scenario(mapped: ImpactMap, scenario: str | Path, folder: Path) -> str:
         "extends": parent,
         "name": f"{path.stem}-best",
         "description": f"{words} The run begins just before the impact: {mapped.objective.effect} {value:.10g}.",
-        "initial": mapped.initial(),
+        "initial": {key: None for key in _GONE_ON if key in (read_yaml(path).data.get("initial") or {})} | mapped.initial(),
     }
     return write_yaml(data)
 

@@ -38,6 +38,16 @@ def test_files_and_the_best_configuration(tmp_path, monkeypatch, capsys):
     assert run.impacts[0].impulse_N_s == pytest.approx(float(best["impulse_N_s"]), rel=1e-9)
 
 
+def test_a_scenario_that_goes_on_from_another_run(tmp_path, monkeypatch, capsys):
+    """The best configuration begins anew, not at the instant of that run."""
+    monkeypatch.chdir(tmp_path)
+    ffsm_mj.run("coasting", {"duration_s": 4.95}, out="before", rerun=False)
+    (tmp_path / "on.yaml").write_text("extends: coasting\nname: on\ninitial: {from: before, at_s: 4.9}\n")
+    assert main(["impact-map", "on.yaml", "--samples", "3", "--starts", "0", "--out", "maps/a"]) == 0
+    assert "differs from the map by" in capsys.readouterr().out
+    assert ffsm_mj.run("maps/a/best.yaml", {"stop_on_impact": True}).impacts[0].time_s < 1e-9
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
