@@ -10,6 +10,8 @@ from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.report.plots.subject import Subject
+from ffsm_mj.report.plots.time_series import energies
 
 SHORT = ["--no-rerun", "-s", "duration_s=0.6"]
 
@@ -176,3 +178,12 @@ def test_a_campaign_begins_at_the_start(logged, tmp_path):
         InputError, match=r"later.yaml:3:11: initial\.from: a campaign needs a scenario that begins at t = 0"
     ):
         load_campaign(tmp_path / "campaign.yaml")
+
+
+def test_figures_begin_where_the_run_does(logged):
+    """Its work and losses before are not drawn, as its change of energy is counted from there; nor is the time before."""
+    figure = energies(Subject(ffsm_mj.go_on(logged, 0.2)))
+    curves = {line.get_label(): line.get_ydata() for line in figure.axes[1].lines}
+    assert np.ptp(curves["energy change"]) > 0.1
+    np.testing.assert_allclose(curves["work + impacts"], curves["energy change"], atol=1e-9)
+    assert all(axes.get_xlim() == pytest.approx((0.2, 0.6), abs=1e-9) for axes in figure.axes)

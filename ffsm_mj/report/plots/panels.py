@@ -176,7 +176,8 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
 
 def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
     """Shade the phases, optionally name them above the axes, and mark the times of events."""
-    phases = run.summary(checks=False)["phases"]
+    begin_s = float(run.time[0])  # of a run that goes on from another one, within a phase
+    phases = [each | {"start_s": max(begin_s, each["start_s"])} for each in run.summary(checks=False)["phases"]]
     for i, phase in enumerate(phases):
         axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
     across = blended_transform_factory(axes.transData, axes.transAxes)
@@ -185,7 +186,7 @@ def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None
     for time in times:
         axes.axvline(time, color=BLACK, linewidth=0.7, linestyle=(0, (1, 1.5)), zorder=1)
     if names and len(phases) > 1:
-        _name_phases(axes, phases, float(run.time[-1]) * (0.0125 if wide else 0.026))
+        _name_phases(axes, phases, (float(run.time[-1]) - begin_s) * (0.0125 if wide else 0.026))
     if names and times:
         _make_room_at_the_top(axes)
         axes.plot(times, [1.0] * len(times), "v", transform=across, color=BLACK, markersize=4.5, clip_on=False, zorder=6)
@@ -220,7 +221,7 @@ def _name_phases(axes: Axes, phases: Sequence[dict[str, Any]], letter_s: float) 
     for phase in phases:
         text = plain(phase["name"]).replace("_", " ")
         half = 0.5 * len(text) * letter_s
-        middle = max(0.5 * (phase["start_s"] + phase["end_s"]), half)
+        middle = max(0.5 * (phase["start_s"] + phase["end_s"]), phases[0]["start_s"] + half)
         free = [level for level in (0, 1) if middle - half > taken[level]]
         if free:
             taken[free[0]] = middle + half

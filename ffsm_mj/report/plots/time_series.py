@@ -217,10 +217,12 @@ def energies(subject: Subject) -> Figure:
         Curve(_named(subject, p), run[f"energy.{p}_J"], c, s)
         for p, c, s in zip(_moving(subject), (BLUE, VERMILION), _STYLES, strict=False)
     ]
+    # A run that goes on from another one brings its work and its losses along.
+    work, impacts = (run[key] - run[key][0] for key in ("balance.work_J", "balance.total_impact_energy_J"))
     account = [
         Curve("energy change", energy - energy[0], BLUE, "-"),
-        Curve("work + impacts", run["balance.work_J"] + run["balance.total_impact_energy_J"], BLACK, (0, (1.0, 2.5)), 1.1),
-        Curve("lost in impacts", -run["balance.total_impact_energy_J"], ORANGE, (0, (6.0, 1.5, 1.2, 1.5))),
+        Curve("work + impacts", work + impacts, BLACK, (0, (1.0, 2.5)), 1.1),
+        Curve("lost in impacts", -impacts, ORANGE, (0, (6.0, 1.5, 1.2, 1.5))),
     ]
     panels = [Panel("kinetic energy, J", kinetic), Panel("balance of the\nwhole system, J", account)]
     return stacked(run, panels, height_in=1.9)
