@@ -11,7 +11,7 @@ from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_folder
-from ffsm_mj.report.text_table import table
+from ffsm_mj.report.text_table import table, wrapped
 from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compare_case
 from ffsm_mj.validation.cases import CASES, case_names
 from ffsm_mj.validation.page import HEAD, PAGE, committed_page, rows, stale_cases, stale_page, total, validation_page
@@ -31,7 +31,7 @@ def validate(options: argparse.Namespace, output: Output) -> int:
     committed = committed_page(Path(options.check)) if options.check is not None else ""
     compared = _computed(cases)
     for case in compared if options.cases else ():
-        output.say(f"{case.case.title}\n{case.case.source}\n\n{table(HEAD, rows(case))}\n")
+        output.say(f"{case.case.title}\n{wrapped(case.case.source)}\n\n{table(HEAD, rows(case), spare=('tolerance',))}\n")
     if not options.cases:
         output.say(table(("case", "verdict"), [(case.case.name, case.verdict) for case in compared]) + "\n")
     output.say(total(compared))

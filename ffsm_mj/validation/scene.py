@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 
 
@@ -41,7 +42,18 @@ def run_scene(robot: str, objects: Mapping[str, str] | None = None, **scenario: 
             (folder / f"{each}.xml").write_text(mjcf, encoding="utf-8")
         path = folder / "scene.yaml"
         path.write_text(json.dumps(data | scenario), encoding="utf-8")  # JSON is YAML
-        return prepare(path).run()
+        return uninterrupted(prepare(path).run())
+
+
+def uninterrupted(run: Run) -> Run:
+    """The run, if it was not interrupted: what came of it until then is no result.
+
+    Raises:
+        KeyboardInterrupt: It was.
+    """
+    if run.outcome == Outcome.INTERRUPTED:
+        raise KeyboardInterrupt
+    return run
 
 
 def model(body: str, *, gravity: Sequence[float] = (0.0, 0.0, 0.0), more: str = "") -> str:

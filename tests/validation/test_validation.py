@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.cli.main import main
 from ffsm_mj.validation.case import (
     ComparedCase,
@@ -109,6 +111,14 @@ def test_a_wrong_restitution_differs(monkeypatch, capsys):
     out = capsys.readouterr().out
     assert "e = 0.5: energy ratio" in out
     assert "differ without one" in out
+
+
+@pytest.mark.parametrize("name", ["one-collision", "paper-baseline"])
+def test_an_interrupted_case_has_no_numbers(name, monkeypatch, capsys):
+    """Ctrl-C ends a run, which keeps what it has: that is no result."""
+    monkeypatch.setattr(PreparedRun, "run", lambda _: SimpleNamespace(outcome="interrupted"))
+    assert main(["validate", name]) == 130
+    assert capsys.readouterr().out == ""
 
 
 def test_one_case_on_the_command_line(capsys):

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from functools import partial
 
-from ffsm_mj.reproduction.cases import SCENARIOS, paper_case, run_case
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.reproduction.cases import SCENARIOS, paper_case
+from ffsm_mj.reproduction.measure import measure
 from ffsm_mj.reproduction.printed import PRINTED, PrintedNumber
 from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.validation.scene import uninterrupted
 
 _SOURCE = (
     "Nekoo, Sharf & Ollero 2024, Free-floating space manipulator impacting a floating object: Modeling and output SDRE"
@@ -24,7 +27,8 @@ _MOVES = "moves by as much with the step size or with the step at which the impa
 
 
 def _values(scenario: str) -> Values:
-    return run_case(paper_case(scenario)).values
+    prepared = prepare(scenario, paper_case(scenario).overrides)
+    return measure(uninterrupted(prepared.run()), prepared.system)
 
 
 def _number(printed: PrintedNumber) -> Number:
