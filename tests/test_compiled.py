@@ -314,6 +314,7 @@ def test_block_law(spatial_arm, rng, axes, whole_stack, monkeypatch):
         mujoco.mj_forward(model, data)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("options", "joint", "rest"),
     [

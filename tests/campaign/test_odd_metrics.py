@@ -40,6 +40,7 @@ def in_turn(*values: Any) -> Callable[[Any], Any]:
     return lambda _: values[next(calls) % len(values)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("values", "column"),
     [

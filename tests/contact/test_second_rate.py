@@ -52,6 +52,7 @@ def close_pair(folder, a, b, rng):
     return pair, model, data
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("a", "b"), PAIRS)
 def test_second_rate_is_the_derivative_of_the_rate(tmp_path, rng, a, b):
     """Fourth-order differences over 1e-5 s: the rounding is 1e-16 / 1e-5 = 1e-11 of the rate, and h^4 is less."""

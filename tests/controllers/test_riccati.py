@@ -257,6 +257,7 @@ def many_outputs(rng, p, ratio):
     return A21, A22, B2, Q
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("p", [1, 2, 3, 4])
 def test_any_number_of_outputs(p, rng):
     """Residual at rounding, stable, SciPy's solution; no equation remembers the one before."""

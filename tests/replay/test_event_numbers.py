@@ -30,6 +30,7 @@ def test_there_are_events_of_many_kinds(run):
     assert replay_log(run.log).agrees
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("plural", ["impacts", "contact_beginnings", "capture_impulses", "armings", "releases"])
 def test_one_more_in_the_number_of_an_event_is_noticed(run, plural):
     records = run.log.records[plural]

@@ -83,6 +83,7 @@ def losing(share):
 
 
 # At rates of 10 rad/s truncation is 1e-5 J, what is allowed 2e-8 J: each leak is between the two, 1e-6 J or so.
+@pytest.mark.long
 @pytest.mark.parametrize(
     "share",
     [lambda h: 1e-7 * h, lambda h: 1e-9 + 0.0 * h, lambda h: 1e-3 * h * h],

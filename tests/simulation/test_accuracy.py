@@ -69,6 +69,7 @@ def test_the_answer_is_that_of_a_shorter_step(tmp_path, accurate):
     np.testing.assert_allclose(accurate.qpos[-1], short.qpos[-1], rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 13])
 def test_under_pressing_contacts_and_across_events(tmp_path, seed):
     """Scenes with impacts and persistent contact of bodies that spin, some of which fail at a fixed step."""

@@ -57,6 +57,7 @@ def breaks(monkeypatch, owner, method, after):
     monkeypatch.setattr(owner, method, broken)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("place", PLACES)
 def test_the_log_is_whole_and_tells_it(tmp_path, monkeypatch, capsys, place):
     """Exit code 3, one line, a finished log with the traceback, a summary; what was logged before still verifies."""

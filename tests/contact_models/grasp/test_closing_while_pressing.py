@@ -116,6 +116,7 @@ def plastic(folder, qpos, qvel):
     return np.linalg.lstsq(saddle, np.concatenate((M @ qvel, np.zeros(6))), rcond=None)[0][: model.nv]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", DEAR)
 def test_a_pair_that_presses_is_on_one_rigid_body_from_there(tmp_path, case):
     """Its contact ends at that instant; the joining is the plastic one; what is let go at gap 0 presses again."""

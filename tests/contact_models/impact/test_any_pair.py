@@ -104,6 +104,7 @@ def test_all_three_at_once(tmp_path):
     assert change_of(run, "balance.contact_P_x_N_s") == pytest.approx(1.0, abs=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("pair", [("hull", "tip"), ("tip", "hull")])
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
 def test_the_robot_hits_itself(tmp_path, pair, restitution):

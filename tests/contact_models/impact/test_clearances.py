@@ -64,6 +64,7 @@ def first_touch(system, data, seed):
     return None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_the_first_touch_is_that_of_evaluating_all_pairs_in_every_step(hand, monkeypatch, seed):
     system, data = hand

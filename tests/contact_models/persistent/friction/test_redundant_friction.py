@@ -86,6 +86,7 @@ def in_a_v(folder, half_angle, mu, force_angle, *, more=(), duration=0.008):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("half_angle", "mu", "limit"), [(30, 0.5, 60.0), (45, 0.5, 45.0), (60, 0.5, 30.0), (60, 1.5, 30.0)])
 def test_a_ball_in_a_v_is_held_up_to_the_normal_of_a_face(tmp_path, half_angle, mu, limit):
     """Below tan(beta) the faces cannot hold the ball between them: it leaves one where nothing presses it there."""
@@ -97,6 +98,7 @@ def test_a_ball_in_a_v_is_held_up_to_the_normal_of_a_face(tmp_path, half_angle, 
         assert bool(np.abs(final(run, "v_robot_free")[:3]).max() > 1e-8) is moves
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angle", [0.0, 59.0, 61.0, 120.0])
 def test_a_wedged_ball_is_held_whatever_pulls(tmp_path, angle):
     """Above tan(beta) forces between the faces hold the ball against loads that would lift it off one of them."""
