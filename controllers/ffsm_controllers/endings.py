@@ -78,11 +78,16 @@ class MeasurementBound(_Memoryless):
     below: float | None = None
 
     def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
-        """Whether the newest sample is valid, and its value, or the norm of a vector, is beyond the bound."""
+        """Whether the newest sample is valid, and its value, or the norm of a vector, is beyond the bound.
+
+        Of a force or torque sensor its mean counts too, as on a load cell: an impact within its interval is in no value.
+        """
         sample = observation.measured[self.sensor]
         if not sample.valid:
             return False
         value = float(sample.value[0]) if len(sample.value) == 1 else math.hypot(*sample.value.tolist())
+        mean = math.hypot(*sample.mean.tolist())  # 0 of other sensors; NaN of the first sample
+        value = max(value, mean)
         return value > self.above if self.above is not None else self.below is not None and value < self.below
 
 

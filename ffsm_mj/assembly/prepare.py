@@ -38,6 +38,7 @@ from ffsm_mj.scenario.phase_graph import graph_lines, is_branching
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.sensing.sensor import Sensor
 
 
 def run(
@@ -310,11 +311,22 @@ def _sensors(assembly: Assembly) -> list[str]:
         return []
     lines = [
         f"    {each.name}: {each.model.kind}, every {each.interval_s:g} s"
-        + (f", {each.delay_s:g} s late" if each.delay_s else "")
-        + (", nothing arrives within the run" if each.earliest_s >= assembly.scenario.duration_s else "")
+        + _lateness(each)
+        + (", nothing arrives within the run" if _never_arrives(each, assembly.scenario.duration_s) else "")
         for each in sampler.by_name.values()
     ]
     return [f"  sensors (estimator {assembly.scenario.estimator.kind})", *lines]
+
+
+def _lateness(sensor: Sensor) -> str:
+    """How late samples of a sensor are, and the share that is lost."""
+    latest_s = sensor.delay_s + sensor.delay_jitter_s
+    late = f"{sensor.delay_s:g} to {latest_s:g}" if sensor.delay_jitter_s else f"{latest_s:g}"
+    return (f", {late} s late" if latest_s else "") + (f", {sensor.dropout:.3g} of all lost" if sensor.dropout else "")
+
+
+def _never_arrives(sensor: Sensor, duration_s: float) -> bool:
+    return sensor.dropout == 1.0 or sensor.earliest_s >= duration_s
 
 
 def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:

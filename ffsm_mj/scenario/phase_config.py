@@ -33,7 +33,8 @@ class SensorEndConfig(StrictModel):
     """A phase ends at a control tick at which a valid measurement is beyond a bound."""
 
     sensor: Name
-    """A sensor; of a vector its norm counts."""
+    """A sensor; of a vector its norm counts, of a force or torque sensor the greater one of its value and its mean over the
+    interval, which contains impulses."""
     above: float | None = None
     """The phase ends above this value, in the unit of the sensor."""
     below: float | None = None

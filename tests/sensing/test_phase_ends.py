@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+import ffsm_mj
 from ffsm_mj.errors import InputError
-from tests.sensing.scenes import pushing, run
+from tests.sensing.scenes import Listener, arm, pushing, run
 
 
 def phases(until):
@@ -21,6 +23,30 @@ def test_a_jump_of_the_rates_is_felt(tmp_path):
     (change,) = [each for each in made.log.records["phases"] if each.name == "after"]
     assert change.start_s == pytest.approx(0.2, abs=1e-9)
     assert change.reason == "gyro"
+
+
+def test_an_impact_between_samples_is_felt_by_a_load_cell(tmp_path):
+    """The box bounces off at 0.195 s: no force at any sample, but the mean of the interval to 0.2 s has the impulse."""
+    made = run(
+        pushing(
+            tmp_path,
+            robot=arm('<force name="cell" site="wrist" interval="0.01"/>'),
+            phases=phases({"sensor": "cell", "above": 20.0}),
+            contacts={"rules": [{"between": ["robot", "b"], "restitution": 1.0}]},
+            told_of_impacts=False,
+        )
+    )
+    values = np.column_stack([made[f"sensor.robot_cell_{axis}_N"] for axis in "xyz"])
+    assert np.linalg.norm(values, axis=1).max() < 5.0
+    (change,) = [each for each in made.log.records["phases"] if each.name == "after"]
+    assert change.start_s == pytest.approx(0.2, abs=1e-9)
+
+
+def test_check_says_how_late_samples_are_and_how_many_are_lost(tmp_path):
+    sensors = {"gyro": {"delay_s": 0.1, "delay_jitter_s": 0.05, "dropout": 0.25}, "acc": {"dropout": 1.0}}
+    lines = ffsm_mj.prepare(pushing(tmp_path, sensors=sensors), controllers={"listen": Listener}).describe()
+    assert "    robot/gyro: gyro, every 0.01 s, 0.1 to 0.15 s late, 0.25 of all lost" in lines
+    assert "    robot/acc: accelerometer, every 0.0033 s, 1 of all lost, nothing arrives within the run" in lines
 
 
 @pytest.mark.parametrize(
