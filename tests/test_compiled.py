@@ -30,6 +30,7 @@ from ffsm_mj.contact_models.grasp import state_transfer as following
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
 from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
 from ffsm_mj.errors import TwinsError
 from ffsm_mj.records.sampler import Sampler
@@ -353,6 +354,7 @@ def test_twins_of_another_version_are_refused(monkeypatch):
 PLAIN = (
     BlockLaw,
     Doubling,
+    ForcedStepper,
     FreeStepper,
     HeldForces,
     JointWork,

@@ -5,6 +5,7 @@ functions of MuJoCo instead of its Python bindings.
 """
 
 from ffsm_mj_fast.block_law import BlockLaw
+from ffsm_mj_fast.forced_stepper import ForcedStepper
 from ffsm_mj_fast.free_stepper import FreeStepper
 from ffsm_mj_fast.held_rows import HeldForces
 from ffsm_mj_fast.joint_work import JointWork
@@ -18,13 +19,14 @@ from ffsm_mj_fast.smooth import Smooth
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "638bc578c686"
+INTERFACE = "877c6a761e29"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
     "INTERFACE",
     "BlockLaw",
     "Doubling",
+    "ForcedStepper",
     "FreeStepper",
     "HeldForces",
     "JointWork",

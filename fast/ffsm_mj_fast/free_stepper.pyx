@@ -25,14 +25,6 @@ cdef int WHOLE_STATE = plain.WHOLE_STATE
 cdef class FreeStepper:
     """Integrates steps and accumulates the motion bound, the integral of sqrt(2 T) dt."""
 
-    cdef readonly double energy, motion_bound, last_increment
-    cdef public double event_bound
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef double[::1] state, momentum, rates
-    cdef bint runge_kutta, unconstrained
-    cdef object model, data
-
     def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None):
         if len(state) != mujoco.mj_stateSize(model, WHOLE_STATE) or len(momentum) != model.nv:
             raise ValueError(f"a state of {len(state)} and a momentum of {len(momentum)} numbers do not fit the model")
@@ -57,7 +49,6 @@ cdef class FreeStepper:
 
     def step(self, double duration_s):
         """Integrate for the model's time step; returns whether no event is possible."""
-        cdef double before = self.energy
         mj.getState(self.m, self.d, &self.state[0], WHOLE_STATE)
         if self.runge_kutta and self.unconstrained:
             mj.checkPos(self.m, self.d)
@@ -70,6 +61,14 @@ cdef class FreeStepper:
         mj.forward(self.m, self.d)
         # Evaluated here, not when it is needed: collision detection in between discards the constraints.
         self.unconstrained = self.data.nefc == 0
+        return self.add(duration_s)
+
+    def account(self, double duration_s):
+        """Add a finished step to the motion bound; derived quantities must be current."""
+        return self.add(duration_s)
+
+    cdef bint add(self, double duration_s) noexcept:
+        cdef double before = self.energy
         self.energy = self.kinetic()
         self.last_increment = BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
         self.motion_bound += self.last_increment

@@ -26,6 +26,7 @@ class Motion:
         momenta: This array, and those of other motions that follow this one: all that a move along the path may change.
         path: The last step as a path.
         flight: Stepper in use; it accumulates the motion bound.
+        forced: The same, while forces are applied; None without any.
         bodies: Id in this model of each body of the logged system.
         dofs: Index in this model of each degree of freedom of the logged system; -1 for one that it does not have.
         pushes: Applied forces in its stages that depend on the state alone.
@@ -48,6 +49,7 @@ class Motion:
         self.pushes: Sequence[Push] = ()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(FreeStepper)(model, data, self.path.start, self.momentum)
+        self.forced: ForcedStepper | None = None
 
     @property
     def grasped_bodies(self) -> frozenset[int]:
@@ -63,17 +65,17 @@ class Motion:
         """
         self.pushes = tuple(pushes)
         if every := (*pushes, *answers):
-            pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, self.follow)
-            self.flight, self.path.integrate = pushed, pushed.integrate
+            pushed = fastest(ForcedStepper)(self.model, self.data, self.path.start, self.momentum, every, self.follow)
+            self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:
-            self.flight, self.path.integrate = self._unpushed, self._free_integrate
+            self.flight, self.forced, self.path.integrate = self._unpushed, None, self._free_integrate
             clear_applied_forces(self.model, self.data)
 
     def refresh_forces(self) -> None:
         """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""
-        if isinstance(self.flight, ForcedStepper):
-            self.flight.refresh()
+        if self.forced is not None:
+            self.forced.refresh()
 
     def own_rates(self, rates: FloatArray) -> FloatArray:
         """Rates of this model for those of the logged system, (nv,): the same for the motion of that system itself."""

@@ -23,7 +23,6 @@ from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecisi
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
-from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import (
     DRIFT_M,
@@ -180,8 +179,8 @@ class ActiveContactSet:
         self.stages.append(Stage(problem.rows, forces, generalised * data.qvel))
 
     def _push_with_friction(self, data: Any) -> None:
-        flight = self.motion.flight
-        assert isinstance(flight, ForcedStepper)
+        flight = self.motion.forced
+        assert flight is not None
         stage, generalised = stage_of(self._solver.friction_state(self.pressing), flight.stage)
         data.qfrc_applied += generalised
         if flight.repeats:
@@ -217,8 +216,8 @@ class ActiveContactSet:
         Args:
             left_s: Remaining time of the grid step, s.
         """
-        flight = self.motion.flight
-        if not isinstance(flight, ForcedStepper):
+        flight = self.motion.forced
+        if flight is None:
             return left_s
         flight.implicit, limit = False, left_s
         if self._chosen is not None:

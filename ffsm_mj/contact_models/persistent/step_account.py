@@ -17,7 +17,6 @@ from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, exchanged,
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
-from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.motion import Motion
 
 
@@ -82,6 +81,6 @@ class StepAccount:
 
     def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
         """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
-        flight = self._active_set.motion.flight
-        assert isinstance(flight, ForcedStepper)
+        flight = self._active_set.motion.forced
+        assert flight is not None
         return self._active_set.stages[-1 - len(flight.weights) : -1], duration_s * flight.weights
