@@ -27,7 +27,9 @@ from ffsm_mj.balance.joint_work import JointWork
 from ffsm_mj.cli.main import main
 from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.contact_models.grasp import state_transfer as following
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
+from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
@@ -353,9 +355,11 @@ def test_twins_of_another_version_are_refused(monkeypatch):
 
 PLAIN = (
     BlockLaw,
+    ContactAcceleration,
     Doubling,
     ForcedStepper,
     FreeStepper,
+    FrictionState,
     HeldForces,
     JointWork,
     Limits,

@@ -5,8 +5,10 @@ functions of MuJoCo instead of its Python bindings.
 """
 
 from ffsm_mj_fast.block_law import BlockLaw
+from ffsm_mj_fast.contact_acceleration import ContactAcceleration
 from ffsm_mj_fast.forced_stepper import ForcedStepper
 from ffsm_mj_fast.free_stepper import FreeStepper
+from ffsm_mj_fast.friction_state import FrictionState
 from ffsm_mj_fast.held_rows import HeldForces
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
@@ -19,15 +21,17 @@ from ffsm_mj_fast.smooth import Smooth
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "877c6a761e29"
+INTERFACE = "bf92fea32374"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
     "INTERFACE",
     "BlockLaw",
+    "ContactAcceleration",
     "Doubling",
     "ForcedStepper",
     "FreeStepper",
+    "FrictionState",
     "HeldForces",
     "JointWork",
     "Limits",

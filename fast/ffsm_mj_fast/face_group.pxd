@@ -38,3 +38,6 @@ cdef class FaceState:
     cdef void outward(self, double* normal) noexcept
     cdef void normal_rows(self, double* J, double* gamma, Py_ssize_t stride) noexcept
     cdef void tangential_rows(self, const double* tangents, double* J, double* gamma) noexcept
+    cdef double inside(self, Py_ssize_t p) except? -1.0
+    cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1
+    cdef void write_wrench(self, const double[:] forces, const double[:, :] across, double* out) noexcept

@@ -223,24 +223,30 @@ cdef class FaceState:
     def wrench(self, const double[:] forces not None, friction):
         """Resultant on geom b of normal forces, (m,), and of friction forces in world axes, (m, 3)."""
         cdef const double[:, :] across
+        cdef double[6] out
+        if friction is None:
+            self.write_wrench(forces, None, out)
+        else:
+            across = friction
+            self.write_wrench(forces, across, out)
+        return out[0], out[1], out[2], out[3], out[4], out[5]
+
+    cdef void write_wrench(self, const double[:] forces, const double[:, :] across, double* out) noexcept:
+        """Write force and moment; without friction if there is none."""
         cdef Py_ssize_t p
         cdef int i
-        cdef double[3] force, moment, one, about
-        cdef bint rubs = friction is not None
-        if rubs:
-            across = friction
-        for i in range(3):
-            force[i] = moment[i] = 0.0
+        cdef double[3] one, about
+        for i in range(6):
+            out[i] = 0.0
         for p in range(self.count):
             for i in range(3):
                 one[i] = self.sign * forces[p] * self.normal[i]
-                if rubs:
+                if across is not None:
                     one[i] += across[p, i]
-                force[i] += one[i]
+                out[i] += one[i]
             cross(&self.own[p, POINT], one, about)
             for i in range(3):
-                moment[i] += about[i]
-        return force[0], force[1], force[2], moment[0], moment[1], moment[2]
+                out[3 + i] += about[i]
 
     @property
     def gaps(self):
@@ -263,18 +269,29 @@ cdef class FaceState:
     @property
     def insides(self):
         """Distances to the bounds of the features, m."""
+        cdef Py_ssize_t p
+        return [self.inside(p) for p in range(self.count)]
+
+    cdef double inside(self, Py_ssize_t p) except? -1.0:
+        """Distance of a point to the bounds of the face."""
         cdef double[:, ::1] sides = self.group.sides
-        cdef Py_ssize_t p, s
-        cdef double here, least
-        if not len(sides):
-            return [self.group.face.inside(tuple(local)) for local in self.table[:, LOCAL : LOCAL + 3].tolist()]
-        found = []
+        cdef Py_ssize_t s
+        cdef double here, least = 0.0
+        if not sides.shape[0]:
+            return self.group.face.inside(tuple(self.table[p, LOCAL : LOCAL + 3].tolist()))
+        for s in range(sides.shape[0]):
+            here = dot(&self.own[p, LOCAL], &sides[s, 0]) - sides[s, 3]
+            least = here if s == 0 or here < least else least
+        return least
+
+    cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1:
+        """Extremes over these points and those before: distance to the bounds, absolute gap and rate, and lowest gap."""
+        cdef Py_ssize_t p
         for p in range(self.count):
-            for s in range(sides.shape[0]):
-                here = dot(&self.own[p, LOCAL], &sides[s, 0]) - sides[s, 3]
-                least = here if s == 0 or here < least else least
-            found.append(least)
-        return found
+            lowest[0] = min(lowest[0], self.own[p, GAP])
+            inside[0] = min(inside[0], self.inside(p))
+            gap[0], rate[0] = max(gap[0], fabs(self.own[p, GAP])), max(rate[0], fabs(self.own[p, RATE]))
+        return 0
 
     @property
     def normals(self):

@@ -60,8 +60,8 @@ cdef void orthonormal(double* columns, Py_ssize_t n, Py_ssize_t m) noexcept:
             columns[i * m + c] /= product
 
 
-cdef bint eliminate(double* A, double* b, Py_ssize_t n) noexcept:
-    """Solve A x = b in place by Gauss's method with partial pivots; whether A is regular."""
+cdef bint factored(double* A, Py_ssize_t n, Py_ssize_t* order) noexcept:
+    """Factor a matrix in place by Gauss's method with partial pivots, with the rows exchanged; whether it is regular."""
     cdef Py_ssize_t i, j, l, best
     cdef double factor
     for j in range(n):
@@ -69,72 +69,75 @@ cdef bint eliminate(double* A, double* b, Py_ssize_t n) noexcept:
         for i in range(j + 1, n):
             if fabs(A[i * n + j]) > fabs(A[best * n + j]):
                 best = i
+        order[j] = best
         if A[best * n + j] == 0.0:
             return False
         if best != j:
-            for l in range(j, n):
+            for l in range(n):
                 A[j * n + l], A[best * n + l] = A[best * n + l], A[j * n + l]
-            b[j], b[best] = b[best], b[j]
         for i in range(j + 1, n):
             factor = A[i * n + j] / A[j * n + j]
+            A[i * n + j] = factor
             if factor != 0.0:
                 for l in range(j + 1, n):
                     A[i * n + l] -= factor * A[j * n + l]
-                b[i] -= factor * b[j]
-    for j in reversed(range(n)):
-        for l in range(j + 1, n):
-            b[j] -= A[j * n + l] * b[l]
-        b[j] /= A[j * n + j]
     return True
+
+
+cdef void substitute(const double* A, double* b, Py_ssize_t n, const Py_ssize_t* order) noexcept:
+    """Solve A x = b in place with a factored matrix."""
+    cdef Py_ssize_t i, j
+    for j in range(n):
+        if order[j] != j:
+            b[j], b[order[j]] = b[order[j]], b[j]
+    for j in range(n):
+        for i in range(j):
+            b[j] -= A[j * n + i] * b[i]
+    for j in reversed(range(n)):
+        for i in range(j + 1, n):
+            b[j] -= A[j * n + i] * b[i]
+        b[j] /= A[j * n + j]
 
 
 cdef class HeldForces:
     """The linear problem for the forces of held rows, at one state; under several efforts there."""
 
-    cdef object mu, memory, structure
-    cdef double[:, ::1] G
-    cdef const Py_ssize_t[::1] rows, slides, columns
-    cdef Py_ssize_t held, rank, count, sliding
-    # Of the held rows: their elements of G, an orthonormal basis of their range, and what forces along slips do to them.
-    cdef double* square
-    cdef double* basis
-    cdef double* system
-    cdef double* work
-    cdef double* right
-    cdef double* inner
-    cdef double* friction
-
     def __init__(self, problem, structure):
         cdef Py_ssize_t i, j, n
         cdef double* start
-        self.structure, self.mu, self.G = structure, problem.mu, problem.G
+        cdef double[:, ::1] G = problem.G
+        self.structure, self.mu, self.kept = structure, problem.mu, problem.G
         self.rows, self.count, n = structure.rows, structure.count, len(structure.rows)
-        self.sliding, self.held = len(structure.slides), n
+        self.sliding, self.held, self.factored = len(structure.slides), n, False
         if self.sliding:
             self.slides, self.columns = structure.slides, structure.columns
-        self.memory = bytearray(<Py_ssize_t>sizeof(double) * (5 * n * n + 2 * n + 2 * self.sliding + 1))
+        size = 5 * n * n + 2 * n + 2 * self.sliding + 1
+        self.memory = bytearray(<Py_ssize_t>sizeof(double) * size + <Py_ssize_t>sizeof(Py_ssize_t) * n)
         start = <double*><char*>self.memory
         self.square, self.basis, self.system = start, start + n * n, start + 2 * n * n
-        self.work, self.right = start + 3 * n * n, start + 5 * n * n
+        self.work, self.half, self.right = start + 3 * n * n, start + 4 * n * n, start + 5 * n * n
         self.inner, self.friction = self.right + n, self.right + 2 * n
+        self.order = <Py_ssize_t*>(start + <Py_ssize_t>size)
+        if self.count:
+            self.G = &G[0, 0]
         for i in range(n):
             for j in range(n):
-                self.square[i * n + j] = self.system[i * n + j] = self.work[i * n + j] = self.G[self.rows[i], self.rows[j]]
+                self.square[i * n + j] = self.G[self.rows[i] * self.count + self.rows[j]]
+                self.system[i * n + j] = self.work[i * n + j] = self.square[i * n + j]
         self.find_range()
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return held_forces, (self.mu, np.asarray(self.G), self.structure)
+        return held_forces, (self.mu, self.kept, self.structure)
 
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range: that of the rows themselves if it is all."""
         cdef Py_ssize_t i, j, n = self.held
-        cdef Py_ssize_t* order = <Py_ssize_t*>(self.work + n * n)
-        self.rank = pivots(self.work, n, order)
+        self.rank = pivots(self.work, n, self.order)
         if self.rank < n:
             for i in range(n):
                 for j in range(self.rank):
-                    self.basis[i * self.rank + j] = self.square[i * n + order[j]]
+                    self.basis[i * self.rank + j] = self.square[i * n + self.order[j]]
             orthonormal(self.basis, n, self.rank)
         else:
             for i in range(n):
@@ -170,7 +173,7 @@ cdef class HeldForces:
         cdef const double[::1] mu
         if not self.sliding:
             return
-        s, mu = slips, self.mu
+        s, mu, self.factored = slips, self.mu, False
         for i in range(n * n):
             self.system[i] = self.square[i]
         for j in range(self.sliding):
@@ -178,22 +181,27 @@ cdef class HeldForces:
             self.friction[2 * j], self.friction[2 * j + 1] = -mu[point] * s[point, 0], -mu[point] * s[point, 1]
             for i in range(n):
                 self.system[i * n + self.columns[j]] += (
-                    self.friction[2 * j] * self.G[self.rows[i], 3 * point + 1]
-                    + self.friction[2 * j + 1] * self.G[self.rows[i], 3 * point + 2]
+                    self.friction[2 * j] * self.G[self.rows[i] * self.count + 3 * point + 1]
+                    + self.friction[2 * j + 1] * self.G[self.rows[i] * self.count + 3 * point + 2]
                 )
 
     def forces(self, const double[::1] b not None, slips):
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
-        cdef Py_ssize_t i
         forces = np.zeros((self.count // 3, 3))
         cdef double[:, ::1] found = forces
         self.turn_to(slips)
+        if self.count:
+            self.write_forces(&b[0], &found[0, 0])
+        return forces
+
+    cdef int write_forces(self, const double* b, double* forces) except -1:
+        """Add these forces to zeros, (3k,)."""
+        cdef Py_ssize_t i
         for i in range(self.held):
             self.right[i] = -b[self.rows[i]]
         self.solve()
-        if self.count:
-            self.spread(&found[0, 0])
-        return forces
+        self.spread(forces)
+        return 0
 
     cdef void spread(self, double* forces) noexcept:
         """Write the forces of the held rows, and the friction of sliding points, into those of all rows."""
@@ -208,8 +216,9 @@ cdef class HeldForces:
     cdef void reduce(self) noexcept:
         """Put the system in the range of the held rows, (rank, rank), into the work space."""
         cdef Py_ssize_t i, j, l, n = self.held, r = self.rank
-        cdef double* half = self.work + n * n
+        cdef double* half = self.half
         cdef double total
+        self.factored = False
         for i in range(n):
             for j in range(r):
                 total = 0.0
@@ -235,8 +244,12 @@ cdef class HeldForces:
         """Replace the right side by the forces of the held rows."""
         cdef Py_ssize_t i, j
         self.project()
-        self.reduce()
-        if not eliminate(self.work, self.inner, self.rank):
+        if not self.factored:
+            self.reduce()
+            self.factored = factored(self.work, self.rank, self.order)
+        if self.factored:
+            substitute(self.work, self.inner, self.rank, self.order)
+        else:
             self.solve_singular()
         for i in range(self.held):
             self.right[i] = 0.0
@@ -260,7 +273,7 @@ cdef class HeldForces:
         turned, columns = np.zeros((self.count, m)), np.arange(m)
         friction = -(self.mu[points] * normal_forces)[:, None] * across
         turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
-        right = np.ascontiguousarray(np.asarray(self.G)[np.asarray(self.rows)].dot(turned).T)
+        right = np.ascontiguousarray(self.kept[np.asarray(self.rows)].dot(turned).T)
         answers = np.ascontiguousarray(turned.T)
         found = answers
         for j in range(m):

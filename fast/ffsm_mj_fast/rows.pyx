@@ -9,17 +9,19 @@ from collections import Counter
 
 import numpy as np
 
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.rows import ContactRows, FrictionalRows, point_runs
+from ffsm_mj.contact_models.persistent.rows import ContactRows, Extremes, FrictionalRows, point_runs
 from ffsm_mj.contact_models.persistent.single_point import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian, chain
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
-from libc.math cimport fabs, sqrt
+from libc.math cimport INFINITY, fabs, sqrt
 
 from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist
 from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
+from ffsm_mj_fast.row_memory cimport RowMemory
 
 cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
 
@@ -40,38 +42,156 @@ cdef void tangents(const double* n, double* out) noexcept:
     out[3], out[4], out[5] = y * out[2] - z * out[1], z * out[0] - x * out[2], x * out[1] - y * out[0]
 
 
-class SummedRows(FrictionalRows):
-    """Rows with the sums over points by loops."""
+cdef object extremes_of(list groups):
+    """Extremes over the points of some groups."""
+    cdef double inside = INFINITY, gap = 0.0, rate = 0.0, lowest = INFINITY
+    for state in groups:
+        if isinstance(state, FaceState):
+            (<FaceState>state).find_extremes(&inside, &gap, &rate, &lowest)
+        else:
+            inside, lowest = min(inside, <double>min(state.insides)), min(lowest, <double>min(state.gaps))
+            gap, rate = max(gap, <double>max(map(abs, state.gaps))), max(rate, <double>max(map(abs, state.rates)))
+    return Extremes(inside, gap, rate, lowest)
+
+
+cdef object resultant_of(list groups, part, const double[:] forces, friction):
+    """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+    cdef const double[:, :] across, normals, points
+    cdef Py_ssize_t p, at = 0, start = part.start, stop = part.stop
+    cdef int i
+    cdef double total = 0.0, weight, length
+    cdef bint rubs = friction is not None
+    vectors = np.zeros((3, 3))
+    cdef double[:, ::1] found = vectors  # force, centre, normal
+    if rubs:
+        across = friction
+    for p in range(start, stop):
+        total += forces[p]
+    for state in groups:
+        if start <= at < stop:
+            normals, points = state.normals, state.points
+            for p in range(normals.shape[0]):
+                weight = forces[at + p] / total if total > 0.0 else 1.0 / (stop - start)
+                for i in range(3):
+                    found[0, i] += forces[at + p] * normals[p, i]
+                    if rubs:
+                        found[0, i] += across[at + p, i]
+                    found[1, i] += weight * points[p, i]
+                    found[2, i] += weight * normals[p, i]
+        at += state.count
+    length = sqrt(found[2, 0] * found[2, 0] + found[2, 1] * found[2, 1] + found[2, 2] * found[2, 2])
+    for i in range(3):
+        found[2, i] /= length if length > 0.0 and stop - start > 1 else 1.0
+    return vectors[0], vectors[1], vectors[2]
+
+
+cdef object wrenches_of(list groups, const double[:] forces, friction):
+    """Force, and moment about the world origin, on geom b of each group of points, (groups, 6)."""
+    cdef const double[:, :] across = friction
+    cdef Py_ssize_t g, end, at = 0
+    table = np.empty((len(groups), 6))
+    cdef double[:, ::1] found = table
+    for g, state in enumerate(groups):
+        end = at + <Py_ssize_t>state.count
+        if isinstance(state, FaceState):
+            (<FaceState>state).write_wrench(forces[at:end], None if friction is None else across[at:end], &found[g, 0])
+        else:
+            table[g] = state.wrench(np.asarray(forces[at:end]), None if friction is None else friction[at:end])
+        at = end
+    return table
+
+
+class RowsInMemory(ContactRows):
+    """Rows of the normals; arrays are made when they are needed."""
+
+    def __init__(self, groups, memory):
+        self._groups, self.memory, self.held = groups, memory, {}
+
+    extremes = cached_property(lambda self: extremes_of(self._groups))
+
+    def wrench_table(self, forces, friction=None):
+        """Force, and moment about the world origin, on geom b of each group of points, (groups, 6)."""
+        return wrenches_of(self._groups, forces, friction)
+
+    def resultant(self, part, forces, friction):
+        """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+        return resultant_of(self._groups, part, forces, friction)
+
+    J = cached_property(lambda self: self.memory.array("J"))
+    gamma = cached_property(lambda self: self.memory.array("gamma"))
+    response = cached_property(lambda self: self.memory.array("response"))
+    G = cached_property(lambda self: self.memory.array("G"))
+
+
+class FrictionalRowsInMemory(FrictionalRows):
+    """Rows of normals and tangents; arrays are made when they are needed, and sums over points are loops."""
+
+    def __init__(self, groups, memory):
+        self._groups, self.memory, self.held = groups, memory, {}
+
+    J = cached_property(lambda self: self.memory.array("J"))
+    gamma = cached_property(lambda self: self.memory.array("gamma"))
+    response = cached_property(lambda self: self.memory.array("response"))
+    G = cached_property(lambda self: self.memory.array("G"))
+    axes = cached_property(lambda self: self.memory.array("axes"))
+    qvel = cached_property(lambda self: self.memory.array("qvel"))
+
+    extremes = cached_property(lambda self: extremes_of(self._groups))
+
+    def wrench_table(self, forces, friction=None):
+        """Force, and moment about the world origin, on geom b of each group of points, (groups, 6)."""
+        return wrenches_of(self._groups, forces, friction)
+
+    def resultant(self, part, forces, friction):
+        """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+        return resultant_of(self._groups, part, forces, friction)
+
+    def largest_slip(self, which):
+        """Largest slip of some points along a tangent, m/s; which, (k,)."""
+        cdef RowMemory own = self.memory
+        cdef const unsigned char[::1] chosen = which.view(np.uint8)
+        cdef Py_ssize_t p, d
+        cdef int j
+        cdef const double* J
+        cdef double total, most = 0.0
+        for p in range(own.points):
+            for j in range(1, 3 if chosen[p] else 1):
+                J, total = own.J + (3 * p + j) * own.nv, 0.0
+                for d in range(own.nv):
+                    total += J[d] * own.qvel[d]
+                most = max(most, fabs(total))
+        return most
 
     def acceleration_rounding(self, const double[::1] force not None):
         """Rounding of the accelerations under a generalised force, m/s^2, (k,): a share of the largest term."""
-        cdef const double[:, ::1] response = self.response
-        cdef const double[::1] gamma = self.gamma
-        cdef Py_ssize_t p, j, d, k = gamma.shape[0] // 3
+        cdef RowMemory own = self.memory
+        cdef Py_ssize_t p, j, d
         cdef double most
-        rounding = np.empty(k)
+        rounding = np.empty(own.points)
         cdef double[::1] found = rounding
         scales = self.scales
-        for p in range(k):
+        for p in range(own.points):
             most = scales[p]
             for j in range(3 * p, 3 * p + 3):
-                most = max(most, fabs(gamma[j]))
-                for d in range(response.shape[1]):
-                    most = max(most, fabs(response[j, d] * force[d]))
+                most = max(most, fabs(own.gamma[j]))
+                for d in range(own.nv):
+                    most = max(most, fabs(own.response[j * own.nv + d] * force[d]))
             found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
         return rounding
 
     def across(self, components):
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
         cdef const double[:, :] given = components
-        cdef const double[:, :, ::1] axes = self.axes
+        cdef RowMemory own = self.memory
+        cdef const double* axes
         cdef Py_ssize_t p
         cdef int i
-        vectors = np.empty((axes.shape[0], 3))
+        vectors = np.empty((own.points, 3))
         cdef double[:, ::1] found = vectors
-        for p in range(axes.shape[0]):
+        for p in range(own.points):
+            axes = own.axes + 9 * p
             for i in range(3):
-                found[p, i] = given[p, 0] * axes[p, 1, i] + given[p, 1] * axes[p, 2, i]
+                found[p, i] = given[p, 0] * axes[3 + i] + given[p, 1] * axes[6 + i]
         return vectors
 
 
@@ -176,58 +296,56 @@ cdef class RowEvaluator:
     def rows(self):
         """Rows of the normals; positions and velocities current, mass matrix factored."""
         cdef Group group
-        all_rows, all_responses, all_gamma = np.empty((self.k, self.nv)), np.empty((self.k, self.nv)), np.empty(self.k)
-        cdef double[:, ::1] J = all_rows, response = all_responses
-        cdef double[::1] gamma = all_gamma
+        cdef RowMemory own = RowMemory(self.k, self.k, self.nv)
         cdef Py_ssize_t at, dof
         self.evaluate_twists()
         states = [self.state(group) for group in self.groups]
         for group, state in zip(self.groups, states):
             if group.on_face is not None:
-                (<FaceState>state).normal_rows(&J[group.start, 0], &gamma[group.start], 1)
+                (<FaceState>state).normal_rows(own.J + group.start * self.nv, own.gamma + group.start, 1)
             else:
                 part = slice(group.start, group.start + group.count)
-                state.normal_rows(all_rows[part], all_gamma[part])
+                state.normal_rows(own.array("J")[part], own.array("gamma")[part])
         for at, dof, sign in self.limits:
-            J[at, dof] = sign
+            own.J[at * self.nv + dof] = sign
         if self.k:
-            mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>self.k)
-        return ContactRows(states, all_rows, all_gamma, all_responses)
+            mj.solveM(self.m, self.d, own.response, own.J, <int>self.k)
+        return RowsInMemory(states, own)
 
     def frictional_rows(self):
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
         cdef Group group
-        cdef Py_ssize_t p, first, dof, k = self.k
+        cdef RowMemory own = RowMemory(self.k, 3 * self.k, self.nv)
+        cdef Py_ssize_t p, dof
         cdef int i
         cdef double[3] normal
         cdef double[6] across
-        all_rows, all_responses = np.zeros((3 * k, self.nv)), np.empty((3 * k, self.nv))
-        all_gamma, all_axes = np.zeros(3 * k), np.zeros((k, 3, 3))
-        cdef double[:, ::1] J = all_rows, response = all_responses
-        cdef double[::1] gamma = all_gamma
-        cdef double[:, :, ::1] axes = all_axes
+        cdef double* J
+        cdef double* gamma
         self.evaluate_twists()
         states = [self.state(group) for group in self.groups]
         for group, state in zip(self.groups, states):
-            first = 3 * group.start
+            J, gamma = own.J + 3 * group.start * self.nv, own.gamma + 3 * group.start
             if group.on_face is None:
-                self.other_rows(group, state, all_axes, all_rows, all_gamma)
+                self.other_rows(group, state, own.array("axes"), own.array("J"), own.array("gamma"))
                 continue
-            (<FaceState>state).normal_rows(&J[first, 0], &gamma[first], 3)
+            (<FaceState>state).normal_rows(J, gamma, 3)
             (<FaceState>state).outward(normal)
             for i in range(6):
                 across[i] = 0.0
             if group.rubs:
                 tangents(normal, across)
-                (<FaceState>state).tangential_rows(across, &J[first, 0], &gamma[first])
+                (<FaceState>state).tangential_rows(across, J, gamma)
             for p in range(group.start, group.start + group.count):
                 for i in range(3):
-                    axes[p, 0, i], axes[p, 1, i], axes[p, 2, i] = normal[i], across[i], across[3 + i]
+                    own.axes[9 * p + i], own.axes[9 * p + 3 + i], own.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
         for p, dof, sign in self.limits:
-            J[3 * p, dof] = sign
-        if k:
-            mj.solveM(self.m, self.d, &response[0, 0], &J[0, 0], <int>(3 * k))
-        return SummedRows(states, all_axes, all_rows, all_gamma, all_responses, self.qvel.copy())
+            own.J[3 * p * self.nv + dof] = sign
+        if self.k:
+            mj.solveM(self.m, self.d, own.response, own.J, <int>(3 * self.k))
+        for p in range(self.nv):
+            own.qvel[p] = self.rates[p]
+        return FrictionalRowsInMemory(states, own)
 
     cdef int other_rows(self, Group group, state, axes, J, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""

@@ -3,13 +3,18 @@
 
 import numpy as np
 
-from cpython.bytes cimport PyBytes_FromStringAndSize
+from libc.string cimport memcmp, memcpy
 
 from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
 
 
-cdef bytes copied(double[::1] values):
-    return PyBytes_FromStringAndSize(<char*>&values[0], values.shape[0] * <Py_ssize_t>sizeof(double)) if len(values) else b""
+cdef bint same(double[::1] values, double[::1] last) noexcept:
+    """Whether values are the last ones; those become the last ones."""
+    cdef size_t size = values.shape[0] * sizeof(double)
+    if not size or memcmp(&values[0], &last[0], size) == 0:
+        return True
+    memcpy(&last[0], &values[0], size)
+    return False
 
 
 cdef class Smooth:
@@ -20,6 +25,8 @@ cdef class Smooth:
     cdef const mjModel* m
     cdef mjData* d
     cdef double[::1] qpos, qvel, ctrl, own_ctrl, passive, bias, actuator
+    cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes
+    cdef object last_place, last_load
     cdef bint follows
 
     def __init__(self, motion, seen):
@@ -29,18 +36,29 @@ cdef class Smooth:
         self.qpos, self.qvel, self.ctrl, self.own_ctrl = data.qpos, data.qvel, seen.ctrl, data.ctrl
         self.passive, self.bias, self.actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
         self.follows = data is not seen
+        # No state is the last one yet: NaN has many bit patterns, and the efforts of a run are not this one.
+        self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes = (
+            np.full(len(each), np.nan) for each in (data.qpos, data.qvel, seen.ctrl, data.qvel)
+        )
+        self.last_place, self.last_load = object(), object()
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
         return type(self), (self.motion, self.seen)
 
-    def state(self):
-        """Current positions and velocities as bytes, for exact comparison."""
-        return copied(self.qpos), copied(self.qvel)
+    def place(self):
+        """Token of the current positions and velocities: the same object while they are the same bit by bit."""
+        cdef bint stays = same(self.qpos, self.last_qpos)
+        if not same(self.qvel, self.last_qvel) or not stays:
+            self.last_place = object()
+        return self.last_place
 
-    def efforts(self):
-        """Current efforts as bytes, for exact comparison."""
-        return copied(self.ctrl)
+    def load(self, double[::1] pushes not None):
+        """The same of the current efforts and of applied forces, (nv,)."""
+        cdef bint stays = same(self.ctrl, self.last_ctrl)
+        if not same(pushes, self.last_pushes) or not stays:
+            self.last_load = object()
+        return self.last_load
 
     def force(self, double[::1] pushes not None):
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""

@@ -19,12 +19,13 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.laws import least_norm, project
+from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.rows import ContactRows
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
 
-_CLEARLY = 10.0
+CLEARLY = 10.0
 """Forces and second rates of gaps that exceed their rounding by this factor are not rounding."""
-_IMMOVABLE = CANCELLED
+IMMOVABLE = CANCELLED
 """A contact with a diagonal element of G below this, 1/kg, cannot move along its normal: it is never active."""
 
 
@@ -64,7 +65,7 @@ class ContactAcceleration:
     @property
     def _movable(self) -> list[int]:
         """Contacts that a normal force can accelerate."""
-        return [i for i, parted in enumerate(self._G.diagonal().tolist()) if parted > _IMMOVABLE]
+        return [i for i, parted in enumerate(self._G.diagonal().tolist()) if parted > IMMOVABLE]
 
     def own_acceleration(self, forces: FloatArray) -> FloatArray:
         """Contribution of each force to gap'' at its own contact, m/s^2, (k,)."""
@@ -92,6 +93,12 @@ class ContactAcceleration:
             picked = np.array(which)
             forces[picked] = _least_norm_solution(self._G[picked[:, None], picked], -self.free[picked])
         return forces
+
+    def stage(self, qvel: FloatArray) -> tuple[Stage, FloatArray]:
+        """A stage in which all contacts are active, and the generalised forces, (nv,)."""
+        forces = self.bilateral_forces(range(len(self.free)))
+        generalised = forces.dot(self.rows.J)
+        return Stage(self.rows, forces, generalised * qvel), generalised
 
     def gap_accelerations(self, forces: FloatArray) -> FloatArray:
         """Gap'' under given forces, m/s^2, (k,)."""
@@ -127,10 +134,10 @@ class ContactAcceleration:
         forces = self.bilateral_forces(which)
         pushes, opens = self.own_acceleration(forces).tolist(), self.gap_accelerations(forces).tolist()
         for i in movable:
-            allowed = _CLEARLY * self.rounding[i]
+            allowed = CLEARLY * self.rounding[i]
             if opens[i] <= allowed and not (i in which and pushes[i] > allowed and opens[i] >= -allowed):
                 return False
-        return all(opens[i] <= _CLEARLY * self.rounding[i] for i in which)
+        return all(opens[i] <= CLEARLY * self.rounding[i] for i in which)
 
     def _mass_weighted(self, which: list[int]) -> tuple[FloatArray, FloatArray]:
         """The problem in the form of a plastic impact: A A^T = G, A w = free, with A = J L^-T and M = L L^T."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -23,6 +22,7 @@ from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecisi
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.tilts import Tilts
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import (
     DRIFT_M,
@@ -34,9 +34,6 @@ from ffsm_mj.tolerances import (
 
 _SLOW_M_S = 1e-3
 """Only contacts that separate below this speed may stay closed for their small lift-off."""
-_TILT_SHARE = 0.2
-"""A step ends early where the tilt of a rim over a face has changed by this share: forces grow as its inverse, and the steps
-of a disc that falls flat must shrink with it. RK4 then errs by about 0.2^5 / 120 of them."""
 _PATCH_POINTS = 3
 """Contact points of two convex geoms are corners of a convex polygon or ends of a line: three are not on a line."""
 
@@ -65,7 +62,7 @@ class ActiveContactSet:
         self.modes = FrictionModes()
         self.has_friction = False
         self._solver, self._clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
-        self._tilts: list[tuple[ContactPoint, Vector, float]] = []
+        self._tilts = Tilts(scene.data)
         self._chosen: FrictionalDecision | None = None
 
     @property
@@ -165,24 +162,16 @@ class ActiveContactSet:
 
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
-        applied = data.qfrc_applied
-        self._solver.other_forces = applied.copy()
+        applied, solver, flight = data.qfrc_applied, self._solver, self.motion.forced
+        assert flight is not None
+        solver.other_forces = applied.copy()
         if not self.pressing:
             return
         if self.has_friction:
-            self._push_with_friction(data)
-            return
-        problem = self._solver.problem(self.pressing)
-        forces = problem.bilateral_forces(range(len(self.pressing)))
-        generalised = forces.dot(problem.rows.J)
+            stage, generalised = stage_of(solver.friction_state(self.pressing), flight.stage)
+        else:
+            stage, generalised = solver.problem(self.pressing).stage(data.qvel)
         applied += generalised
-        self.stages.append(Stage(problem.rows, forces, generalised * data.qvel))
-
-    def _push_with_friction(self, data: Any) -> None:
-        flight = self.motion.forced
-        assert flight is not None
-        stage, generalised = stage_of(self._solver.friction_state(self.pressing), flight.stage)
-        data.qfrc_applied += generalised
         if flight.repeats:
             self.stages[-1] = stage
         else:
@@ -201,14 +190,20 @@ class ActiveContactSet:
     def update_pressing(self) -> None:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
-        self.pressing = tuple(decision.contact_points[i] for i in decision.pressing) if decision else ()
-        held = Counter(contact.pair for contact in self.pressing)
-        self._solver.flat = frozenset(pair for pair, points in held.items() if points >= _PATCH_POINTS)
+        pressing = tuple([decision.contact_points[i] for i in decision.pressing]) if decision else ()
+        if pressing != self.pressing:
+            self.set_pressing(pressing)
         self._chosen = decision if isinstance(decision, FrictionalDecision) else None
         if self._chosen is not None:
             self._chosen.keep_modes()
-        tilts = ((contact, contact.feature.tilt(self._scene.data)) for contact in self.pressing)
-        self._tilts = [(contact, tilt, _TILT_SHARE * math.hypot(*tilt)) for contact, tilt in tilts if tilt is not None]
+        self._tilts.begin_step()
+
+    def set_pressing(self, pressing: tuple[ContactPoint, ...]) -> None:
+        """Set the active set."""
+        self.pressing = pressing
+        held = Counter(contact.pair for contact in pressing)
+        self._solver.flat = frozenset(pair for pair, points in held.items() if points >= _PATCH_POINTS)
+        self._tilts.set_points(pressing)
 
     def step_limit(self, left_s: float) -> float:
         """Longest (sub-)step from the state in ``data``, s; sets whether its stages are implicit.
@@ -233,15 +228,14 @@ class ActiveContactSet:
         if not self.contact_points:
             return math.inf
         decision = self.decide()
-        inside = min(decision.rows.insides) + FEATURE_BOUND_M
-        drift = min(DRIFT_M - max(map(abs, decision.rows.gaps)), DRIFT_M_S - max(map(abs, decision.rows.rates)))
+        inside, gap, rate, _ = decision.rows.extremes
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
-        tilt = min([left for _, left, _ in self._tilts_left()], default=math.inf)
+        bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, self._tilts.least_left()
         if isinstance(decision, FrictionalDecision):
             valid = decision.validity_margin()
         else:
             valid = decision.validity_margin(self.pressing)
-        return min(inside, drift, tilt, self._clearance_elsewhere(), valid)
+        return min(*bounds, self._clearance_elsewhere(), valid)
 
     def note_release(self, *, slips: bool = False) -> None:
         """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there.
@@ -253,17 +247,10 @@ class ActiveContactSet:
         if isinstance(decision, FrictionalDecision):
             self.modes.released = decision.releases or (slips and decision.validity_margin() >= 0.0)
 
-    def _tilts_left(self) -> Iterator[tuple[ContactPoint, float, float]]:
-        """Rims that carry force, with what their tilt may still change in this step and may change in one step."""
-        data = self._scene.data
-        for contact, start, most in self._tilts:
-            now = contact.feature.tilt(data)
-            assert now is not None
-            yield contact, most - math.dist(now, start), most
-
     def _clearance_elsewhere(self) -> float:
         """Least clearance of closed pairs outside their active contact points, m."""
-        return self._clearance.least(self._solver.state(), self._gaps_of)
+        largest = self.decide().rows.extremes.gap if self.contact_points else 0.0
+        return self._clearance.least(self._solver.place(), largest, self._gaps_of)
 
     def _gaps_of(self, pair: ContactPair) -> list[float]:
         """Gaps of the contact points of a pair, m."""
@@ -290,7 +277,7 @@ class ActiveContactSet:
 
     def pairs_outside_feature(self) -> list[UnilateralConstraint]:
         """Pairs with a contact point outside its feature."""
-        if not self.contact_points or min(self.decide().rows.insides) >= -FEATURE_BOUND_M:
+        if not self.contact_points or self.decide().rows.extremes.inside >= -FEATURE_BOUND_M:
             return []
         return self._pairs_where(lambda rows: [inside < -FEATURE_BOUND_M for inside in rows.insides])
 
@@ -302,7 +289,7 @@ class ActiveContactSet:
 
     def pairs_with_tilt(self) -> list[UnilateralConstraint]:
         """Pairs with a rim whose tilt has changed to the limit of a step."""
-        return [contact.pair for contact, left, most in self._tilts_left() if left < 0.01 * most]
+        return self._tilts.pairs_at_limit()
 
     def _pairs_where(self, holds: Callable[[PointRows], list[bool]]) -> list[UnilateralConstraint]:
         if not self.contact_points:

@@ -47,28 +47,28 @@ class Clearance:
 
     def forget(self) -> None:
         """Discard the clearance that is kept."""
-        self._known: tuple[tuple[bytes, bytes], float] | None = None
+        self._known: tuple[object, float] | None = None
 
-    def least(self, state: tuple[bytes, bytes], gaps_of: GapsOf) -> float:
+    def least(self, place: object, largest: float, gaps_of: GapsOf) -> float:
         """Least clearance outside the active contact points: gap less drift, plus the threshold, m.
 
         Args:
-            state: Present positions and velocities; the clearance at one state is computed once.
+            place: Token of the present positions and velocities; the clearance at one state is computed once.
+            largest: Largest absolute gap of a contact point, m.
             gaps_of: Returns gaps of contact points.
         """
         if not self._pairs:
             return math.inf
-        if self._known is None or self._known[0] != state:
-            self._known = state, min([self._gap_elsewhere(pair, gaps_of(pair)) for pair in self._pairs]) + OTHER_POINT_M
+        if self._known is None or self._known[0] is not place:
+            # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
+            level = self._flat_pairs if largest <= _LEVEL_M else ()
+            others = [self._gap_elsewhere(pair, gaps_of(pair)) for pair in self._pairs if pair not in level]
+            self._known = place, min([*others, 0.0] if level else others) + OTHER_POINT_M
         return self._known[1]
 
     def _gap_elsewhere(self, pair: ContactPair, gaps: Sequence[float]) -> float:
         """Gap of a pair less the deepest of its contact points, m."""
-        deepest = min(gaps, default=0.0)
-        # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
-        if pair in self._flat_pairs and max(map(abs, gaps)) <= _LEVEL_M:
-            return max(0.0, -deepest)
-        return self._pair_gap(pair) - min(0.0, deepest)
+        return self._pair_gap(pair) - min([0.0, *gaps])
 
     def _pair_gap(self, pair: ContactPair) -> float:
         """Gap of a pair, m.

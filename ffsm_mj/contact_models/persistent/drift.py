@@ -6,8 +6,6 @@ position and velocity constraints is the standard remedy (Hairer & Wanner, *Solv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import mujoco
 import numpy as np
 
@@ -20,8 +18,6 @@ from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.projection import ClosedRows, needs_projection, project
 from ffsm_mj.contact_models.persistent.rows import FrictionalRows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
-
-_NO_SLIP: FloatArray = np.zeros((0, 2))
 
 
 def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
@@ -79,13 +75,11 @@ class DriftProjection:
         return energy, sum(of_objects, np.zeros(6)), of_all
 
 
-def drift_of(closed: ActiveContactSet) -> tuple[Sequence[float], Sequence[float], FloatArray]:
-    """Gaps of the closed contact points, m, their rates, m/s, and slips that are drift along two tangents, m/s, (m, 2)."""
+def drift_of(closed: ActiveContactSet) -> tuple[float, float, float]:
+    """Largest gap of the closed contact points, m, gap rate, m/s, and slip along a tangent that is drift, m/s."""
     rows = closed.decide().rows
-    if not isinstance(rows, FrictionalRows):
-        return rows.gaps, rows.rates, _NO_SLIP
-    modes = closed.modes.of(closed.contact_points)
-    return rows.gaps, rows.rates, rows.slips if modes.all_drift else rows.slips[modes.drifts]
+    slip = rows.largest_slip(closed.modes.of(closed.contact_points).drifts) if isinstance(rows, FrictionalRows) else 0.0
+    return rows.extremes.gap, rows.extremes.rate, slip
 
 
 def closed_rows(closed: ActiveContactSet) -> ClosedRows:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import mul
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.point_groups import Wrench
@@ -23,7 +23,19 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
 
-class Stage(NamedTuple):
+class Slide(NamedTuple):
+    """Points of which at least one slides with friction.
+
+    Attributes:
+        heat: Heat of friction at each point, W, (k,).
+        speeds: Slip speed of each sliding point, zero for the others, m/s, (k,).
+    """
+
+    heat: FloatArray
+    speeds: FloatArray
+
+
+class Stage:
     """Contact forces in one stage of a step.
 
     Attributes:
@@ -31,16 +43,24 @@ class Stage(NamedTuple):
         forces: Normal forces, N, (k,).
         power: Power of the contact forces by degree of freedom, W, (nv,).
         friction: Friction force on geom b of each point, world axes, N, (k, 3); None without friction.
-        heat: Heat of friction at each point, W, (k,); None without friction.
-        slip_speeds: Slip speed of each sliding point, zero for the others, m/s, (k,); None without friction.
+        slide: Heat and slip of the points; None where none slides with friction.
     """
 
-    rows: PointRows
-    forces: FloatArray
-    power: FloatArray
-    friction: FloatArray | None = None
-    heat: FloatArray | None = None
-    slip_speeds: FloatArray | None = None
+    def __init__(
+        self,
+        rows: PointRows,
+        forces: FloatArray,
+        power: FloatArray,
+        friction: FloatArray | None = None,
+        slide: Slide | None = None,
+    ) -> None:
+        """Store the forces; see the attributes."""
+        self.rows, self.forces, self.power, self.friction, self.slide = rows, forces, power, friction, slide
+
+    @cached_property
+    def wrenches(self) -> list[Wrench]:
+        """Force, and moment about the world origin, on geom b of each group of points of one pair."""
+        return self.rows.wrenches(self.forces, self.friction)
 
 
 class Shares(NamedTuple):
@@ -102,23 +122,18 @@ def exchanged(
         shares: Signs of the contact forces.
         robot: Degrees of freedom of the robot in the motion.
     """
-    on_b = [stage.rows.wrenches(stage.forces, stage.friction) for stage in stages]
-    work = parts.dot(np.array([stage.power for stage in stages])).tolist()
-    total, own = sum(work), sum(work[robot])
-    weights, starts, sizes = parts.tolist(), stages[0].rows.starts, dict.fromkeys(shares.of_pairs, 0.0)
+    wrenches = np.array([stage.wrenches for stage in stages])
+    work = parts.dot(np.array([stage.power for stage in stages]))
+    impulses = parts.dot(wrenches.reshape(len(parts), -1)).reshape(-1, 6)
+    starts, sizes = stages[0].rows.starts, dict[UnilateralConstraint, float]()
     for pair, mine in shares.of_pairs.items():
-        groups, at_limit = [g for g, start in enumerate(starts) if start in mine], isinstance(pair, JointLimit)
-        for part, stage, pushed in zip(weights, stages, on_b, strict=True):
-            sizes[pair] += part * (stage.forces.item(mine[0]) if at_limit else _size([pushed[g] for g in groups]))
-    # Plain Python sums: for a few numbers, numpy's call overhead costs more.
-    columns = [zip(*of_group, strict=True) for of_group in zip(*on_b, strict=True)]
-    impulses = np.array([[sum(map(mul, weights, column)) for column in six] for six in columns])
+        if isinstance(pair, JointLimit):
+            sizes[pair] = float(parts.dot([stage.forces.item(mine[0]) for stage in stages]))
+            continue
+        groups = [g for g, start in enumerate(starts) if start in mine]
+        of_pair = wrenches[:, groups[0], :3] if len(groups) == 1 else wrenches[:, groups, :3].sum(axis=1)
+        sizes[pair] = float(parts.dot([math.hypot(*force) for force in of_pair.tolist()]))
+    total, own = float(work.sum()), float(work[robot].sum())
     energy = np.array((total, own, total - own))
     from_robot, outside = (each if len(starts) == len(shares.from_robot) else each[..., starts] for each in shares[:2])
     return Exchange(energy, from_robot.dot(impulses), outside.dot(impulses)), sizes
-
-
-def _size(wrenches: Sequence[Wrench]) -> float:
-    """Magnitude of the sum of the forces of some wrenches."""
-    total = wrenches[0] if len(wrenches) == 1 else [*map(sum, zip(*wrenches, strict=True))]
-    return math.hypot(*total[:3])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
+Points: TypeAlias = tuple[ContactPoint, ...]
+
 
 class ForceSolver:
     """Problems of contact forces of a motion, and decisions on active sets; the last of each is kept.
 
-    States and forces are compared bit by bit. Rows (Jacobians) are kept if only efforts have changed.
+    Rows (Jacobians) are kept if only efforts have changed.
 
     Attributes:
         other_forces: Applied forces besides those of persistent contacts, (nv,).
@@ -41,61 +43,64 @@ class ForceSolver:
         """Use another motion."""
         self._motion, self._smooth = motion, fastest(Smooth)(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
-        self._rows: tuple[tuple[Any, ...], ContactRows] | None = None
-        self._problem: tuple[tuple[Any, ...], ContactAcceleration] | None = None
+        self._rows: tuple[Points, object, ContactRows] | None = None
+        self._problem: tuple[object, object, ContactAcceleration] | None = None
         self._decision: Decision | None = None
-        self._friction_rows: tuple[tuple[Any, ...], FrictionalRows] | None = None
-        self._friction_state: tuple[tuple[Any, ...], FrictionState] | None = None
+        self._friction_rows: tuple[Points, object, FrictionalRows] | None = None
+        self._friction_state: tuple[object, object, FrictionState] | None = None
         self._friction_decision: FrictionalDecision | None = None
+        self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
         self.forget_points()
 
     def forget_points(self) -> None:
         """Discard what is kept for certain contact points."""
         self._evaluators.clear()
 
-    def state(self) -> tuple[bytes, bytes]:
-        """Current positions and velocities as bytes, for exact comparison."""
-        return self._smooth.state()
+    def place(self) -> object:
+        """Token of the current positions and velocities."""
+        return self._smooth.place()
 
-    def problem(self, contact_points: tuple[ContactPoint, ...]) -> ContactAcceleration:
+    def problem(self, contact_points: Points) -> ContactAcceleration:
         """Gap accelerations of some contact points."""
         motion, smooth = self._motion, self._smooth
-        place = contact_points, smooth.state()
-        key = place, smooth.efforts(), self.other_forces.tobytes()
-        if self._problem is None or self._problem[0] != key:
-            if self._rows is None or self._rows[0] != place:
-                self._rows = place, self._evaluator(contact_points).rows()
+        place, load, known, rows = smooth.place(), smooth.load(self.other_forces), self._problem, self._rows
+        if rows is None or rows[1] is not place or rows[0] != contact_points:
+            known, rows = None, (contact_points, place, self._evaluator(contact_points).rows())
+            self._rows = rows
+        if known is None or known[0] is not place or known[1] is not load:
             M = partial(mass_matrix, motion.model, motion.data)
-            self._problem = key, ContactAcceleration(M, self._rows[1], smooth.force(self.other_forces))
-        return self._problem[1]
+            known = place, load, self._problem_kind(M, rows[2], smooth.force(self.other_forces))
+            self._problem = known
+        return known[2]
 
-    def friction_state(self, contact_points: tuple[ContactPoint, ...]) -> FrictionState:
+    def friction_state(self, contact_points: Points) -> FrictionState:
         """Some contact points with friction, in their modes."""
         smooth, modes = self._smooth, self._modes.of(contact_points)
-        place = contact_points, smooth.state()
-        key = place, smooth.efforts(), self.other_forces.tobytes(), modes
-        if self._friction_state is None or self._friction_state[0] != key:
-            if self._friction_rows is None or self._friction_rows[0] != place:
-                self._friction_rows = place, self._evaluator(contact_points).frictional_rows()
-            force = smooth.force(self.other_forces)
-            self._friction_state = key, FrictionState.of(contact_points, self._friction_rows[1], force, modes)
-        return self._friction_state[1]
+        place, load, known = smooth.place(), smooth.load(self.other_forces), self._friction_state
+        if known is not None and known[0] is place and known[1] is load and known[2].modes is modes:
+            return known[2]
+        rows = self._friction_rows
+        if rows is None or rows[1] is not place or rows[0] != contact_points:
+            rows = self._friction_rows = contact_points, place, self._evaluator(contact_points).frictional_rows()
+        here = self._state_kind(contact_points, rows[2], smooth.force(self.other_forces), modes)
+        self._friction_state = place, load, here
+        return here
 
-    def decide(self, contact_points: tuple[ContactPoint, ...], last: Sequence[ContactPoint]) -> Decision:
+    def decide(self, contact_points: Points, last: Sequence[ContactPoint]) -> Decision:
         """Which of some contact points carry force; ``last`` is the active set of the last step."""
         problem = self.problem(contact_points)
         if self._decision is None or self._decision.problem is not problem:
             self._decision = Decision(contact_points, problem, last)
         return self._decision
 
-    def decide_with_friction(self, contact_points: tuple[ContactPoint, ...]) -> FrictionalDecision:
+    def decide_with_friction(self, contact_points: Points) -> FrictionalDecision:
         """Modes of some contact points."""
         here, known = self.friction_state(contact_points), self._friction_decision
         if known is None or known.here is not here or not known.is_for(self._modes):
             known = self._friction_decision = FrictionalDecision(here, self._modes)
         return known
 
-    def _evaluator(self, contact_points: tuple[ContactPoint, ...]) -> RowEvaluator:
+    def _evaluator(self, contact_points: Points) -> RowEvaluator:
         """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
         key = contact_points, self.flat
         found = self._evaluators.get(key)

@@ -167,7 +167,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         # No bound on the motion excludes a change of the active set, which depends on forces: check every step.
         self.event_bound = -math.inf if self.active else math.inf
         if not self.active:
-            self._active_set.pressing = ()
+            self._active_set.set_pressing(())
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:
         """Find the closed contacts at the state in ``data``; the last record lists those with a logged start."""
@@ -254,10 +254,17 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
         self._account.add_friction(duration_s)
-        decision = self._active_set.decide()
-        for contact, gap in zip(decision.contact_points, decision.rows.gaps, strict=True):
-            self._overlap.add(contact.pair, gap)
+        self._add_overlap()
         return done
+
+    def _add_overlap(self) -> None:
+        """Update the deepest overlap; limits have columns of their own."""
+        points, rows = self._active_set.contact_points, self._active_set.decide().rows
+        if not any(isinstance(pair, JointLimit) for pair in self._active_set.by_pair):
+            self._overlap.add(points[0].pair, rows.extremes.lowest)
+            return
+        for contact, gap in zip(points, rows.gaps, strict=True):
+            self._overlap.add(contact.pair, gap)
 
     def exchanged(self, duration_s: float) -> Exchange | None:
         """The same for a trial step that may be rejected."""

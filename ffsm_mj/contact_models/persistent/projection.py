@@ -38,11 +38,9 @@ class ClosedRows(NamedTuple):
     sticking: FloatArray
 
 
-def needs_projection(gaps: Sequence[float], rates: Sequence[float], slips: FloatArray) -> bool:
-    """Whether a gap, a gap rate or the slip of a sticking point has drifted beyond tolerance."""
-    if max(map(abs, gaps)) > PROJECTED_GAP_M or max(map(abs, rates)) > PROJECTED_RATE_M_S:
-        return True
-    return bool(len(slips) and np.abs(slips).max() > PROJECTED_SLIP_M_S)
+def needs_projection(gap: float, rate: float, slip: float) -> bool:
+    """Whether the largest gap, gap rate or slip of a sticking point has drifted beyond tolerance."""
+    return gap > PROJECTED_GAP_M or rate > PROJECTED_RATE_M_S or slip > PROJECTED_SLIP_M_S
 
 
 def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray, taken: FloatArray) -> None:

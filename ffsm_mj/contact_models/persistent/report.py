@@ -18,7 +18,7 @@ from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
-from ffsm_mj.contact_models.persistent.resultant import Resultant, resultant
+from ffsm_mj.contact_models.persistent.resultant import Resultant, points_of, resultant
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
@@ -133,20 +133,20 @@ class ContactReport:
             self.friction.write({})
             return
         decision = closed.decide()
-        forces, contact_points = decision.forces, decision.contact_points
+        forces, contact_points, end = decision.forces, decision.contact_points, 0
         pressing = {contact_points[i].pair for i in decision.pressing}
         held, friction = decision.held_forces, decision.friction if closed.has_friction else None
         differ = held is not forces and held.tolist() != forces.tolist()
         by_rule: dict[str, list[tuple[ContactPair, Resultant]]] = {}
         for pair, own in closed.by_pair.items():
+            part = slice(end, end := end + len(own))
             if isinstance(pair, JointLimit):
-                here = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
-                self._residual[0] = max(self._residual[0], *np.abs(held[here] - forces[here]).tolist(), 0.0)
+                self._residual[0] = max(self._residual[0], *np.abs(held[part] - forces[part]).tolist(), 0.0)
             elif own:
-                found = resultant(contact_points, decision.rows, forces, pair, friction)
+                found = resultant(contact_points, decision.rows, forces, part, friction)
                 by_rule.setdefault(pair.rule, []).append((pair, found))
                 if pair in pressing and differ:
-                    again = resultant(contact_points, decision.rows, held, pair, friction).force
+                    again = resultant(contact_points, decision.rows, held, part, friction).force
                     self._residual[0] = max(self._residual[0], math.dist(found.force, again))
         for rule, each in by_rule.items():
             self._values[self._rules[rule], :_IMPULSE] = _row_of(each, pressing)
@@ -199,8 +199,9 @@ class ContactReport:
         stage = self._active_set.stages[-1] if self._active_set.stages else None
         if stage is None:
             return dict.fromkeys(pairs, 0.0)
+        points = self._active_set.pressing
         return {
-            pair: resultant(self._active_set.pressing, stage.rows, stage.forces, pair, stage.friction).size for pair in pairs
+            pair: resultant(points, stage.rows, stage.forces, points_of(pair, points), stage.friction).size for pair in pairs
         }
 
     def accuracy(self) -> dict[str, float]:
@@ -215,13 +216,13 @@ class ContactReport:
         closed, found = self._active_set, {}
         decision = closed.decide() if closed.contact_points else None
         forces = decision.forces if decision else np.zeros(0)
-        friction = decision.friction if decision and closed.has_friction else None
+        friction, points = decision.friction if decision and closed.has_friction else None, closed.contact_points
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
-                found[pair] = resultant(decision.contact_points, decision.rows, forces, pair, friction)
+                found[pair] = resultant(points, decision.rows, forces, points_of(pair, points), friction)
             else:
                 near = pair.proximity(self._scene.system.mj, self._scene.data)
-                found[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal, 0, "")
+                found[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal)
         return found
 
     def records(

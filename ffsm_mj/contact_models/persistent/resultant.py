@@ -6,10 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
 
 
@@ -20,15 +18,23 @@ class Resultant(NamedTuple):
         force: Force on geom b, N, (3,).
         centre: Centre of pressure; mean of the contact points if none carries force, m, (3,).
         normal: Mean unit normal, (3,).
-        points: Number of contact points.
-        mode: Their features.
+        contact_points: The contact points.
     """
 
     force: FloatArray
     centre: FloatArray
     normal: FloatArray
-    points: int
-    mode: str
+    contact_points: Sequence[ContactPoint] = ()
+
+    @property
+    def points(self) -> int:
+        """Number of contact points."""
+        return len(self.contact_points)
+
+    @property
+    def mode(self) -> str:
+        """Their features."""
+        return " + ".join(dict.fromkeys(contact.feature.name for contact in self.contact_points))
 
     @property
     def size(self) -> float:
@@ -40,21 +46,17 @@ def resultant(
     contact_points: Sequence[ContactPoint],
     rows: PointRows,
     forces: FloatArray,
-    pair: ContactPair,
+    part: slice,
     friction: FloatArray | None = None,
 ) -> Resultant:
     """Resultant over the contact points of one pair, of normal forces (k,) and friction forces (k, 3)."""
-    mine = [i for i, contact in enumerate(contact_points) if contact.pair is pair]
-    if len(mine) == 1:  # the usual case, evaluated in every stage
-        only, here = mine[0], rows.states[mine[0]]
-        force = forces[only] * here.normal if friction is None else forces[only] * here.normal + friction[only]
-        return Resultant(force, here.point, here.normal, 1, contact_points[only].feature.name)
-    part = slice(mine[0], mine[-1] + 1) if mine else slice(0)  # the points of a pair are consecutive
-    normals, points, pushed = rows.normals[part], rows.points[part], forces[part]
-    total = float(pushed.sum())
-    weights = pushed / total if total > 0.0 else np.full(len(mine), 1.0 / max(1, len(mine)))
-    normal = weights @ normals
-    length = math.hypot(*normal.tolist())
-    names = " + ".join(dict.fromkeys(contact_points[i].feature.name for i in mine))
-    force = pushed @ normals if friction is None else pushed @ normals + friction[part].sum(axis=0)
-    return Resultant(force, weights @ points, normal / length if length else normal, len(mine), names)
+    return Resultant(*rows.resultant(part, forces, friction), contact_points[part])
+
+
+def points_of(pair: UnilateralConstraint, contact_points: Sequence[ContactPoint]) -> slice:
+    """The contact points of one pair, which are consecutive."""
+    start = next((i for i, contact in enumerate(contact_points) if contact.pair is pair), 0)
+    end = start
+    while end < len(contact_points) and contact_points[end].pair is pair:
+        end += 1
+    return slice(start, end)

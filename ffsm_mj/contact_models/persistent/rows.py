@@ -10,6 +10,7 @@ along tangents that are fixed in space, with the accelerations a(c) of the mater
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
@@ -41,6 +42,22 @@ class ContactPoint:
 
     pair: UnilateralConstraint
     feature: Feature
+
+
+class Extremes(NamedTuple):
+    """Extremes over some contact points.
+
+    Attributes:
+        inside: Smallest distance to the bounds of a feature, m.
+        gap: Largest absolute gap, m.
+        rate: Largest absolute rate of a gap, m/s.
+        lowest: Smallest gap, m.
+    """
+
+    inside: float
+    gap: float
+    rate: float
+    lowest: float
 
 
 class PointRows:
@@ -82,6 +99,12 @@ class PointRows:
         """Distance of each contact point to the bounds of its feature, m, (k,)."""
         return [inside for group in self._groups for inside in group.insides]
 
+    @cached_property
+    def extremes(self) -> Extremes:
+        """Smallest distance to the bounds of a feature, largest gap and largest rate."""
+        gaps = self.gaps
+        return Extremes(min(self.insides), max(map(abs, gaps)), max(map(abs, self.rates)), min(gaps))
+
     @property
     def starts(self) -> list[int]:
         """First contact point of each group of points of one pair."""
@@ -101,6 +124,27 @@ class PointRows:
             group.wrench(forces[part], None if friction is None else friction[part])
             for part, group in zip(parts, self._groups, strict=True)
         ]
+
+    def resultant(
+        self, part: slice, forces: FloatArray, friction: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Resultant force of the points of one pair, N, its centre, m, and the mean unit normal, (3,) each.
+
+        Args:
+            part: The points.
+            forces: Normal forces of all points, N, (k,).
+            friction: Friction forces on geom b of all points, world axes, N, (k, 3).
+        """
+        normals, points, pushed = self.normals[part], self.points[part], forces[part]
+        if len(pushed) == 1:
+            force = pushed[0] * normals[0]
+            return force if friction is None else force + friction[part][0], points[0], normals[0]
+        total = float(pushed.sum())
+        weights = pushed / total if total > 0.0 else np.full(len(pushed), 1.0 / max(1, len(pushed)))
+        normal = weights @ normals
+        length = math.hypot(*normal.tolist())
+        force = pushed @ normals if friction is None else pushed @ normals + friction[part].sum(axis=0)
+        return force, weights @ points, normal / length if length else normal
 
     @cached_property
     def normals(self) -> FloatArray:
@@ -147,6 +191,11 @@ class FrictionalRows(PointRows):
         """Slip velocities along the tangents, m/s, (k, 2)."""
         slips: FloatArray = self.J.dot(self.qvel).reshape(-1, 3)[:, 1:]
         return slips
+
+    def largest_slip(self, which: BoolArray) -> float:
+        """Largest slip of some points along a tangent, m/s; which, (k,)."""
+        slips = np.abs(self.slips)
+        return float((slips if which.all() else slips[which]).max(initial=0.0))
 
     @cached_property
     def speed_rounding(self) -> FloatArray:

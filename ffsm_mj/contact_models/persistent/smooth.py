@@ -26,15 +26,22 @@ class Smooth:
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, seen.ctrl
         self._own_ctrl = data.ctrl if data is not seen else None
         self._passive, self._bias, self._actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
+        self._place: tuple[bytes, bytes] | None = None
+        self._load: tuple[bytes, bytes] | None = None
 
-    def state(self) -> tuple[bytes, bytes]:
-        """Current positions and velocities as bytes, for exact comparison."""
-        return self._qpos.tobytes(), self._qvel.tobytes()
+    def place(self) -> object:
+        """Token of the current positions and velocities: the same object while they are the same bit by bit."""
+        now = self._qpos.tobytes(), self._qvel.tobytes()
+        if now != self._place:
+            self._place = now
+        return self._place
 
-    def efforts(self) -> bytes:
-        """Current efforts as bytes, for exact comparison."""
-        efforts: bytes = self._ctrl.tobytes()
-        return efforts
+    def load(self, pushes: FloatArray) -> object:
+        """The same of the current efforts and of applied forces, (nv,)."""
+        now = self._ctrl.tobytes(), pushes.tobytes()
+        if now != self._load:
+            self._load = now
+        return self._load
 
     def force(self, pushes: FloatArray) -> FloatArray:
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""

@@ -71,8 +71,9 @@ class StepAccount:
         if not self._rubs:
             return 0.0
         stages, weights = self._stages(duration_s)
-        found = [float(stage.power.sum()) + float(stage.heat.sum()) for stage in stages if stage.heat is not None]
-        return float(weights.dot(found))
+        work = [float(stage.power.sum()) for stage in stages]
+        heat = [0.0 if stage.slide is None else float(stage.slide.heat.sum()) for stage in stages]
+        return float(weights.dot(np.add(work, heat)))
 
     @property
     def _rubs(self) -> bool:

@@ -257,6 +257,7 @@ def judged(run):
 def test_wrong_signs_are_noticed(tmp_path, monkeypatch):
     """Forces, rows and second rates of the wrong sign: the runs do not end well, or their checks or replays fail."""
     assert not judged(gripper(tmp_path, 1.5))
+    monkeypatch.setenv("FFSM_COMPILED", "0")  # a compiled class cannot be changed
     held = ContactAcceleration.bilateral_forces
     with monkeypatch.context() as wrong:
         wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)

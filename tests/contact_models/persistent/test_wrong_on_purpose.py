@@ -48,6 +48,7 @@ def test_right_code_is_good(tmp_path, scene):
 
 def test_a_force_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
     """It pulls the two into each other, and the run says so itself; its states say that the forces are not theirs."""
+    monkeypatch.setenv("FFSM_COMPILED", "0")  # a compiled class cannot be changed
     held = ContactAcceleration.bilateral_forces
     with monkeypatch.context() as wrong:
         wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)
@@ -58,6 +59,7 @@ def test_a_force_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
 
 
 def test_a_force_a_thousandth_too_large_is_noticed(tmp_path, monkeypatch):
+    monkeypatch.setenv("FFSM_COMPILED", "0")  # a compiled class cannot be changed
     held = ContactAcceleration.bilateral_forces
     with monkeypatch.context() as wrong:
         wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)

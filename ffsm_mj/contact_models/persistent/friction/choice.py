@@ -7,7 +7,6 @@ conditions are solved by Newton's method, with a small compliance that shares fo
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,17 +15,17 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
 from ffsm_mj.contact_models.impact.friction.lemke import lemke
+from ffsm_mj.contact_models.persistent.friction.cone_depth import in_accelerations, own_margin
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.tolerances import SOLVED
 
 _SLIPS, _SATURATED = 1e-7, 1e-6
 """A tangential acceleration above the first share of the largest one is slip; at the event from stick to slip, so is a
 friction force within the second of its limit: the acceleration is zero there."""
-_ON_CONE = 1e-13
-"""Rounding of the margin to a friction cone, as a share of the largest force."""
 _CORRECTIONS = 3
 """Corrections of modes per contact point before the choice fails."""
 _OPENS = 10.0
@@ -61,31 +60,6 @@ class PointStates(NamedTuple):
         """Whether the present modes fit the slips: every point has a mode, and none that sticks slips."""
         known = min(self.kinds.tolist()) >= 0
         return known and not (self.slides.any() and bool((self.slides & (self.kinds == STICK)).any()))
-
-
-class Solution(NamedTuple):
-    """Forces in given modes at one state.
-
-    Attributes:
-        kinds: Modes, (k,).
-        directions: Directions of slip along (t1, t2), (k, 2).
-        forces: Forces (n, t1, t2), N, (k, 3).
-        accelerations: Relative accelerations (n, t1, t2), m/s^2, (k, 3).
-        validity: Least margin of all conditions, m/s^2; negative if one is violated.
-        releases: Whether the condition violated most is the limit of friction of sticking points.
-    """
-
-    kinds: IntArray
-    directions: FloatArray
-    forces: FloatArray
-    accelerations: FloatArray
-    validity: float
-    releases: bool
-
-    @property
-    def valid(self) -> bool:
-        """Whether all conditions hold."""
-        return self.validity >= 0.0
 
 
 class ModeChoice:
@@ -188,15 +162,12 @@ class ModeChoice:
 
     def stick_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Margin of the sticking points to their friction cones, m/s^2: own forces, or others of the same effect."""
-        problem, sticks = self._problem, [i for i, kind in enumerate(kinds.tolist()) if kind == STICK]
-        values, mu, inverse_mass = forces.tolist(), problem.mu.tolist(), problem.inverse_mass.tolist()
-        inertia: float = sum([inverse_mass[i] for i in sticks]) / len(sticks)
-        rounding: list[float] = self._states.rounding.tolist()
-        largest: float = max([abs(value) for point in values for value in point])
-        allowed: float = _ON_CONE * (largest * inertia + max([rounding[i] for i in sticks]))
-        own: float = min([mu[i] * values[i][0] - math.hypot(*values[i][1:]) for i in sticks]) * inertia + allowed
+        problem, sticks = self._problem, (kinds == STICK).nonzero()[0]
+        here = forces[sticks], problem.mu[sticks], problem.inverse_mass[sticks], self._states.rounding[sticks]
+        own = own_margin(*here, float(np.abs(forces).max()))
         if own >= 0.0 or not problem.redundant(kinds):
             return own
+        inertia, allowed = in_accelerations(*here[2:], float(np.abs(forces).max()))
         return self._joint_margin(kinds, forces) * inertia + allowed
 
     def _joint_margin(self, kinds: IntArray, forces: FloatArray) -> float:

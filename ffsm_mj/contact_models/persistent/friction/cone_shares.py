@@ -9,13 +9,13 @@ nonsmooth version of Newton's method*, 1993).
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.contact_models.persistent.friction.cone_depth import depth
 from ffsm_mj.contact_models.persistent.friction.cone_margin import largest_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
+from ffsm_mj.contact_models.persistent.friction.linear_systems import solved
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 _OUTSIDE = 1e-9
@@ -55,12 +55,6 @@ def shares_in_cones(problem: FrictionProblem, forces: FloatArray, sticks: IntArr
     return shared
 
 
-def depth(forces: FloatArray, mu: FloatArray) -> float:
-    """Least of mu lam_n - |lam_t| of some points, N."""
-    each = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
-    return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in each]))
-
-
 def least_in_cones(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> FloatArray:
     """Forces of least norm inside the friction cones with the effect of given ones, N, (k, 3).
 
@@ -86,7 +80,7 @@ def least_in_cones(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> Fl
         if float(np.abs(miss).max()) <= max(_ACCURACY, _ROUNDING * float(np.abs(y).max())):
             break
         derivative = np.einsum("kia,kij,kjb->ab", U.reshape(-1, 3, len(y)), slope, U.reshape(-1, 3, len(y)))
-        step = np.linalg.solve(derivative + _DAMPING * float(np.abs(miss).max()) * np.eye(len(y)), miss)
+        step = solved(derivative + _DAMPING * float(np.abs(miss).max()) * np.eye(len(y)), miss)
         y = _searched(U, y, step, effect, mu, moved)
     if float(np.abs(miss).max()) <= _SOLVED:
         return unit * lam

@@ -6,7 +6,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates, Solution
+from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
 from ffsm_mj.contact_models.persistent.friction.modes import (
     CLOSED,
@@ -19,6 +19,7 @@ from ffsm_mj.contact_models.persistent.friction.modes import (
 )
 from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPairs
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.events import Outcome, RunEnded
@@ -36,7 +37,6 @@ class FrictionalDecision:
         here: All closed contact points at the state.
         contact_points: The points.
         rows: Their states and rows.
-        problem: Their problem of accelerations.
     """
 
     def __init__(self, here: FrictionState, modes: FrictionModes) -> None:
@@ -46,17 +46,27 @@ class FrictionalDecision:
             here: All closed contact points at the state.
             modes: Present modes.
         """
-        self.here, self.contact_points, self.rows, self.problem = here, here.contact_points, here.rows, here.problem
+        self.here, self.contact_points, self.rows = here, here.contact_points, here.rows
         self._modes, self._released, self._struck = modes, modes.released, modes.struck
 
     def is_for(self, modes: FrictionModes) -> bool:
         """Whether the decision is that after the same events; it may differ at the same state."""
         return self._released == modes.released and self._struck == modes.struck
 
-    @cached_property
+    @property
+    def problem(self) -> FrictionProblem:
+        """The problem of the accelerations of the points."""
+        return self.here.problem
+
+    @property
     def rounding(self) -> FloatArray:
         """Rounding of the accelerations of each point, m/s^2, (k,)."""
-        return self.rows.acceleration_rounding(self.here.force)
+        return self.here.rounding
+
+    @cached_property
+    def _sticking(self) -> Solution | None:
+        """The solution if all points stick, and go on to do so without redistributing their forces."""
+        return None if self._released or self._struck else self.here.sticking()
 
     @cached_property
     def _choice(self) -> ModeChoice:
@@ -104,6 +114,8 @@ class FrictionalDecision:
         Raises:
             RunEnded: No modes satisfy Coulomb's conditions, or none were found.
         """
+        if self._sticking is not None:
+            return self._sticking
         try:
             return self._choice.choose()
         except NoModesError:
@@ -135,6 +147,8 @@ class FrictionalDecision:
     @cached_property
     def _shared(self) -> FloatArray:
         """Forces (n, t1, t2) of all points, those of sticking points inside their cones, N, (k, 3)."""
+        if self._sticking is not None:
+            return self._sticking.forces
         return shares_in_cones(self.problem, self.solution.forces, (self.kinds == STICK).nonzero()[0])
 
     @cached_property
@@ -150,9 +164,7 @@ class FrictionalDecision:
     @cached_property
     def of_pairs(self) -> FrictionOfPairs:
         """Friction of the pairs with mu > 0 that carry force."""
-        return FrictionOfPairs(
-            self.contact_points, self.rows, self.problem, self.solution, self.friction, self._modes.estimates
-        )
+        return FrictionOfPairs(self.here, self.solution, self.friction, self._modes.estimates)
 
     @property
     def held_forces(self) -> FloatArray:
@@ -171,6 +183,8 @@ class FrictionalDecision:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``."""
+        if self.sticks:
+            return ()
         opening = self.solution.accelerations[:, 0].tolist()
         rates = zip(self.contact_points, opening, self.rounding.tolist(), strict=True)
         return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])
@@ -184,6 +198,8 @@ class FrictionalDecision:
     def _in_present_modes(self) -> tuple[Solution, float]:
         """Solution in the modes of the step, and least slip of sliding points along their direction at its start, m/s."""
         modes = self.here.modes
+        if self._sticking is not None:
+            return self._sticking, np.inf
         if not modes.any_slides:
             return self._choice.evaluate(np.maximum(modes.kinds, 0), modes.no_slips), np.inf
         directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
@@ -193,6 +209,11 @@ class FrictionalDecision:
         """Margin by which the modes of the step are still valid; negative where they are not."""
         solution, forward = self._in_present_modes
         return min(solution.validity, forward + _REVERSED_M_S)
+
+    @property
+    def sticks(self) -> bool:
+        """Whether all points stick, and go on to do so without redistributing their forces."""
+        return self._sticking is not None
 
     @property
     def turning(self) -> BoolArray:

@@ -25,7 +25,8 @@ from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import held_rate_tolerance
-from ffsm_mj.contact_models.persistent.friction.cone_shares import depth, least_in_cones
+from ffsm_mj.contact_models.persistent.friction.cone_depth import depth
+from ffsm_mj.contact_models.persistent.friction.cone_shares import least_in_cones
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import Mode
 from ffsm_mj.contact_models.persistent.rows import ContactPoint

@@ -14,7 +14,7 @@ _DEPENDENT = 1e-10
 """Eigenvalues of the Delassus matrix below this share of the largest are zero."""
 _SHARES = 1e-9
 """Part of a force without effect below which a point has none."""
-_ROUNDING = 1e-13
+FRICTION_ROUNDING = 1e-13
 """Friction below this share of the largest force is rounding."""
 _REDUCTIONS, _REDUCED = 20, 1e-12
 """Greatest number of reductions of a share of the friction limit, and the least relative one."""
@@ -96,7 +96,7 @@ def _weights(limits: FloatArray) -> FloatArray:
 
 def limit_ratios(forces: FloatArray, mu: FloatArray) -> list[float]:
     """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction but rounding."""
-    rounding = _ROUNDING * float(np.abs(forces).max(initial=0.0))
+    rounding = FRICTION_ROUNDING * float(np.abs(forces).max(initial=0.0))
     ratios = []
     for (normal, *across), coefficient in zip(forces.tolist(), mu.tolist(), strict=True):
         friction, limit = math.hypot(*across), coefficient * normal

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED
 
@@ -57,6 +59,7 @@ class PointModes:
         directed_at: Slips at which these directions were determined, m/s, (k,); infinite for points that are not straight.
         drifts: Points whose slip is drift: those that stick or begin to slide, (k,).
         structures: Rows held in modes of the step, by the modes; see ``HeldRows``.
+        pairs: Pairs with friction and their points, which are consecutive.
     """
 
     mu: FloatArray
@@ -68,6 +71,7 @@ class PointModes:
     directed_at: FloatArray
     drifts: BoolArray
     structures: dict[bytes, Any]
+    pairs: list[tuple[UnilateralConstraint, slice]]
 
     @cached_property
     def nothing(self) -> FloatArray:
@@ -80,9 +84,19 @@ class PointModes:
         return np.zeros((len(self.kinds), 2))
 
     @cached_property
+    def key(self) -> bytes:
+        """The modes as a key."""
+        return self.kinds.tobytes()
+
+    @cached_property
+    def all_stick(self) -> bool:
+        """Whether all points stick."""
+        return bool((self.kinds == STICK).all())
+
+    @cached_property
     def drift_m_s(self) -> float:
         """Speed up to which no point slips, if all stick; negative if one does not."""
-        return 2.0 * _TOGETHER * float(self.stop_speeds.min()) if (self.kinds == STICK).all() else -1.0
+        return 2.0 * _TOGETHER * float(self.stop_speeds.min()) if self.all_stick else -1.0
 
     @cached_property
     def any_slides(self) -> bool:
@@ -93,11 +107,6 @@ class PointModes:
     def any_straight(self) -> bool:
         """Whether any point goes straight on to its stop."""
         return bool(self.straight.any())
-
-    @cached_property
-    def all_drift(self) -> bool:
-        """Whether the slip of every point is drift."""
-        return bool(self.drifts.all())
 
     @cached_property
     def nowhere(self) -> BoolArray:
@@ -164,6 +173,7 @@ class FrictionModes:
             directed_at=directed_at,
             drifts=(kinds == STICK) | begins,
             structures={},
+            pairs=_with_friction(contact_points),
         )
 
     def set(
@@ -249,6 +259,16 @@ class FrictionModes:
     def forget_structures(self) -> None:
         """Discard the rows held and estimates of forces: the modes, the contact points or the motion have changed."""
         self._of, self.estimates = {}, {}
+
+
+def _with_friction(contact_points: Sequence[ContactPoint]) -> list[tuple[UnilateralConstraint, slice]]:
+    """Pairs with friction and their points."""
+    found, end = list[tuple[UnilateralConstraint, slice]](), 0
+    for pair, points in groupby(contact_points, lambda contact: contact.pair):
+        start, end = end, end + len(list(points))
+        if pair.mu > 0.0:
+            found.append((pair, slice(start, end)))
+    return found
 
 
 def sliding(

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.friction.choice import Solution
-from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, limit_ratios, partners, wedged
+from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, partners, wedged
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
+from ffsm_mj.contact_models.persistent.friction.solution import Solution
+from ffsm_mj.contact_models.persistent.friction.state import FrictionState
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 
 class PairFriction(NamedTuple):
@@ -48,9 +47,7 @@ class FrictionOfPairs:
 
     def __init__(
         self,
-        contact_points: Sequence[ContactPoint],
-        rows: FrictionalRows,
-        problem: FrictionProblem,
+        here: FrictionState,
         solution: Solution,
         friction: FloatArray,
         estimates: dict[tuple[ContactPoint, ...], FloatArray],
@@ -58,49 +55,57 @@ class FrictionOfPairs:
         """Sum over the points of each pair.
 
         Args:
-            contact_points: All closed contact points.
-            rows: Their rows.
-            problem: Their problem.
-            solution: Its solution.
+            here: All closed contact points.
+            solution: Solution of their problem.
             friction: Friction forces, world axes, N, (k, 3).
             estimates: Forces with the least use found before, by the points that share a load; those found are stored.
         """
-        self._contact_points, self._estimates = contact_points, estimates
+        self._here, self._estimates, self._solution = here, estimates, solution
         self._least_uses: dict[tuple[ContactPoint, ...], float] = {}
-        self._rows, self._problem, self._solution, self._kinds = rows, problem, solution, solution.kinds.tolist()
+        kinds = self._kinds = solution.kinds.tolist()
         self._sticks: IntArray = (solution.kinds == STICK).nonzero()[0]
-        self._points: dict[UnilateralConstraint, list[int]] = {}
-        for i, (contact, kind) in enumerate(zip(contact_points, self._kinds, strict=True)):
-            if kind != CLOSED and contact.pair.mu > 0.0:
-                self._points.setdefault(contact.pair, []).append(i)
-        self._ratios = limit_ratios(solution.forces, problem.mu)
-        self.by_pair = {pair: self._of_points(mine, friction) for pair, mine in self._points.items()}
+        self._ratios = here.limit_ratios(solution.forces)
+        self._largest = max([self._ratios[i] for i in self._sticks.tolist()], default=0.0)
+        self.by_pair = {
+            pair: self._of_points(part, friction)
+            for pair, part in here.modes.pairs
+            if any(kinds[part])  # not CLOSED
+        }
 
-    def _of_points(self, mine: list[int], friction: FloatArray) -> PairFriction:
-        force = friction[mine].sum(axis=0)
-        sliding = [i for i in mine if self._kinds[i] == SLIDE]
-        if not sliding:
-            return PairFriction(False, force, np.zeros(3), self._use(mine))
-        slips = self._rows.across(self._rows.slips)[sliding]
+    def _of_points(self, part: slice, friction: FloatArray) -> PairFriction:
+        force = friction[part].sum(axis=0)
+        if SLIDE not in self._kinds[part]:
+            return PairFriction(False, force, np.zeros(3), self._use(part))
+        rows = self._here.rows
+        sliding = [i for i in range(part.start, part.stop) if self._kinds[i] == SLIDE]
+        slips = rows.across(rows.slips)[sliding]
         return PairFriction(True, force, slips[int(np.argmax(np.linalg.norm(slips, axis=1)))], 1.0)
 
-    def _use(self, mine: list[int]) -> float:
+    def _use(self, part: slice) -> float:
         """Share of the friction limit that the sticking points of a pair use.
 
         It is their largest ratio with the load shared as by equal springs. Where such shares leave a friction cone, it is
         the least such ratio that any shares have.
         """
-        sticks = self._sticks
-        if max([self._ratios[i] for i in sticks.tolist()]) <= 1.0:
-            return max([self._ratios[i] for i in mine])
-        group = partners(self._problem, sticks, mine[0])
-        points = tuple([self._contact_points[i] for i in group.tolist()])
+        if self._largest <= 1.0:
+            return max(self._ratios[part])
+        problem, contact_points = self._here.problem, self._here.contact_points
+        group = partners(problem, self._sticks, self._first(part))
+        points = tuple([contact_points[i] for i in group.tolist()])
         if points not in self._least_uses:  # pairs may share a load
-            found = least_use(self._problem, self._solution.forces, group, self._estimates.get(points))
+            found = least_use(problem, self._solution.forces, group, self._estimates.get(points))
             self._least_uses[points], self._estimates[points] = found
         return self._least_uses[points]
+
+    def _first(self, part: slice) -> int:
+        """First of some points that carries force."""
+        return next(i for i in range(part.start, part.stop) if self._kinds[i] != CLOSED)
 
     def is_wedged(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair is wedged: forces inside the friction cones hold it without any load."""
         found = self.by_pair.get(pair)
-        return found is not None and not found.slides and wedged(self._problem, self._sticks, self._points[pair][0])
+        return (
+            found is not None
+            and not found.slides
+            and wedged(self._here.problem, self._sticks, self._first(dict(self._here.modes.pairs)[pair]))
+        )

@@ -73,10 +73,15 @@ class FrictionReport:
         """Write the columns for the pairs that carry force, by rule."""
         self._values[:, :_SLIP] = 0.0
         for rule, pairs in by_rule.items():
-            forces = [pair.force.tolist() for pair in pairs]
-            size, force = sum([math.hypot(*each) for each in forces]), [*map(sum, zip(*forces, strict=True))]
-            use, speed = max([pair.use for pair in pairs]), max([pair.slip_speed for pair in pairs])
-            self._values[self._rules[rule], :_SLIP] = size, *force, use, speed
+            sums = [0.0] * _SLIP
+            for pair in pairs:
+                x, y, z = pair.force.tolist()
+                sums[0] += math.hypot(x, y, z)
+                sums[1] += x
+                sums[2] += y
+                sums[3] += z
+                sums[4], sums[5] = max(sums[4], pair.use), max(sums[5], pair.slip_speed)
+            self._values[self._rules[rule], :_SLIP] = sums
 
     def slip(self, rule: str) -> float:
         """Slip distance of a rule since t = 0, m."""
@@ -94,18 +99,16 @@ class FrictionReport:
             Heat of all rules in the step, J.
         """
         total = 0.0
+        self._work += float(weights_s.dot([float(stage.power.sum()) for stage in stages]))
         for stage, weight in zip(stages, weights_s.tolist(), strict=True):
-            if stage.slip_speeds is None or stage.heat is None:
+            if stage.slide is None:
                 continue
-            self._work += weight * sum(stage.power.tolist())
-            if not stage.slip_speeds.any():
-                continue
-            for contact, heat in zip(contact_points, stage.heat.tolist(), strict=True):
+            for contact, heat in zip(contact_points, stage.slide.heat.tolist(), strict=True):
                 if contact.pair.mu > 0.0:
                     self._values[self._rules[contact.pair.rule], _HEAT] += weight * heat
                     total += weight * heat
             largest: dict[str, float] = {}
-            for contact, speed in zip(contact_points, stage.slip_speeds.tolist(), strict=True):
+            for contact, speed in zip(contact_points, stage.slide.speeds.tolist(), strict=True):
                 if speed > largest.get(contact.pair.rule, 0.0):
                     largest[contact.pair.rule] = speed
             for rule, speed in largest.items():

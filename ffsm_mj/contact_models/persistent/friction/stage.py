@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.exchange import Slide, Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
 from ffsm_mj.contact_models.persistent.friction.problem import OwnVelocity
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
@@ -34,16 +34,15 @@ def stage_of(here: FrictionState, implicit: StageVelocity | None) -> tuple[Stage
     Returns:
         The stage, and the generalised contact forces, (nv,).
     """
-    rows, problem, modes = here.rows, here.problem, here.modes
-    forces = _sliding_forces(here, implicit) if modes.any_slides else problem.forces(modes.kinds, modes.no_slips)
+    rows, modes = here.rows, here.modes
+    if not modes.any_slides:
+        return here.stuck_stage()
+    forces, u = _sliding_forces(here, implicit), rows.slips
     generalised = forces.ravel().dot(rows.J)
-    friction = rows.across(forces[:, 1:])
-    heat, slip_speeds = modes.nothing, modes.nothing
-    if modes.any_slides:
-        u = rows.slips
-        heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
-        slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.slides
-    return Stage(rows, forces[:, 0], generalised * rows.qvel, friction, heat, slip_speeds), generalised
+    heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
+    slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.slides
+    friction, slide = rows.across(forces[:, 1:]), Slide(heat, slip_speeds)
+    return Stage(rows, forces[:, 0], generalised * rows.qvel, friction, slide), generalised
 
 
 def _sliding_forces(here: FrictionState, implicit: StageVelocity | None) -> FloatArray:
@@ -68,10 +67,9 @@ def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool
         decision: Choice of modes at the start of the step.
         left_s: Remaining time of the grid step, s.
     """
-    problem, solution = decision.problem, decision.solution
-    slides = decision.turning
-    if not slides.any():
+    if decision.sticks or not (slides := decision.turning).any():
         return left_s, False
+    problem, solution = decision.problem, decision.solution
     u = decision.rows.slips[slides]
     s, a = solution.directions[slides], solution.accelerations[slides, 1:]
     speeds = np.hypot(u[:, 0], u[:, 1])

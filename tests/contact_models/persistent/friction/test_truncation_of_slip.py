@@ -88,7 +88,9 @@ def test_a_leak_of_heat_is_no_truncation(tmp_path, monkeypatch):
 
     def stage_of(*given):
         stage, generalised = honest(*given)
-        return stage._replace(heat=stage.heat * (1.0 + 1e-7)), generalised
+        if stage.slide is not None:
+            stage.slide = stage.slide._replace(heat=stage.slide.heat * (1.0 + 1e-7))
+        return stage, generalised
 
     monkeypatch.setattr(active_set, "stage_of", stage_of)
     path = rubbed(223, tmp_path)

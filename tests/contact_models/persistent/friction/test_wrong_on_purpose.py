@@ -7,6 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set, single_point
+from ffsm_mj.contact_models.persistent.exchange import Slide
 from ffsm_mj.contact_models.persistent.friction import choice, stage
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -84,7 +85,8 @@ def heat_of_sizes(monkeypatch):
         found, generalised = right(here, implicit)
         u = here.rows.across(here.rows.slips)
         heat = np.linalg.norm(found.friction.sum(axis=0)) * np.linalg.norm(u.mean(axis=0)) / len(u)
-        return found._replace(heat=np.full(len(u), heat)), generalised
+        found.slide = Slide(np.full(len(u), heat), np.hypot(*here.rows.slips.T))
+        return found, generalised
 
     monkeypatch.setattr(active_set, "stage_of", wrong)
 

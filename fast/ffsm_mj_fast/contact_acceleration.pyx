@@ -1,0 +1,157 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Contact forces without friction; twin of ffsm_mj.contact_models.persistent.acceleration.
+
+The original solves the complementarity problem where the active set is not the expected one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsm_mj.contact_models.persistent import acceleration as plain
+from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
+
+from libc.math cimport fabs
+
+from ffsm_mj_fast.held_rows cimport HeldForces
+from ffsm_mj_fast.row_memory cimport RowMemory
+
+cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
+cdef double CLEARLY = plain.CLEARLY, IMMOVABLE = plain.IMMOVABLE
+
+
+class Active(NamedTuple):
+    """Active contacts, as a structure of held rows."""
+
+    count: int
+    rows: object
+    slides: tuple = ()
+
+
+cdef class ContactAcceleration:
+    """The contact problem at one state."""
+
+    cdef readonly object rows, free
+    cdef object M, force, kept_rounding
+    cdef dict held
+    cdef RowMemory own
+    cdef double[::1] without
+    cdef readonly object G, mu
+
+    def __init__(self, M, rows, force):
+        cdef const double[::1] pushed = force
+        cdef const double* response
+        cdef Py_ssize_t i, d
+        cdef double total
+        self.M, self.rows, self.force, self.own, self.held = M, rows, force, rows.memory, {}
+        self.G, self.free = rows.G, np.empty(self.own.rows)
+        self.without = self.free
+        for i in range(self.own.rows):
+            response, total = self.own.response + i * self.own.nv, 0.0
+            for d in range(self.own.nv):
+                total += response[d] * pushed[d]
+            self.without[i] = total + self.own.gamma[i]
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.M, self.rows, self.force)
+
+    @property
+    def rounding(self):
+        """Rounding of each gap'', m/s^2, (k,): a share of its largest term."""
+        cdef RowMemory own = self.own
+        cdef const double[::1] pushed = self.force
+        cdef Py_ssize_t i, d
+        cdef double most
+        if self.kept_rounding is None:
+            found = []
+            for i, scale in enumerate(self.rows.scales):
+                most = max(<double>scale, fabs(own.gamma[i]))
+                for d in range(own.nv):
+                    most = max(most, fabs(own.response[i * own.nv + d] * pushed[d]))
+                found.append(_ACCELERATION_M_S2 + _ACCELERATION * most)
+            self.kept_rounding = found
+        return self.kept_rounding
+
+    def own_acceleration(self, const double[:] forces not None):
+        """Contribution of each force to gap'' at its own contact, m/s^2, (k,)."""
+        cdef Py_ssize_t i, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        rates = np.empty(k)
+        cdef double[::1] found = rates
+        for i in range(k):
+            found[i] = forces[i] * G[i * (k + 1)]
+        return rates
+
+    def gap_accelerations(self, const double[:] forces not None):
+        """Gap'' under given forces, m/s^2, (k,)."""
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        rates = np.empty(k)
+        cdef double[::1] found = rates
+        for i in range(k):
+            found[i] = self.without[i]
+            for j in range(k):
+                found[i] += G[i * k + j] * forces[j]
+        return rates
+
+    def bilateral_forces(self, which):
+        """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
+        cdef double[::1] found
+        key = tuple(which)
+        forces = self.held.get(key)
+        if forces is None:
+            forces = self.held[key] = np.zeros(self.own.rows)
+            found = forces
+            if key:
+                self.problem(key).write_forces(&self.without[0], &found[0])
+        return forces
+
+    cdef HeldForces problem(self, key):
+        """The linear problem of active contacts: the same under several efforts."""
+        problem = self.rows.held.get(key)
+        if problem is None:
+            active = Active(self.own.rows, np.array(key, dtype=np.intp))
+            problem = self.rows.held[key] = HeldForces(self, active)
+        return problem
+
+    def stage(self, const double[::1] qvel not None):
+        """A stage in which all contacts are active, and the generalised forces, (nv,)."""
+        cdef RowMemory own = self.own
+        cdef Py_ssize_t i, d
+        both, found = np.zeros((2, own.nv)), self.bilateral_forces(range(own.rows))
+        cdef double[:, ::1] sums = both
+        cdef const double[::1] forces = found
+        for i in range(own.rows):
+            for d in range(own.nv):
+                sums[0, d] += forces[i] * own.J[i * own.nv + d]
+        for d in range(own.nv):
+            sums[1, d] = sums[0, d] * qvel[d]
+        stage = Stage(self.rows, found, both[1])
+        stage.wrenches = self.rows.wrench_table(found)
+        return stage, both[0]
+
+    def unilateral_forces(self, expected=()):
+        """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm.
+
+        Args:
+            expected: Contacts that probably carry force, such as the active set of the last step; tried first.
+        """
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        cdef const double[::1] forces
+        cdef double opens, allowed
+        key = tuple(expected)
+        if k > 1 and len(key) == k:
+            found, rounding = self.bilateral_forces(key), self.rounding
+            forces = found
+            for i in range(k):
+                opens, allowed = self.without[i], CLEARLY * <double>rounding[i]
+                for j in range(k):
+                    opens += G[i * k + j] * forces[j]
+                if not (forces[i] * G[i * (k + 1)] > allowed and fabs(opens) <= allowed):
+                    break
+            else:
+                return found
+        return plain.ContactAcceleration(self.M, self.rows, self.force).unilateral_forces(expected)

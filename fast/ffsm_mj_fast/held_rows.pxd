@@ -1,0 +1,25 @@
+cdef class HeldForces:
+    cdef object mu, structure, kept, memory
+    cdef double* G
+    cdef const Py_ssize_t[::1] rows, slides, columns
+    cdef Py_ssize_t held, rank, count, sliding
+    cdef bint factored
+    # Of the held rows: their elements of G, an orthonormal basis of their range, and what forces along slips do to them.
+    cdef double* square
+    cdef double* basis
+    cdef double* system
+    cdef double* work
+    cdef double* half
+    cdef double* right
+    cdef double* inner
+    cdef double* friction
+    cdef Py_ssize_t* order
+
+    cdef void find_range(self) noexcept
+    cdef object matrix(self, const double* values, Py_ssize_t rows, Py_ssize_t columns)
+    cdef int write_forces(self, const double* b, double* forces) except -1
+    cdef void spread(self, double* forces) noexcept
+    cdef void reduce(self) noexcept
+    cdef void project(self) noexcept
+    cdef int solve(self) except -1
+    cdef int solve_singular(self) except -1
