@@ -28,6 +28,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.compiled import fastest, is_compiled
 from ffsm_mj.contact_models.grasp import state_transfer as following
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
+from ffsm_mj.contact_models.persistent.exchange import StageSums
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import RowEvaluator
@@ -368,6 +369,7 @@ PLAIN = (
     RowEvaluator,
     Sampler,
     Smooth,
+    StageSums,
     following.StateTransfer,
     TipKinematics,
 )

@@ -18,10 +18,11 @@ from ffsm_mj_fast.riccati_planar import PlanarRiccati
 from ffsm_mj_fast.rows import RowEvaluator
 from ffsm_mj_fast.sampler import Sampler
 from ffsm_mj_fast.smooth import Smooth
+from ffsm_mj_fast.stage_sums import StageSums
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "bf92fea32374"
+INTERFACE = "daf5cd4c0b43"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "RowEvaluator",
     "Sampler",
     "Smooth",
+    "StageSums",
     "StateTransfer",
     "TipKinematics",
 ]

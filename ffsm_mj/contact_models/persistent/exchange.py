@@ -6,8 +6,8 @@ need no evaluation at a midpoint.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.point_groups import Wrench
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows, point_runs
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
@@ -63,18 +63,53 @@ class Stage:
         return self.rows.wrenches(self.forces, self.friction)
 
 
-class Shares(NamedTuple):
+class StageSums:
+    """Integrals over a step of the contact forces in its stages.
+
+    Attributes:
+        work: Work by degree of freedom, J, (nv,).
+        total: Their sum, J.
+        impulses: Impulse, and angular impulse about the world origin, on geom b of each group of points, (g, 6).
+        sizes: Time integrals of the force magnitudes of the groups, N s.
+    """
+
+    def __init__(self, stages: Sequence[Stage], parts: FloatArray) -> None:
+        """Sum up with the quadrature weights of the stages, s."""
+        wrenches = np.array([stage.wrenches for stage in stages])
+        self.work: FloatArray = parts.dot(np.array([stage.power for stage in stages]))
+        self.total = float(self.work.sum())
+        self.impulses: FloatArray = parts.dot(wrenches.reshape(len(parts), -1)).reshape(-1, 6)
+        sizes: list[float] = parts.dot(np.sqrt(np.square(wrenches[:, :, :3]).sum(axis=2))).tolist()
+        self.sizes = sizes
+
+
+@dataclass(frozen=True, eq=False)
+class Shares:
     """Signs with which contact forces on geom b enter the balance of each subsystem.
 
     Attributes:
         from_robot: As forces of the robot on the objects, (k,).
         outside: As external forces on the robot and on the objects, (2, k).
-        of_pairs: Indices of the contact points of each pair, which are consecutive.
+        contact_points: The contact points; those of a pair are consecutive.
     """
 
     from_robot: FloatArray
     outside: FloatArray
-    of_pairs: dict[UnilateralConstraint, list[int]]
+    contact_points: Sequence[ContactPoint]
+
+    @cached_property
+    def of_groups(self) -> tuple[FloatArray, FloatArray]:
+        """The same for the groups of points that are evaluated together, (g,) and (2, g)."""
+        starts = [run.start for run in point_runs(self.contact_points)]
+        return self.from_robot[starts], self.outside[:, starts]
+
+    @cached_property
+    def pairs(self) -> list[tuple[UnilateralConstraint, list[int], int]]:
+        """Each pair with its groups and its first point."""
+        found: dict[UnilateralConstraint, tuple[list[int], int]] = {}
+        for group, run in enumerate(point_runs(self.contact_points)):
+            found.setdefault(self.contact_points[run.start].pair, ([], run.start))[0].append(group)
+        return [(pair, *places) for pair, places in found.items()]
 
     @classmethod
     def of(cls, system: System, contact_points: Sequence[ContactPoint], grasped_bodies: frozenset[int]) -> Shares:
@@ -82,9 +117,7 @@ class Shares(NamedTuple):
         robot = grasped_bodies.union(system.robot.bodies)
         objects = {body for tree in system.objects for body in tree.bodies} - grasped_bodies
         from_robot, outside = np.zeros(len(contact_points)), np.zeros((2, len(contact_points)))
-        of_pairs: dict[UnilateralConstraint, list[int]] = {}
         for i, contact in enumerate(contact_points):
-            of_pairs.setdefault(contact.pair, []).append(i)
             a, b = contact.pair.body_a, contact.pair.body_b
             ours = [subsystem for subsystem, bodies in enumerate((robot, objects)) if (a in bodies) != (b in bodies)]
             if len(ours) == 2:  # contact between the robot and an object
@@ -98,7 +131,7 @@ class Shares(NamedTuple):
                     outside[1, i], from_robot[i] = sign, -sign
                 else:
                     outside[ours[0], i] = sign
-        return cls(from_robot, outside, of_pairs)
+        return cls(from_robot, outside, contact_points)
 
 
 def robot_dofs(system: System, motion: Motion) -> slice:
@@ -110,30 +143,29 @@ def robot_dofs(system: System, motion: Motion) -> slice:
 
 
 def exchanged(
-    stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
+    sums: StageSums, stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
 ) -> tuple[Exchange, dict[UnilateralConstraint, float]]:
     """Energy and momentum exchanged in a step, and the time integral of the force magnitude of each pair, N s.
 
     A joint limit exchanges no momentum; its integral is in N m s for a hinge.
 
     Args:
+        sums: Sums over the stages.
         stages: Contact forces by stage.
         parts: Quadrature weight of each stage, s.
         shares: Signs of the contact forces.
         robot: Degrees of freedom of the robot in the motion.
     """
-    wrenches = np.array([stage.wrenches for stage in stages])
-    work = parts.dot(np.array([stage.power for stage in stages]))
-    impulses = parts.dot(wrenches.reshape(len(parts), -1)).reshape(-1, 6)
-    starts, sizes = stages[0].rows.starts, dict[UnilateralConstraint, float]()
-    for pair, mine in shares.of_pairs.items():
+    sizes = dict[UnilateralConstraint, float]()
+    for pair, groups, first in shares.pairs:
         if isinstance(pair, JointLimit):
-            sizes[pair] = float(parts.dot([stage.forces.item(mine[0]) for stage in stages]))
-            continue
-        groups = [g for g, start in enumerate(starts) if start in mine]
-        of_pair = wrenches[:, groups[0], :3] if len(groups) == 1 else wrenches[:, groups, :3].sum(axis=1)
-        sizes[pair] = float(parts.dot([math.hypot(*force) for force in of_pair.tolist()]))
-    total, own = float(work.sum()), float(work[robot].sum())
-    energy = np.array((total, own, total - own))
-    from_robot, outside = (each if len(starts) == len(shares.from_robot) else each[..., starts] for each in shares[:2])
-    return Exchange(energy, from_robot.dot(impulses), outside.dot(impulses)), sizes
+            sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
+        elif len(groups) == 1:
+            sizes[pair] = sums.sizes[groups[0]]
+        else:
+            of_pair = np.array([np.array(stage.wrenches)[groups, :3].sum(axis=0) for stage in stages])
+            sizes[pair] = float(parts.dot(np.linalg.norm(of_pair, axis=1)))
+    own = float(sums.work[robot].sum())
+    energy = np.array((sums.total, own, sums.total - own))
+    from_robot, outside = shares.of_groups
+    return Exchange(energy, from_robot.dot(sums.impulses), outside.dot(sums.impulses)), sizes

@@ -8,12 +8,13 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.compiled import fastest
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.drift import sum_exchanges
-from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, exchanged, robot_dofs
+from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, StageSums, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
@@ -38,6 +39,8 @@ class StepAccount:
         """
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
+        self._sums: StageSums
+        self._sums_kind = fastest(StageSums)
         self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
 
     def exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
@@ -49,7 +52,8 @@ class StepAccount:
         if redistributed is not None:
             shares = Shares.of(system, redistributed.contact_points, motion.grasped_bodies)
             parts = np.array(redistributed.weights_s)
-            booking, impulses = exchanged(redistributed.stages, parts, shares, robot_dofs(system, motion))
+            sums = StageSums(redistributed.stages, parts)
+            booking, impulses = exchanged(sums, redistributed.stages, parts, shares, robot_dofs(system, motion))
             return sum_exchanges(self.projected, booking), impulses
         key = closed.pressing, motion
         if self._shares_cache is None or self._shares_cache[0] != key:
@@ -58,13 +62,16 @@ class StepAccount:
                 Shares.of(system, closed.pressing, motion.grasped_bodies),
                 robot_dofs(system, motion),
             )
-        booking, impulses = exchanged(*self._stages(duration_s), *self._shares_cache[1:])
+        stages, parts = self._stages(duration_s)
+        self._sums = self._sums_kind(stages, parts)
+        booking, impulses = exchanged(self._sums, stages, parts, *self._shares_cache[1:])
         return sum_exchanges(self.projected, booking), impulses
 
     def add_friction(self, duration_s: float) -> None:
-        """Add slip and heat to their columns."""
+        """Add work, slip and heat to their columns; :meth:`exchanged` must precede."""
         if self._rubs:
-            self._heat.add(self._friction.add_step(self._active_set.pressing, *self._stages(duration_s)))
+            points = self._active_set.pressing
+            self._heat.add(self._friction.add_step(points, *self._stages(duration_s), self._sums.total))
 
     def work_without_heat(self, duration_s: float) -> float:
         """Work of all contact forces on all bodies plus the heat of sliding, J; the check of the heat sums it up."""

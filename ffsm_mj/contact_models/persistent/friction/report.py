@@ -87,19 +87,22 @@ class FrictionReport:
         """Slip distance of a rule since t = 0, m."""
         return float(self._values[self._rules[rule], _SLIP])
 
-    def add_step(self, contact_points: Sequence[ContactPoint], stages: Sequence[Stage], weights_s: FloatArray) -> float:
+    def add_step(
+        self, contact_points: Sequence[ContactPoint], stages: Sequence[Stage], weights_s: FloatArray, work_J: float
+    ) -> float:
         """Add slip, heat and work in a step.
 
         Args:
             contact_points: Contact points of the stages.
             stages: Stages of the step.
             weights_s: Their quadrature weights, s.
+            work_J: Work of all contact forces in the step, J.
 
         Returns:
             Heat of all rules in the step, J.
         """
         total = 0.0
-        self._work += float(weights_s.dot([float(stage.power.sum()) for stage in stages]))
+        self._work += work_J
         for stage, weight in zip(stages, weights_s.tolist(), strict=True):
             if stage.slide is None:
                 continue
