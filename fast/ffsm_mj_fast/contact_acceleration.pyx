@@ -14,7 +14,7 @@ from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport fabs
 
-from ffsm_mj_fast.held_rows cimport HeldForces
+from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
 
 cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
@@ -37,7 +37,6 @@ cdef class ContactAcceleration:
     cdef dict held
     cdef RowMemory own
     cdef double[::1] without
-    cdef readonly object G, mu
 
     def __init__(self, M, rows, force):
         cdef const double[::1] pushed = force
@@ -45,7 +44,7 @@ cdef class ContactAcceleration:
         cdef Py_ssize_t i, d
         cdef double total
         self.M, self.rows, self.force, self.own, self.held = M, rows, force, rows.memory, {}
-        self.G, self.free = rows.G, np.empty(self.own.rows)
+        self.free = np.empty(self.own.rows)
         self.without = self.free
         for i in range(self.own.rows):
             response, total = self.own.response + i * self.own.nv, 0.0
@@ -113,7 +112,7 @@ cdef class ContactAcceleration:
         problem = self.rows.held.get(key)
         if problem is None:
             active = Active(self.own.rows, np.array(key, dtype=np.intp))
-            problem = self.rows.held[key] = HeldForces(self, active)
+            problem = self.rows.held[key] = of_rows(None, self.own, active)
         return problem
 
     def stage(self, const double[::1] qvel not None):

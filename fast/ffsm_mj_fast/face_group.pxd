@@ -41,3 +41,4 @@ cdef class FaceState:
     cdef double inside(self, Py_ssize_t p) except? -1.0
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1
     cdef void write_wrench(self, const double[:] forces, const double[:, :] across, double* out) noexcept
+    cdef void write_wrench_along(self, const double* axes, const double* forces, double* out) noexcept

@@ -284,6 +284,24 @@ cdef class FaceState:
             least = here if s == 0 or here < least else least
         return least
 
+    cdef void write_wrench_along(self, const double* axes, const double* forces, double* out) noexcept:
+        """The same of forces (n, t1, t2) along the axes of each point, (m, 3, 3)."""
+        cdef Py_ssize_t p
+        cdef int i
+        cdef const double* along
+        cdef const double* force
+        cdef double[3] one, about
+        for i in range(6):
+            out[i] = 0.0
+        for p in range(self.count):
+            along, force = axes + 9 * p, forces + 3 * p
+            for i in range(3):
+                one[i] = force[0] * along[i] + force[1] * along[3 + i] + force[2] * along[6 + i]
+                out[i] += one[i]
+            cross(&self.own[p, POINT], one, about)
+            for i in range(3):
+                out[3 + i] += about[i]
+
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1:
         """Extremes over these points and those before: distance to the bounds, absolute gap and rate, and lowest gap."""
         cdef Py_ssize_t p

@@ -3,6 +3,7 @@
 
 import numpy as np
 
+from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction import cone_depth, internal_forces
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldRows
@@ -13,7 +14,8 @@ from ffsm_mj.tolerances import CANCELLED
 
 from libc.math cimport INFINITY, fabs, sqrt
 
-from ffsm_mj_fast.held_rows cimport HeldForces
+from ffsm_mj_fast.face_group cimport FaceState
+from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
 
 cdef double ON_CONE = cone_depth.ON_CONE, FRICTION_ROUNDING = internal_forces.FRICTION_ROUNDING
@@ -21,6 +23,16 @@ cdef double ON_CONE = cone_depth.ON_CONE, FRICTION_ROUNDING = internal_forces.FR
 
 cdef double _CANCELLED = CANCELLED
 NONE = np.zeros(0, dtype=np.intp)
+
+
+class StuckStage(Stage):
+    """A stage in which no point slides with friction."""
+
+    def __init__(self, rows, found, power, wrenches):
+        self.rows, self.found, self.power, self.wrenches, self.slide = rows, found, power, wrenches, None
+
+    forces = cached_property(lambda self: self.found[:, 0])
+    friction = cached_property(lambda self: self.rows.across(self.found[:, 1:]))
 
 
 cdef class FrictionState:
@@ -73,7 +85,7 @@ cdef class FrictionState:
         both = key, structure.key
         held = self.rows.held.get(both)
         if held is None:
-            held = self.rows.held[both] = HeldForces(self.problem, structure)
+            held = self.rows.held[both] = of_rows(self.modes.mu, self.own, structure)
         return held
 
     cdef object structure(self):
@@ -164,23 +176,25 @@ cdef class FrictionState:
     def stuck_stage(self):
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
         cdef RowMemory own = self.own
+        cdef list groups = self.rows.groups
+        cdef Py_ssize_t i, d, g, at = 0, nv = own.nv
         cdef double[:, ::1] forces
-        cdef double[:, ::1] sums = np.zeros((2, own.nv)), across
-        cdef Py_ssize_t i, p, d
+        cdef double[::1] sums
         cdef double force
-        cdef const double* axes
-        found, friction = self.stuck_forces(), np.empty((own.points, 3))
-        forces, across = found, friction
-        for p in range(own.points):
-            axes = own.axes + 9 * p
-            for i in range(3):
-                across[p, i] = forces[p, 1] * axes[3 + i] + forces[p, 2] * axes[6 + i]
-                force = forces[p, i]
-                if force != 0.0:
-                    for d in range(own.nv):
-                        sums[0, d] += force * own.J[(3 * p + i) * own.nv + d]
-        for d in range(own.nv):
-            sums[1, d] = sums[0, d] * own.qvel[d]
-        both, stage = sums.base, Stage(self.rows, found[:, 0], sums.base[1], friction)
-        stage.wrenches = self.rows.wrench_table(stage.forces, friction)
-        return stage, both[0]
+        found, block = self.stuck_forces(), np.zeros(2 * nv + 6 * len(groups))
+        forces, sums = found, block
+        for i in range(own.rows):
+            force = (&forces[0, 0])[i]
+            for d in range(nv):
+                sums[d] += force * own.J[i * nv + d]
+        for d in range(nv):
+            sums[nv + d] = sums[d] * own.qvel[d]
+        wrenches = block[2 * nv :].reshape(-1, 6)
+        for g, state in enumerate(groups):
+            if isinstance(state, FaceState):
+                (<FaceState>state).write_wrench_along(own.axes + 9 * at, &forces[at, 0], &sums[2 * nv + 6 * g])
+            else:
+                part = slice(at, at + <Py_ssize_t>state.count)
+                wrenches[g] = state.wrench(found[part, 0], self.rows.across(found[:, 1:])[part])
+            at += <Py_ssize_t>state.count
+        return StuckStage(self.rows, found, block[nv : 2 * nv], wrenches), block[:nv]

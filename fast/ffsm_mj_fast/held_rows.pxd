@@ -1,3 +1,5 @@
+from ffsm_mj_fast.row_memory cimport RowMemory
+
 cdef class HeldForces:
     cdef object mu, structure, kept, memory
     cdef double* G
@@ -15,6 +17,8 @@ cdef class HeldForces:
     cdef double* friction
     cdef Py_ssize_t* order
 
+    cdef int set_up(self, mu, kept, double* G, structure) except -1
+    cdef object delassus(self)
     cdef void find_range(self) noexcept
     cdef object matrix(self, const double* values, Py_ssize_t rows, Py_ssize_t columns)
     cdef int write_forces(self, const double* b, double* forces) except -1
@@ -23,3 +27,5 @@ cdef class HeldForces:
     cdef void project(self) noexcept
     cdef int solve(self) except -1
     cdef int solve_singular(self) except -1
+
+cdef HeldForces of_rows(mu, RowMemory own, structure)

@@ -12,6 +12,8 @@ from ffsm_mj.tolerances import EPSILON, RANK
 
 from libc.math cimport fabs, sqrt
 
+from ffsm_mj_fast.row_memory cimport RowMemory
+
 cdef double _RANK = RANK
 cdef int PASSES = 2  # of orthogonalisation: enough for rounding (Giraud et al. 2005)
 
@@ -103,10 +105,14 @@ cdef class HeldForces:
     """The linear problem for the forces of held rows, at one state; under several efforts there."""
 
     def __init__(self, problem, structure):
+        cdef double[:, ::1] G = problem.G
+        self.set_up(problem.mu, problem.G, &G[0, 0] if len(G) else NULL, structure)
+
+    cdef int set_up(self, mu, kept, double* G, structure) except -1:
+        """Take a matrix, which an object keeps in memory, and the rows."""
         cdef Py_ssize_t i, j, n
         cdef double* start
-        cdef double[:, ::1] G = problem.G
-        self.structure, self.mu, self.kept = structure, problem.mu, problem.G
+        self.structure, self.mu, self.kept, self.G = structure, mu, kept, G
         self.rows, self.count, n = structure.rows, structure.count, len(structure.rows)
         self.sliding, self.held, self.factored = len(structure.slides), n, False
         if self.sliding:
@@ -118,17 +124,20 @@ cdef class HeldForces:
         self.work, self.half, self.right = start + 3 * n * n, start + 4 * n * n, start + 5 * n * n
         self.inner, self.friction = self.right + n, self.right + 2 * n
         self.order = <Py_ssize_t*>(start + <Py_ssize_t>size)
-        if self.count:
-            self.G = &G[0, 0]
         for i in range(n):
             for j in range(n):
                 self.square[i * n + j] = self.G[self.rows[i] * self.count + self.rows[j]]
                 self.system[i * n + j] = self.work[i * n + j] = self.square[i * n + j]
         self.find_range()
+        return 0
+
+    cdef object delassus(self):
+        """The matrix as an array."""
+        return self.kept.array("G") if isinstance(self.kept, RowMemory) else self.kept
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return held_forces, (self.mu, self.kept, self.structure)
+        return held_forces, (self.mu, self.delassus(), self.structure)
 
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range: that of the rows themselves if it is all."""
@@ -273,7 +282,7 @@ cdef class HeldForces:
         turned, columns = np.zeros((self.count, m)), np.arange(m)
         friction = -(self.mu[points] * normal_forces)[:, None] * across
         turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
-        right = np.ascontiguousarray(self.kept[np.asarray(self.rows)].dot(turned).T)
+        right = np.ascontiguousarray(self.delassus()[np.asarray(self.rows)].dot(turned).T)
         answers = np.ascontiguousarray(turned.T)
         found = answers
         for j in range(m):
@@ -288,3 +297,10 @@ cdef class HeldForces:
 def held_forces(mu, G, structure):
     """The problem of held rows that was saved."""
     return HeldForces(SimpleNamespace(mu=mu, G=G), structure)
+
+
+cdef HeldForces of_rows(mu, RowMemory own, structure):
+    """The problem of rows in memory."""
+    cdef HeldForces held = HeldForces.__new__(HeldForces)
+    held.set_up(mu, own, own.delassus(), structure)
+    return held

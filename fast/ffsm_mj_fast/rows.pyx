@@ -105,7 +105,8 @@ class RowsInMemory(ContactRows):
     """Rows of the normals; arrays are made when they are needed."""
 
     def __init__(self, groups, memory):
-        self._groups, self.memory, self.held = groups, memory, {}
+        self._groups = self.groups = groups
+        self.memory, self.held = memory, {}
 
     extremes = cached_property(lambda self: extremes_of(self._groups))
 
@@ -127,7 +128,8 @@ class FrictionalRowsInMemory(FrictionalRows):
     """Rows of normals and tangents; arrays are made when they are needed, and sums over points are loops."""
 
     def __init__(self, groups, memory):
-        self._groups, self.memory, self.held = groups, memory, {}
+        self._groups = self.groups = groups
+        self.memory, self.held = memory, {}
 
     J = cached_property(lambda self: self.memory.array("J"))
     gamma = cached_property(lambda self: self.memory.array("gamma"))
