@@ -22,7 +22,7 @@ from ffsm_mj_fast.stage_sums import StageSums
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "daf5cd4c0b43"
+INTERFACE = "c0d5ba5fe01a"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [

@@ -12,8 +12,9 @@ from ffsm_mj.contact_models.persistent import acceleration as plain
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
-from libc.math cimport fabs
+from libc.math cimport INFINITY, fabs
 
+from ffsm_mj_fast.face_group cimport FaceState
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
 
@@ -98,12 +99,16 @@ cdef class ContactAcceleration:
     def bilateral_forces(self, which):
         """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
         cdef double[::1] found
+        cdef Py_ssize_t i
         key = tuple(which)
         forces = self.held.get(key)
         if forces is None:
             forces = self.held[key] = np.zeros(self.own.rows)
             found = forces
-            if key:
+            if len(key) == 1:
+                i = key[0]
+                found[i] = -self.without[i] / self.own.delassus()[i * (self.own.rows + 1)]
+            elif key:
                 self.problem(key).write_forces(&self.without[0], &found[0])
         return forces
 
@@ -115,21 +120,45 @@ cdef class ContactAcceleration:
             problem = self.rows.held[key] = of_rows(None, self.own, active)
         return problem
 
+    def validity(self, which):
+        """Margin by which some active contacts push and gap'' = 0 everywhere, m/s^2."""
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        cdef const double[::1] forces = self.bilateral_forces(which)
+        cdef double opens, allowed, least = INFINITY
+        rounding = self.rounding
+        for i in range(k):
+            opens, allowed = self.without[i], CLEARLY * <double>rounding[i]
+            for j in range(k):
+                opens += G[i * k + j] * forces[j]
+            least = min(least, min(forces[i] * G[i * (k + 1)] + allowed, allowed - fabs(opens)))
+        return least
+
     def stage(self, const double[::1] qvel not None):
         """A stage in which all contacts are active, and the generalised forces, (nv,)."""
         cdef RowMemory own = self.own
-        cdef Py_ssize_t i, d
-        both, found = np.zeros((2, own.nv)), self.bilateral_forces(range(own.rows))
-        cdef double[:, ::1] sums = both
-        cdef const double[::1] forces = found
+        cdef list groups = self.rows.groups
+        cdef Py_ssize_t i, d, g, end, at = 0, nv = own.nv
+        cdef double[::1] sums
+        cdef const double[::1] forces
+        block, found = np.zeros(2 * nv + 6 * len(groups)), self.bilateral_forces(range(own.rows))
+        sums, forces = block, found
         for i in range(own.rows):
-            for d in range(own.nv):
-                sums[0, d] += forces[i] * own.J[i * own.nv + d]
-        for d in range(own.nv):
-            sums[1, d] = sums[0, d] * qvel[d]
-        stage = Stage(self.rows, found, both[1])
-        stage.wrenches = self.rows.wrench_table(found)
-        return stage, both[0]
+            for d in range(nv):
+                sums[d] += forces[i] * own.J[i * nv + d]
+        for d in range(nv):
+            sums[nv + d] = sums[d] * qvel[d]
+        wrenches = block[2 * nv :].reshape(-1, 6)
+        for g, state in enumerate(groups):
+            end = at + <Py_ssize_t>state.count
+            if isinstance(state, FaceState):
+                (<FaceState>state).write_wrench(forces[at:end], None, &sums[2 * nv + 6 * g])
+            else:
+                wrenches[g] = state.wrench(found[at:end], None)
+            at = end
+        stage = Stage(self.rows, found, block[nv : 2 * nv])
+        stage.wrenches = wrenches
+        return stage, block[:nv]
 
     def unilateral_forces(self, expected=()):
         """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm.

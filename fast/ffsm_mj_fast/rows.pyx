@@ -85,22 +85,6 @@ cdef object resultant_of(list groups, part, const double[:] forces, friction):
     return vectors[0], vectors[1], vectors[2]
 
 
-cdef object wrenches_of(list groups, const double[:] forces, friction):
-    """Force, and moment about the world origin, on geom b of each group of points, (groups, 6)."""
-    cdef const double[:, :] across = friction
-    cdef Py_ssize_t g, end, at = 0
-    table = np.empty((len(groups), 6))
-    cdef double[:, ::1] found = table
-    for g, state in enumerate(groups):
-        end = at + <Py_ssize_t>state.count
-        if isinstance(state, FaceState):
-            (<FaceState>state).write_wrench(forces[at:end], None if friction is None else across[at:end], &found[g, 0])
-        else:
-            table[g] = state.wrench(np.asarray(forces[at:end]), None if friction is None else friction[at:end])
-        at = end
-    return table
-
-
 class RowsInMemory(ContactRows):
     """Rows of the normals; arrays are made when they are needed."""
 
@@ -109,10 +93,6 @@ class RowsInMemory(ContactRows):
         self.memory, self.held = memory, {}
 
     extremes = cached_property(lambda self: extremes_of(self._groups))
-
-    def wrench_table(self, forces, friction=None):
-        """Force, and moment about the world origin, on geom b of each group of points, (groups, 6)."""
-        return wrenches_of(self._groups, forces, friction)
 
     def resultant(self, part, forces, friction):
         """Resultant force of the points of one pair, its centre, and the mean unit normal."""
@@ -139,10 +119,6 @@ class FrictionalRowsInMemory(FrictionalRows):
     qvel = cached_property(lambda self: self.memory.array("qvel"))
 
     extremes = cached_property(lambda self: extremes_of(self._groups))
-
-    def wrench_table(self, forces, friction=None):
-        """Force, and moment about the world origin, on geom b of each group of points, (groups, 6)."""
-        return wrenches_of(self._groups, forces, friction)
 
     def resultant(self, part, forces, friction):
         """Resultant force of the points of one pair, its centre, and the mean unit normal."""

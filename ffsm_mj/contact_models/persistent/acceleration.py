@@ -94,6 +94,14 @@ class ContactAcceleration:
             forces[picked] = _least_norm_solution(self._G[picked[:, None], picked], -self.free[picked])
         return forces
 
+    def validity(self, which: Sequence[int]) -> float:
+        """Margin by which some active contacts push and gap'' = 0 everywhere, m/s^2; negative where it does not hold."""
+        forces = self.bilateral_forces(which)
+        pushes, opens = self.own_acceleration(forces).tolist(), self.gap_accelerations(forces).tolist()
+        allowed = [CLEARLY * rounding for rounding in self.rounding]
+        each = zip(pushes, opens, allowed, strict=True)
+        return float(min([min(push + limit, limit - abs(rate)) for push, rate, limit in each]))
+
     def stage(self, qvel: FloatArray) -> tuple[Stage, FloatArray]:
         """A stage in which all contacts are active, and the generalised forces, (nv,)."""
         forces = self.bilateral_forces(range(len(self.free)))

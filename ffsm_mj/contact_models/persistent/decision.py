@@ -49,6 +49,8 @@ class Decision:
 
     def _indices(self, contact_points: Sequence[ContactPoint]) -> list[int]:
         """Indices of some of the contact points, ascending."""
+        if contact_points == self.contact_points:
+            return list(range(len(contact_points)))
         chosen = set(contact_points)
         return [i for i, contact in enumerate(self.contact_points) if contact in chosen]
 
@@ -64,6 +66,8 @@ class Decision:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``: a ``set`` would order them by address."""
+        if len(self.pressing) == len(self.contact_points):
+            return ()
         rates = zip(self.contact_points, self._gap_accelerations(self.forces), self.problem.rounding, strict=True)
         return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])
 
@@ -73,12 +77,12 @@ class Decision:
         With redundant contacts an active force may become negative although the motion is unchanged, because the load can be
         redistributed: the set then counts as valid if it gives the same gap'' as the solution of the problem.
         """
-        problem, forces = self.problem, self.problem.bilateral_forces(self._indices(held))
-        allowed = [_OPENS * rounding for rounding in problem.rounding]
-        own_acceleration, opening = problem.own_acceleration(forces).tolist(), self._gap_accelerations(forces)
-        least = min([min(push + a, a - abs(rate)) for push, rate, a in zip(own_acceleration, opening, allowed, strict=True)])
+        problem, which = self.problem, self._indices(held)
+        least = problem.validity(which)
         if least >= 0.0:
-            return float(least)
+            return least
+        opening = self._gap_accelerations(problem.bilateral_forces(which))
+        allowed = [_OPENS * rounding for rounding in problem.rounding]
         others = zip(opening, self._gap_accelerations(self.forces), allowed, strict=True)
         return float(min([a - max(abs(rate - other), other) for rate, other, a in others]))
 

@@ -253,14 +253,14 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         done, impulses = self._account.exchanged(duration_s)
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
-        self._account.add_friction(duration_s)
+        self._account.add_friction()
         self._add_overlap()
         return done
 
     def _add_overlap(self) -> None:
         """Update the deepest overlap; limits have columns of their own."""
         points, rows = self._active_set.contact_points, self._active_set.decide().rows
-        if not any(isinstance(pair, JointLimit) for pair in self._active_set.by_pair):
+        if points and not any(isinstance(pair, JointLimit) for pair in self._active_set.by_pair):
             self._overlap.add(points[0].pair, rows.extremes.lowest)
             return
         for contact, gap in zip(points, rows.gaps, strict=True):

@@ -40,6 +40,7 @@ class StepAccount:
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
         self._sums: StageSums
+        self._last: tuple[Sequence[Stage], FloatArray]
         self._sums_kind = fastest(StageSums)
         self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
 
@@ -62,16 +63,16 @@ class StepAccount:
                 Shares.of(system, closed.pressing, motion.grasped_bodies),
                 robot_dofs(system, motion),
             )
-        stages, parts = self._stages(duration_s)
+        stages, parts = self._last = self._stages(duration_s)
         self._sums = self._sums_kind(stages, parts)
         booking, impulses = exchanged(self._sums, stages, parts, *self._shares_cache[1:])
         return sum_exchanges(self.projected, booking), impulses
 
-    def add_friction(self, duration_s: float) -> None:
+    def add_friction(self) -> None:
         """Add work, slip and heat to their columns; :meth:`exchanged` must precede."""
         if self._rubs:
             points = self._active_set.pressing
-            self._heat.add(self._friction.add_step(points, *self._stages(duration_s), self._sums.total))
+            self._heat.add(self._friction.add_step(points, *self._last, self._sums.total))
 
     def work_without_heat(self, duration_s: float) -> float:
         """Work of all contact forces on all bodies plus the heat of sliding, J; the check of the heat sums it up."""
