@@ -40,18 +40,10 @@ cdef class ContactAcceleration:
     cdef double[::1] without
 
     def __init__(self, M, rows, force):
-        cdef const double[::1] pushed = force
-        cdef const double* response
-        cdef Py_ssize_t i, d
-        cdef double total
         self.M, self.rows, self.force, self.own, self.held = M, rows, force, rows.memory, {}
-        self.free = np.empty(self.own.rows)
+        self.free = rows.response.dot(force)  # whose order of summation is not ours to know
+        self.free += rows.gamma
         self.without = self.free
-        for i in range(self.own.rows):
-            response, total = self.own.response + i * self.own.nv, 0.0
-            for d in range(self.own.nv):
-                total += response[d] * pushed[d]
-            self.without[i] = total + self.own.gamma[i]
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""

@@ -6,6 +6,8 @@ Rows and forces of both are of the order of 1 to 100; sums of some twenty terms 
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -13,12 +15,18 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact.features.search import features
+from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
+from ffsm_mj.contact_models.persistent.exchange import StageSums
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.dynamics.forced_stepper import ForcedStepper
+from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.contact.features.test_gap_functions import in_contact, pair_of
 from tests.contact.test_geometry import shape
 from tests.contact_models.persistent.test_friction_seen import SLIPS, on_floor
@@ -43,11 +51,14 @@ def same_rows(pair, model, data, found, *, flat=()):
             with_friction.speed_rounding,
             with_friction.across(friction[:, 1:]),
         ]
+        values += [with_friction.largest_slip(np.arange(k) < most) for most in (1, k)]
         # In units of their largest shares.
         values.append(1e12 * with_friction.acceleration_rounding(np.linspace(-1.0, 1.0, model.nv)))
         for rows in (with_friction, without):
             values += [rows.J, rows.gamma, rows.response, rows.G, rows.gaps, rows.rates, rows.scales, rows.insides]
             values += [rows.normals, rows.points, rows.starts, rows.wrenches(forces), rows.wrenches(forces, friction)]
+            values += [*rows.resultant(slice(0, k), forces, friction), *rows.resultant(slice(0, k), 0.0 * forces, None)]
+            values.append(rows.extremes)
             values += [np.hstack([np.ravel(value) for value in state]) for state in rows.states]
         sides.append(values)
     for plain, twin in zip(*sides, strict=True):
@@ -103,6 +114,107 @@ def test_forces_of_held_rows(rng, case):
     for plain, twin in zip(*sides, strict=True):
         # The condition of the systems is below 1e4.
         np.testing.assert_allclose(twin, plain, rtol=1e-11, atol=1e-11)
+
+
+def sides(tmp_path, rng, *, mu):
+    """Evaluators of the points of a box on a plate, by twin and by original, and a generalised force that presses them."""
+    pair, model, data, found = face_to_face(tmp_path, rng, BOX, PLATE)
+    pair.mu, motion = mu, Motion(model, data)
+    contact_points = tuple(ContactPoint(pair, feature) for feature in found)
+    plain, twin = (kind(motion, data, contact_points) for kind in (RowEvaluator, twins.RowEvaluator))
+    # The wrench of forces that press all points has such forces as an answer.
+    rows = plain.rows()
+    force = -rng.uniform(50.0, 60.0, len(found)) @ rows.J + 0.1 * rng.normal(size=model.nv)
+    return contact_points, motion, plain, twin, force
+
+
+def values_of(stage, generalised):
+    """Numbers of a stage."""
+    friction = np.zeros(0) if stage.friction is None else stage.friction
+    return [stage.forces, stage.power, np.array(stage.wrenches), friction, generalised]
+
+
+def agree(plain, twin, rtol=1e-11):
+    """The condition of the systems is below 1e4."""
+    for one, other in zip(plain, twin, strict=True):
+        np.testing.assert_allclose(other, one, rtol=rtol, atol=1e-11 * (1.0 + np.abs(one).max(initial=0.0)))
+
+
+def test_contact_without_friction(tmp_path, rng):
+    """All points active, one of them and some; also where the expected active set does not push everywhere."""
+    points, motion, *evaluators, force = sides(tmp_path, rng, mu=0.0)
+    k, qvel, found = len(points), rng.normal(size=len(force)), []
+    turned = rng.permuted(force)
+    for kind, evaluator in zip((ContactAcceleration, twins.ContactAcceleration), evaluators, strict=True):
+        for pushed in (force, -force, turned):
+            problem = kind(partial(mass_matrix, motion.model, motion.data), evaluator.rows(), pushed)
+            stage = problem.stage(qvel)
+            found.append(
+                [problem.free, 1e10 * np.array(problem.rounding), *values_of(*stage)]
+                + [problem.bilateral_forces(which) for which in ((), (1,), (0, 2), range(k))]
+                + [problem.unilateral_forces(which) for which in ((), range(k))]
+                + [problem.validity(which) for which in ((0, 1, 2), range(k))]
+                + [problem.gap_accelerations(np.ones(k)), problem.own_acceleration(np.ones(k))]
+            )
+    for plain, twin in zip(found[:3], found[3:], strict=True):
+        agree(plain, twin)
+
+
+def test_points_that_stick(tmp_path, rng):
+    """Inside their cones and outside, below the drift of sticking points and above."""
+    points, _, *evaluators, force = sides(tmp_path, rng, mu=0.5)
+    modes, k, found = FrictionModes(), len(points), []
+    modes.set(points, np.full(k, STICK), np.zeros((k, 3)), np.zeros(k), np.zeros(k, dtype=bool))
+    slow = modes.of(points)
+    creeping = replace(slow, stop_speeds=np.full(k, 1e6))
+    for kind, evaluator in zip((FrictionState, twins.FrictionState), evaluators, strict=True):
+        for pushed in (force, -force):
+            assert kind(points, evaluator.frictional_rows(), pushed, slow).sticking() is None
+            here = kind(points, evaluator.frictional_rows(), pushed, replace(creeping, structures={}))
+            solution = here.sticking()
+            assert (solution is not None) == (pushed is force)
+            stage, generalised = here.stuck_stage()
+            forces = solution.forces if solution else np.column_stack((stage.forces, np.ones((k, 2))))
+            held = [*solution[2:5]] if solution else []
+            found.append(
+                [*held, 1e10 * here.rounding, here.limit_ratios(forces), here.problem.b, *values_of(stage, generalised)]
+            )
+    for plain, twin in zip(found[:2], found[2:], strict=True):
+        agree(plain, twin)
+
+
+def test_sums_of_stages(tmp_path, rng):
+    _, _, evaluator, _, force = sides(tmp_path, rng, mu=0.0)
+    problem, parts = ContactAcceleration(lambda: None, evaluator.rows(), force), np.array([0.1, 0.2, 0.3, 0.4])
+    stages = [problem.stage(rng.normal(size=len(force)))[0] for _ in parts]
+    plain, twin = (kind(stages, parts) for kind in (StageSums, twins.StageSums))
+    agree(*([each.work, each.total, each.impulses, each.sizes] for each in (plain, twin)))
+
+
+@pytest.mark.parametrize("implicit", [False, True])
+def test_steps_under_forces(tmp_path, rng, implicit):
+    """Two free bodies under a force that depends on their positions and velocities: to rounding, also in implicit stages."""
+    _, model, start, _ = face_to_face(tmp_path, rng, BOX, PLATE)
+    ends = []
+    for kind in (ForcedStepper, twins.ForcedStepper):
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = start.qpos, start.qvel
+        mujoco.mj_forward(model, data)
+
+        def push(data):
+            data.qfrc_applied -= data.qvel + data.qpos[: model.nv]
+
+        state, momentum = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE)), np.empty(model.nv)
+        stepper, seen = kind(model, data, state, momentum, [push], lambda: None), []
+        stepper.clear(np.inf)
+        stepper.implicit = implicit
+        for _ in range(5):
+            seen.append(stepper.step(1e-2))
+        stepper.integrate(5e-3)
+        ends.append(
+            [data.qpos, data.qvel, data.qacc, data.time, stepper.energy, stepper.motion_bound, stepper.weights, seen]
+        )
+    agree(*ends, rtol=1e-13)
 
 
 def test_smooth_forces(tmp_path, rng):
