@@ -12,7 +12,8 @@ import numpy as np
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.rows import ContactRows, Extremes, FrictionalRows, point_runs
+from ffsm_mj.contact_models.persistent.rows import point_runs
+from ffsm_mj.contact_models.persistent.point_rows import ContactRows, Extremes, FrictionalRows
 from ffsm_mj.contact_models.persistent.single_point import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian, chain
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2

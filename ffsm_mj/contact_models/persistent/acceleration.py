@@ -20,7 +20,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.persistent.exchange import Stage
-from ffsm_mj.contact_models.persistent.rows import ContactRows
+from ffsm_mj.contact_models.persistent.point_rows import ContactRows
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
 
 CLEARLY = 10.0

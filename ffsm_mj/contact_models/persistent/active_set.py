@@ -21,7 +21,8 @@ from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows
+from ffsm_mj.contact_models.persistent.point_rows import PointRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.tilts import Tilts
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import (

@@ -15,8 +15,8 @@ from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.exchange import Shares
+from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.projection import ClosedRows, needs_projection, project
-from ffsm_mj.contact_models.persistent.rows import FrictionalRows
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
 
 

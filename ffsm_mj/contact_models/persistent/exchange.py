@@ -18,7 +18,8 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.point_groups import Wrench
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, PointRows, point_runs
+from ffsm_mj.contact_models.persistent.point_rows import PointRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, point_runs
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 

@@ -15,7 +15,8 @@ from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, ContactRows, FrictionalRows, RowEvaluator
+from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix

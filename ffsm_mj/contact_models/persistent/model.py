@@ -75,12 +75,12 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             heat: Heat of friction, shared with the impact model.
         """
         super().__init__(None, scene)
-        self._pairs, self._overlap, self._active_set = tuple(pairs), overlap, ActiveContactSet(scene)
+        self._pairs, self._active_set = tuple(pairs), ActiveContactSet(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._changes = ContactChanges(scene, self._active_set)
         geoms, limits = by_kind(self._pairs)
         self._report = ContactReport(scene, geoms, self._active_set)
-        self._account = StepAccount(scene, self._active_set, self._report.friction, heat)
+        self._account = StepAccount(scene, self._active_set, self._report.friction, heat, overlap)
         self._limits = LimitReport(scene, limits, self._active_set)
         self._records = ChangeRecords(scene, self._active_set, self._report, self._limits, self._changes)
         self._drift = DriftProjection(scene, self._active_set)
@@ -254,17 +254,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)
         self._account.add_friction()
-        self._add_overlap()
+        self._account.add_overlap()
         return done
-
-    def _add_overlap(self) -> None:
-        """Update the deepest overlap; limits have columns of their own."""
-        points, rows = self._active_set.contact_points, self._active_set.decide().rows
-        if points and not any(isinstance(pair, JointLimit) for pair in self._active_set.by_pair):
-            self._overlap.add(points[0].pair, rows.extremes.lowest)
-            return
-        for contact, gap in zip(points, rows.gaps, strict=True):
-            self._overlap.add(contact.pair, gap)
 
     def exchanged(self, duration_s: float) -> Exchange | None:
         """The same for a trial step that may be rejected."""

@@ -10,6 +10,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.compiled import fastest
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
@@ -28,7 +30,14 @@ class StepAccount:
         projected: Exchange by the drift projection at the start of the step; None without one.
     """
 
-    def __init__(self, scene: Scene, closed: ActiveContactSet, friction: FrictionReport, heat: FrictionHeat) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        closed: ActiveContactSet,
+        friction: FrictionReport,
+        heat: FrictionHeat,
+        overlap: DeepestOverlap,
+    ) -> None:
         """Initialise before the first step.
 
         Args:
@@ -36,7 +45,9 @@ class StepAccount:
             closed: Its closed contacts.
             friction: Columns of slip and heat.
             heat: Heat of friction of the run.
+            overlap: Its deepest overlap.
         """
+        self._overlap = overlap
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
         self._sums: StageSums
@@ -73,6 +84,15 @@ class StepAccount:
         if self._rubs:
             points = self._active_set.pressing
             self._heat.add(self._friction.add_step(points, *self._last, self._sums.total))
+
+    def add_overlap(self) -> None:
+        """Update the deepest overlap at the state in ``data``; joint limits have columns of their own."""
+        points, rows = self._active_set.contact_points, self._active_set.decide().rows
+        if points and not any(isinstance(pair, JointLimit) for pair in self._active_set.by_pair):
+            self._overlap.add(points[0].pair, rows.extremes.lowest)
+            return
+        for contact, gap in zip(points, rows.gaps, strict=True):
+            self._overlap.add(contact.pair, gap)
 
     def work_without_heat(self, duration_s: float) -> float:
         """Work of all contact forces on all bodies plus the heat of sliding, J; the check of the heat sums it up."""

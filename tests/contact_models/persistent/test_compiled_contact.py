@@ -18,7 +18,8 @@ from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.exchange import StageSums
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes, unit_slips
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
+from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator

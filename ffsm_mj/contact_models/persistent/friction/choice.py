@@ -18,7 +18,7 @@ from ffsm_mj.contact_models.impact.friction.lemke import lemke
 from ffsm_mj.contact_models.persistent.friction.cone_depth import in_accelerations, own_margin
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
+from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.tolerances import SOLVED

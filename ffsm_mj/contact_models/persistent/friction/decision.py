@@ -8,16 +8,9 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
-from ffsm_mj.contact_models.persistent.friction.modes import (
-    CLOSED,
-    SLIDE,
-    STICK,
-    FrictionModes,
-    Mode,
-    sliding,
-    unit_slips,
-)
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, sliding
 from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPairs
+from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, Mode, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState

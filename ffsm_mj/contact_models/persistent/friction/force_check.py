@@ -28,7 +28,7 @@ from ffsm_mj.contact_models.persistent.closure import held_rate_tolerance
 from ffsm_mj.contact_models.persistent.friction.cone_depth import depth
 from ffsm_mj.contact_models.persistent.friction.cone_shares import least_in_cones
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.friction.point_modes import Mode
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import RANK, SAME_POINT_M
 

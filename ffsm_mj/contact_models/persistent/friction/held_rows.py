@@ -11,7 +11,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, solved
-from ffsm_mj.contact_models.persistent.friction.modes import SLIDE
+from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem

@@ -23,7 +23,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldProblems, HeldRows, Structures
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, STICK
+from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, STICK
 from ffsm_mj.tolerances import CANCELLED, RANK
 
 _TURNS = 15

@@ -9,10 +9,11 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.cone_depth import own_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import limit_ratios
-from ffsm_mj.contact_models.persistent.friction.modes import PointModes
+from ffsm_mj.contact_models.persistent.friction.point_modes import PointModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, FrictionalRows
+from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 
 class FrictionState:

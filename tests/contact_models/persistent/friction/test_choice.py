@@ -7,7 +7,7 @@ import pytest
 
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, UNKNOWN
+from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, UNKNOWN
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 

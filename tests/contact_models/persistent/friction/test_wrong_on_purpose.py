@@ -9,7 +9,7 @@ import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set, single_point
 from ffsm_mj.contact_models.persistent.exchange import Slide
 from ffsm_mj.contact_models.persistent.friction import choice, stage
-from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
+from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
 from tests.contact_models.persistent.friction import test_slip_in_space as slip_in_space
