@@ -31,6 +31,10 @@ class StuckStage(Stage):
     def __init__(self, rows, found, power, wrenches):
         self.rows, self.found, self.power, self.wrenches, self.slide = rows, found, power, wrenches, None
 
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.rows, self.found, self.power, self.wrenches)
+
     forces = cached_property(lambda self: self.found[:, 0])
     friction = cached_property(lambda self: self.rows.across(self.found[:, 1:]))
 

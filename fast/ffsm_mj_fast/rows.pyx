@@ -93,6 +93,10 @@ class RowsInMemory(ContactRows):
         self._groups = self.groups = groups
         self.memory, self.held = memory, {}
 
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.groups, self.memory)
+
     extremes = cached_property(lambda self: extremes_of(self._groups))
 
     def resultant(self, part, forces, friction):
@@ -111,6 +115,10 @@ class FrictionalRowsInMemory(FrictionalRows):
     def __init__(self, groups, memory):
         self._groups = self.groups = groups
         self.memory, self.held = memory, {}
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.groups, self.memory)
 
     J = cached_property(lambda self: self.memory.array("J"))
     gamma = cached_property(lambda self: self.memory.array("gamma"))

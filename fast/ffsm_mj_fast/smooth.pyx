@@ -3,9 +3,15 @@
 
 import numpy as np
 
+from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.string cimport memcmp, memcpy
 
 from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
+
+
+cdef bytes copied(double[::1] values):
+    """A token: a new object that a saved state can hold."""
+    return PyBytes_FromStringAndSize(<char*>&values[0], values.shape[0] * <Py_ssize_t>sizeof(double))
 
 
 cdef bint same(double[::1] values, double[::1] last) noexcept:
@@ -40,7 +46,7 @@ cdef class Smooth:
         self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes = (
             np.full(len(each), np.nan) for each in (data.qpos, data.qvel, seen.ctrl, data.qvel)
         )
-        self.last_place, self.last_load = object(), object()
+        self.last_place, self.last_load = copied(self.qpos), copied(self.qvel)
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
@@ -50,14 +56,14 @@ cdef class Smooth:
         """Token of the current positions and velocities: the same object while they are the same bit by bit."""
         cdef bint stays = same(self.qpos, self.last_qpos)
         if not same(self.qvel, self.last_qvel) or not stays:
-            self.last_place = object()
+            self.last_place = copied(self.qpos)
         return self.last_place
 
     def load(self, double[::1] pushes not None):
         """The same of the current efforts and of applied forces, (nv,)."""
         cdef bint stays = same(self.ctrl, self.last_ctrl)
         if not same(pushes, self.last_pushes) or not stays:
-            self.last_load = object()
+            self.last_load = copied(pushes)
         return self.last_load
 
     def force(self, double[::1] pushes not None):

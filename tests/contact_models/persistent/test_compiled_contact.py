@@ -5,6 +5,7 @@ Rows and forces of both are of the order of 1 to 100; sums of some twenty terms 
 
 from __future__ import annotations
 
+import pickle
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.exchange import StageSums
@@ -245,3 +247,19 @@ def test_a_run_is_the_same(tmp_path, monkeypatch):
             (tmp_path / (name + switch)).mkdir()
             rows.append(np.array(ffsm_mj.run(on_floor(tmp_path / (name + switch), duration_s=0.04, **more)).log.rows))
         np.testing.assert_allclose(rows[1], rows[0], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+def test_a_saved_state_goes_on_bit_for_bit(tmp_path, mu):
+    """What the twins keep of a state is found again, or computed again."""
+    with Simulator(on_floor(tmp_path, duration_s=0.04, mu=mu, geom='type="box" size="1 1 1"')) as simulator:
+        simulator.reset()
+        simulator.step()
+        saved, ends = pickle.loads(pickle.dumps(simulator.state())), []
+        for _ in range(2):
+            simulator.restore(saved)
+            for _ in range(3):
+                simulator.step()
+            data = simulator.assembly.data
+            ends.append(np.concatenate((data.qpos, data.qvel, data.qacc, data.qfrc_applied)))
+    np.testing.assert_array_equal(*ends)
