@@ -23,7 +23,7 @@ DOTTED = re.compile(r"\b(?:ffsm_mj|ffsm_controllers)(?:\.\w+)+")
 FILE = re.compile(r"(?<![\w./<>$-])((?:[\w.-]+/)+[\w-]+\.(?:py|pyx|pxd|md|xml|yaml))\b")
 
 
-EXAMPLES = {"a/b.xml"}
+EXAMPLES = {"a/b.xml", "../logs/base/scenario.yaml"}
 
 
 def lookup(target: str) -> bool:

@@ -20,7 +20,7 @@ from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits, refuse_outside
 from ffsm_mj.assembly.models import changes_of
-from ffsm_mj.assembly.plant import build_plant
+from ffsm_mj.assembly.plant import build_plant, start_contacts
 from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.assembly.run_size import too_large
 from ffsm_mj.assembly.spring_modes import refuse_coarse_steps
@@ -155,7 +155,7 @@ def assemble(
         refuse_outside(scenario, system, data, limits)
         task = task_of(scenario, system)
         plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
-        plant.integrator.restore_state(plant.integrator.motion)
+        start_contacts(plant)
         contexts = _contexts(scenario, controller_system or system, plant, held)
         grasped = {name: each for name, each in contexts.items() if name}
         phases = build_phases(scenario, contexts[""], laws, grasped, recorded)

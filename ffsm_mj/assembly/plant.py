@@ -15,8 +15,10 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.controller_protocol import Task
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.system import System
+from ffsm_mj.records.events import RunEnded
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
@@ -35,7 +37,7 @@ def build_plant(
     held: Mapping[str, GraspedSystem],
     task: Task | None,
 ) -> Plant:
-    """Build the simulated system of a scenario; ``integrator.restore_state`` must follow at the state from which it starts.
+    """Build the simulated system of a scenario; :func:`start_contacts` must follow at the state from which it starts.
 
     Args:
         scenario: Scenario of the run.
@@ -60,6 +62,18 @@ def build_plant(
     state = StateSignals(system, data, *tip)
     sampler = _sampler(scenario, scene, integrator, pairs)
     return Plant(scene, actuation, integrator, balance, state, sampler, control)
+
+
+def start_contacts(plant: Plant) -> None:
+    """Let the contact models begin at the initial state.
+
+    Raises:
+        ScenarioFaults: No motion follows from it, as that of a sliding contact in Painleve's paradox.
+    """
+    try:
+        plant.integrator.restore_state(plant.integrator.motion)
+    except RunEnded as ended:
+        raise ScenarioFaults([Fault(f"no run begins in this state: {ended.message}", ("initial",))]) from None
 
 
 def _delayed_control(scenario: Scenario, scene: Scene, actuation: Actuation) -> DelayedControl | None:

@@ -23,13 +23,14 @@ FAR_M = 1e9
 """A spring towards a target so far away is a constant force."""
 
 
-def rod(folder, *, mu, slip, free_s=0.0, duration=0.03):
+def rod(folder, *, mu, slip, free_s=0.0, duration=0.03, gravity=0.0):
     """A rod of 1 kg with l^2 / I = 3, inclined at arctan 2, whose tip slides along x, pressed by 1 N at its centre.
 
     Its tip has G_nn = 1.6 and G_nt = 1.2 (1/kg), so that D = 1.6 - 1.2 mu if it slides to the right, 1.6 + 1.2 mu if to the
-    left. The force begins after ``free_s``.
+    left. The force begins after ``free_s``; ``gravity`` presses from the start.
     """
-    robot = f"""<mujoco>{HEAD}<worldbody><body name="rod"><joint name="x" type="slide" axis="1 0 0"/>
+    head = f'<option gravity="0 0 {-gravity}"/>'
+    robot = f"""<mujoco>{head}<worldbody><body name="rod"><joint name="x" type="slide" axis="1 0 0"/>
       <joint name="z" type="slide" axis="0 0 1"/><joint name="turn" axis="0 1 0"/>
       <inertial pos="0 0 0" mass="1" diaginertia="{1 / 3} {1 / 3} {1 / 3}"/>
       <geom name="tip" type="sphere" size="{TIP_M}" pos="{ACROSS} 0 {TIP_M - DOWN}" mass="0"/></body></worldbody>
@@ -39,10 +40,11 @@ def rod(folder, *, mu, slip, free_s=0.0, duration=0.03):
     return scene(
         folder,
         robot,
-        {"slab": slab("slab", "20 20 0.5")},
+        {"slab": slab("slab", "20 20 0.5").replace(HEAD, head)},
         fixed={"slab": {"position_m": [0, 0, -0.5]}},
         contacts={"rules": [{"name": "foot", "between": ["tip", "slab/slab"], "restitution": 0.0, "mu": mu}]},
         initial={"joints": {"robot/z": DOWN}, "rates": {"robot/x": slip}},
+        conservative=gravity == 0.0,
         phases=[*wait, {"name": "press", "until": "end", "controller": press}],
         **steps(1e-3, duration),
     )
@@ -66,6 +68,16 @@ def test_without_a_solution_the_run_ends_by_name(tmp_path, capsys):
     assert "robot/tip - slab/slab" in summary["message"]
     assert "G_nn - mu G_nt = -0.2 1/kg" in summary["message"]
     assert "-1 m/s^2" in summary["message"]
+
+
+def test_a_start_without_a_solution_is_refused(tmp_path, capsys):
+    """Gravity presses before any effort: no force of the contact holds the tip, at t = 0 already."""
+    path = rod(tmp_path, mu=1.5, slip=0.5, gravity=1.0)
+    for command in ("run", "check"):
+        assert main([command, str(path)]) == 2
+        said = capsys.readouterr().err
+        assert "initial: no run begins in this state: painleve: " in said
+        assert "robot/tip - slab/slab" in said
 
 
 def test_the_log_stands_until_there(tmp_path, capsys):
