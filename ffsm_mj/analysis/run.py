@@ -25,7 +25,8 @@ from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, Unhandled
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import SUBSYSTEMS
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, Tolerance
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.refined import Refined, explained, refined
 

@@ -15,7 +15,8 @@ from ffsm_mj.contact_models.grasp.record import CAPTURE
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.checks import Check, CheckAccumulator
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import CheckAccumulator
 from ffsm_mj.verification.truncation import Truncation
 
 SCHEMA_VERSION = 2

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.invocation import command
 from ffsm_mj.report.text_table import table, wrapped
-from ffsm_mj.verification.checks import Check, Tolerance
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import Tolerance
 
 _STEP_HINT = (
     "  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"

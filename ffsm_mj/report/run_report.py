@@ -10,7 +10,7 @@ from ffsm_mj.records.metadata import changed_property_lines, gravity_line
 from ffsm_mj.report.check_report import check_table, fail_by_truncation, step_hint, worst_check
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
 from ffsm_mj.report.text_table import wrapped
-from ffsm_mj.verification.checks import Check
+from ffsm_mj.verification.check_result import Check
 
 MOST_LINES = 19
 """Of the 24 lines of a terminal; the others show the run folder, the next commands and the prompt."""

@@ -12,7 +12,8 @@ from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
 from ffsm_mj.report.text_table import wrapped
 from ffsm_mj.verification.agreement import Discrepancy
-from ffsm_mj.verification.checks import Check, Tolerance
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
 
 

@@ -21,24 +21,21 @@ each step h. The sum of that is logged, and an energy that is lower by at most t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.installed_laws import law_of_record
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
-from ffsm_mj.contact_models.impact.replayed_impact import along_row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.metadata import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, LIMIT_FORCES, LIMIT_OVERRUN, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
 from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
-from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.heat_check import HeatCheck
+from ffsm_mj.verification.impact_checks import impact_checks
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
-from ffsm_mj.verification.truncation import Truncation
 
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
@@ -67,7 +64,6 @@ _OVERLAP, _RESIDUAL = f"balance.{OVERLAP}", f"balance.{FORCE_RESIDUAL}"
 _OVERRUN = {unit: f"balance.{name}" for unit, name in LIMIT_OVERRUN.items()}
 _OWN = {"no penetration": DEEPEST_M, "no joint past its limit": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
 """Tolerances of checks that are not relative."""
-_Record = ImpactRecord | LimitImpactRecord
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
 _MEASURES = {
     "energy": ("J", ("T",)),
@@ -79,43 +75,6 @@ _MEASURES = {
     "contact complementarity": ("N", ("force",)),
     "heat of sliding": ("J", ("work", "fall")),
 }
-
-
-@dataclass(frozen=True)
-class Check:
-    """Result of one check over one run.
-
-    Attributes:
-        name: Name of the check.
-        subsystem: ``total``, ``robot`` or ``objects``.
-        component: Component of the worst residual, such as ``T``, ``P_x`` to ``L_z``, ``gap`` or ``impact 1``.
-        residual: Largest magnitude of the residual in a stretch of the run.
-        time_s: Time of the largest residual.
-        tolerance: Allowed magnitude: the relative tolerance times (1 + scale).
-        unit: Unit of both.
-        drift: Largest magnitude since the first sample; equals ``residual`` in a run of one stretch.
-        truncation: Share of truncation in a residual that is too large; None if it was not computed or is unknown.
-    """
-
-    name: str
-    subsystem: str
-    component: str
-    residual: float
-    time_s: float
-    tolerance: float
-    unit: str
-    drift: float
-    truncation: Truncation | None = None
-
-    @property
-    def fails_by_truncation(self) -> bool:
-        """Whether it fails by the truncation of the step alone: it passes with a shorter step or ``accuracy``."""
-        return not self.passes and self.truncation is not None and self.truncation.alone
-
-    @property
-    def passes(self) -> bool:
-        """Whether the residual is within the tolerance; a residual that is not a number fails."""
-        return bool(self.residual <= self.tolerance)
 
 
 class CheckAccumulator:
@@ -212,7 +171,7 @@ class CheckAccumulator:
             checks.append(_check("contact complementarity", "total", self._complementarity, allowed))
         if (heat := self._heat.worst) is not None:
             checks.append(_check("heat of sliding", "total", heat, allowed, self._heat.drift))
-        return (*checks, *_impact_checks(impacts, allowed, friction))
+        return (*checks, *impact_checks(impacts, allowed, friction))
 
 
 def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
@@ -252,67 +211,3 @@ def _check(name: str, subsystem: str, worst: Peak, allowed: Mapping[str, float],
     limit = allowed[name] * (1.0 + worst.scale)
     drift = worst.size if drift is None else drift
     return Check(name, subsystem, components[worst.component], worst.size, worst.time_s, limit, unit, drift)
-
-
-def _impact_checks(impacts: Sequence[_Record], allowed: Mapping[str, float], friction: FrictionCheck | None) -> list[Check]:
-    """Checks of impacts, independent of the impact law."""
-    events = [list(contacts) for _, contacts in groupby(impacts, key=lambda record: record.event)]
-    rough = [any(isinstance(c, ImpactRecord) and c.mu > 0.0 for c in event) for event in events]
-    checks = _frictionless_checks([event for event, rubs in zip(events, rough, strict=True) if not rubs], allowed)
-    if not any(rough):
-        return checks
-    if friction is None:
-        raise ValueError("checks of impacts with friction need the models of their log: pass a FrictionCheck")
-    judged = [_check_with_friction(event, friction, allowed) for event, rubs in zip(events, rough, strict=True) if rubs]
-    energy = max((*checks[:1], *judged), key=lambda check: EnergyDeviation(check.residual, check.tolerance).excess)
-    return [energy, *checks[1:]]
-
-
-def _check_with_friction(event: Sequence[_Record], friction: FrictionCheck, allowed: Mapping[str, float]) -> Check:
-    """Energy check of an impact with friction; the tolerance is relative to its kinetic energy."""
-    miss, record = friction.worst(event, allowed["impact energy"]), event[0]
-    place = f"impact {record.event + 1}"
-    return Check("impact energy", "total", place, miss.size, record.time_s, miss.allowed, "J", miss.size)
-
-
-def _frictionless_checks(events: Sequence[Sequence[_Record]], allowed: Mapping[str, float]) -> list[Check]:
-    """Checks of impacts without friction.
-
-    The work of frictionless impulses is the sum of impulse (separation - approach) / 2, exactly; the energy balance takes
-    its change from the record, so it is checked here, for any impact law. The law itself checks the speeds after the impact.
-    """
-    if not events:
-        return []
-    works = [sum(p * (after - before) / 2 for p, before, after in map(along_row, event)) for event in events]
-    checks = [
-        _worst_impact(
-            "impact energy",
-            "J",
-            [(event[0], abs(event[0].energy_change_J - work)) for event, work in zip(events, works, strict=True)],
-            max(event[0].energy_before_J["total"][0] for event in events),
-            allowed,
-        )
-    ]
-    judged = [(event, _restitution_residual(event)) for event in events]
-    misses = [(event[0], miss) for event, miss in judged if miss is not None]
-    if misses:
-        scale = max(along_row(record)[1] for event, miss in judged if miss is not None for record in event)
-        checks.append(_worst_impact("impact restitution", "m/s", misses, scale, allowed))
-    return checks
-
-
-def _restitution_residual(event: Sequence[_Record]) -> float | None:
-    """Residual of the speeds after an impact against its law, m/s or rad/s; None if the law makes no statement."""
-    if len(event) == 1 and isinstance(event[0], LimitImpactRecord):
-        return abs(event[0].separation_rate - event[0].restitution_used * event[0].approach_rate)
-    contacts = [record for record in event if isinstance(record, ImpactRecord)]
-    # Contacts together with a joint limit are an impact of which the law is told only a part.
-    return law_of_record(event[0].law).restitution_residual(contacts) if len(contacts) == len(event) else None
-
-
-def _worst_impact(
-    name: str, unit: str, found: list[tuple[_Record, float]], scale: float, allowed: Mapping[str, float]
-) -> Check:
-    record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
-    limit = allowed[name] * (1.0 + scale)
-    return Check(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit, residual)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS, Check, CheckAccumulator, Tolerance
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS, CheckAccumulator, Tolerance
 from ffsm_mj.verification.truncation import Truncation
 
 _SAME = 0.5

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.verification.agreement import Discrepancy
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Check, CheckAccumulator, Tolerance
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.refined import Refined, explained
 

@@ -16,7 +16,8 @@ from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.errors import described, one_line, unknown_name
 from ffsm_mj.records.kinds import kinds
 from ffsm_mj.report.run import Run
-from ffsm_mj.verification.checks import CHECK_NAMES, Check
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import CHECK_NAMES
 
 GROUP = "ffsm_mj.metrics"
 """Entry-point group of metrics of other packages: the name is that of the metric, the object a function of a

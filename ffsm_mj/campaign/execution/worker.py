@@ -29,7 +29,8 @@ from ffsm_mj.replay.truncation import refined
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS, Check
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS
 from ffsm_mj.verification.refined import explained
 
 

@@ -31,7 +31,7 @@ from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.scene import PageScene
 from ffsm_mj.report.run_card import card_html
 from ffsm_mj.report.run_report import what_is_missing
-from ffsm_mj.verification.checks import Check
+from ffsm_mj.verification.check_result import Check
 
 _TITLES = {
     "tip": "Tip",

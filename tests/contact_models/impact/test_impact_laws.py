@@ -21,7 +21,7 @@ from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.impact import Contact, Coverage, ImpactLaw, ImpactSolution, register_law, resolve
 from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.schema import scenario_schema
-from ffsm_mj.verification.checks import Check
+from ffsm_mj.verification.check_result import Check
 from tests.contact_models.impact.test_friction_runs import flat, good, off_centre
 from tests.scenes import box, scene, two_balls
 
