@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
-from ffsm_mj.contact_models.grasp.record import KINDS as CAPTURES
+from ffsm_mj.contact_models.grasp.record_kinds import KINDS as CAPTURES
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS

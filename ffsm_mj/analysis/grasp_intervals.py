@@ -9,7 +9,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.columns import EVENT_LOADS, LOADS
-from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE, CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout

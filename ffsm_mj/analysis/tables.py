@@ -17,7 +17,7 @@ from ffsm_mj.analysis.digest import digest
 from ffsm_mj.analysis.grasp_intervals import COLUMNS as _CAPTURE_COLUMNS
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record import CAPTURE
+from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.run_log import RunLog

@@ -9,7 +9,7 @@ from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.grasp.record import KINDS
+from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ffsm_mj.contact_models.grasp.record import KINDS
+from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import ImpactRecord
 

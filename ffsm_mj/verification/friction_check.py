@@ -18,7 +18,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.columns import CLOSED_GRASP
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
-from ffsm_mj.contact_models.grasp.record import CAPTURE, RELEASE, CaptureRecord
+from ffsm_mj.contact_models.grasp.record import CaptureRecord
+from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord

@@ -21,7 +21,8 @@ from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.contact_models.grasp.nearness import Nearness
-from ffsm_mj.contact_models.grasp.record import KINDS, ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.grasp import Grasp

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.grasp.record import CAPTURE
+from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
 from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.marks import marks_topic
 from ffsm_mj.log.rerun.from_log import write_recording
