@@ -12,16 +12,16 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import mujoco
-
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.closing import as_tuple, close_grasp, state_fields
+from ffsm_mj.contact_models.grasp.closing import close_grasp, state_fields
 from ffsm_mj.contact_models.grasp.columns import SIGNALS
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
+from ffsm_mj.contact_models.grasp.near_miss import near_miss
 from ffsm_mj.contact_models.grasp.nearness import Nearness
-from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.opening import open_grasp
+from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -221,46 +221,14 @@ class GraspModel(EventSource, Replayable):
     ) -> ReleaseRecord:
         """Release the object; its velocity is continuous, as no impulse acts."""
         self._closed_latch = None
-        mujoco.mj_forward(self.scene.system.mj, self.scene.data)
-        point = as_tuple(latch.sites.point(self.scene.data))
-        return ReleaseRecord(
-            event=self.scene.numbers.next_number(),
-            grasp=latch.grasp.name,
-            time_s=instant.time_s,
-            step=instant.step,
-            point_m=point,
-            reason=reason,
-            force_N=force_N,
-            torque_N_m=torque_N_m,
-            **state_fields(self.scene, self.scene.data.qvel),
-        )
+        return open_grasp(self.scene, latch, instant, reason, force_N, torque_N_m)
 
     def _disarm(self, latch: Latch, instant: EventTime) -> list[Any]:
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
         latch.disarm()
         if self._closing is latch:
             self._closing = None
-        if latch.least is None:
-            return []
-        near, at_s = latch.least
-        bounds = latch.stated_bounds
-        failed = max(bounds, key=lambda name: getattr(near, name) / bounds[name])
-        return [
-            NearMissRecord(
-                event=self.scene.numbers.next_number(),
-                grasp=latch.grasp.name,
-                time_s=instant.time_s,
-                step=instant.step,
-                least_ratio=latch.ratio(near),
-                least_s=at_s,
-                **near._asdict(),
-                bounds={name: (bound,) for name, bound in bounds.items()},
-                failed=failed,
-                failed_value=getattr(near, failed),
-                failed_bound=bounds[failed],
-                **state_fields(self.scene, self.scene.data.qvel),
-            )
-        ]
+        return [] if latch.least is None else [near_miss(self.scene, latch, *latch.least, instant)]
 
     def after_event(self, time_s: float) -> None:
         """Record the load on a grasped object after an event, since it may change discontinuously."""
