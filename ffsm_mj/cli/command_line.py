@@ -5,16 +5,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import cache
-from ipaddress import ip_address
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import exit_codes
+from ffsm_mj.cli.idle_options import refuse_idle
 from ffsm_mj.cli.impact_map import describe_impact_map
+from ffsm_mj.cli.option_values import address, frame_rate, positive, tolerance
 from ffsm_mj.cli.sensitivity import describe_sensitivity
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
-from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
 from ffsm_mj.similar_names import did_you_mean
 
 COMMANDS = {
@@ -41,11 +41,6 @@ _EXPORTS = {
     "mp4": "export the motion as a video (needs the extra 'mp4')",
     "html": "export a page for a browser: scene, plots, checks (needs the extra 'html')",
 }
-_WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
-    "run": {"--viewer": ("--live",), "--force": ("--out",)},
-    "export": {"--table": ("--csv", "--parquet"), "--fps": ("--gif", "--mp4"), "--speed": ("--gif", "--mp4")},
-}
-"""Options by command and option of which at least one must be given for the option to have an effect."""
 
 
 class HelpRequest(Exception):
@@ -77,7 +72,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         meant = did_you_mean(extra[0], _option_strings(words)) if extra[0].startswith("-") else ""
         help_command = command(*words, "--help")
         raise InputError(f"{' '.join(['ffsm', *words])}: unexpected argument {extra[0]!r}{meant}; see '{help_command}'")
-    _refuse_idle(options)
+    refuse_idle(options)
     return options
 
 
@@ -168,7 +163,7 @@ def _describe_analyze(analyze: argparse.ArgumentParser) -> None:
     _add_run(analyze, several=True)
     analyze.add_argument(
         "--tolerance",
-        type=_tolerance,
+        type=tolerance,
         action="append",
         default=[],
         metavar="[CHECK=]TOL",
@@ -197,9 +192,9 @@ def _describe_export(export: argparse.ArgumentParser) -> None:
         metavar="TABLE",
         help="table for --csv or --parquet: samples (default), checks, or records of a kind (impacts, phases, ...)",
     )
-    export.add_argument("--fps", type=_frame_rate, help="frames per second, up to 50 (default: 20)")
+    export.add_argument("--fps", type=frame_rate, help="frames per second, up to 50 (default: 20)")
     export.add_argument(
-        "--speed", type=_positive, metavar="X", help="playback speed relative to real time (default: at most 12 s of video)"
+        "--speed", type=positive, metavar="X", help="playback speed relative to real time (default: at most 12 s of video)"
     )
     export.add_argument("--out", metavar="FILE", help="output file (default: beside the log)")
 
@@ -213,7 +208,7 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
     )
     new.add_argument(
         "--base-mass",
-        type=_positive,
+        type=positive,
         metavar="KG",
         help="mass of the base to mount a manipulator on (default: five times the mass of the manipulator)",
     )
@@ -243,18 +238,11 @@ def _describe_view(view: argparse.ArgumentParser) -> None:
     view.add_argument("--save", metavar="FILE", help="write the recording (.rrd) instead of opening the viewer")
     view.add_argument(
         "--listen",
-        type=_address,
+        type=address,
         metavar="ADDRESS",
         default="127.0.0.1",
         help="address on which the viewer accepts data of other programs (default: 127.0.0.1, this machine only)",
     )
-
-
-def _address(text: str) -> str:
-    try:
-        return str(ip_address(text))
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text} is not an IP address, e.g. 192.168.0.5, or 0.0.0.0 for all") from error
 
 
 def _add_overrides(to: argparse.ArgumentParser) -> None:
@@ -274,50 +262,3 @@ def _add_run(to: argparse.ArgumentParser, *, several: bool = False) -> None:
         to.add_argument("runs", nargs="*", metavar="run", default=["logs/latest"], help=text)
     else:
         to.add_argument("run", nargs="?", default="logs/latest", help=text)
-
-
-def _refuse_idle(options: argparse.Namespace) -> None:
-    """Refuse options that would be ignored.
-
-    Raises:
-        InputError: An option has no effect in combination with the others.
-    """
-    given = {name: value for name, value in vars(options).items() if value not in (None, False, [])}
-    if options.version and options.command:
-        raise InputError(f"ffsm: --version has no effect with the command {options.command}")
-    if "list" in given:
-        idle = [_as_written(name, value) for name, value in given.items() if name not in ("command", "action", "list")]
-        if idle:
-            command = " ".join(given[part] for part in ("command", "action") if part in given)
-            raise InputError(f"ffsm {command}: {idle[0]} has no effect with --list")
-    words = {_as_written(name, value) for name, value in given.items()}
-    for option, others in _WORKS_WITH.get(options.command, {}).items():
-        if option in words and not words & set(others):
-            raise InputError(f"ffsm {options.command}: {option} has no effect without {' or '.join(others)}")
-
-
-def _as_written(name: str, value: Any) -> str:
-    """An argument as written on the command line."""
-    return {"form": f"--{value}", "overrides": "-s", "scenario": str(value)}.get(name, f"--{name.replace('_', '-')}")
-
-
-def _tolerance(text: str) -> tuple[str, float]:
-    """Name of a check, empty for all checks, and its tolerance."""
-    name, _, value = text.rpartition("=")
-    return name.replace("_", " ").strip(), _positive(value)
-
-
-def _frame_rate(text: str) -> float:
-    if _positive(text) > MOST_FRAMES_PER_SECOND:
-        raise argparse.ArgumentTypeError(f"{text} is more than {MOST_FRAMES_PER_SECOND} frames per second")
-    return float(text)
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
-    return value
