@@ -9,29 +9,27 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
+from ffsm_mj.analysis.logged_signals import LoggedSignals
 from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
 from ffsm_mj.analysis.tables import Table, table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.refined import Refined, explained, refined
 
 
-class Run:
+class Run(LoggedSignals):
     """A run. ``run["energy.total_J"]`` is a column; ``run.keys`` lists them, with ``units`` and ``descriptions``.
 
     Attributes:
@@ -50,7 +48,8 @@ class Run:
             digested: Digest of its rows, if it exists already; None: computed on demand.
             effort: Effort in its rows, likewise.
         """
-        self.log, self.path, self._given, self._accumulated = log, path, digested, effort
+        super().__init__(log)
+        self.path, self._given, self._accumulated = path, digested, effort
         self._whole: Run | None = None
 
     def with_rows(self, rows: FloatArray) -> Run:
@@ -59,86 +58,10 @@ class Run:
         part._whole = self
         return part
 
-    def __getitem__(self, key: str) -> FloatArray:
-        """Column of a signal, one value per control tick.
-
-        Raises:
-            KeyError: No such signal; the message lists the names.
-        """
-        layout = self.log.header.layout
-        if key not in layout.index:
-            raise KeyError(unknown_name("signal", key, layout.keys))
-        return self.log.column(key)
-
-    def _ipython_key_completions_(self) -> list[str]:
-        """Names of all columns: IPython and Jupyter complete ``run["`` with them."""
-        return list(self.keys)
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Names of all columns."""
-        return self.log.header.layout.keys
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of each column."""
-        return {signal.key: signal.unit for signal in self.log.header.layout.signals}
-
-    @property
-    def descriptions(self) -> dict[str, str]:
-        """Meaning of each column."""
-        return {signal.key: signal.description for signal in self.log.header.layout.signals}
-
     @property
     def name(self) -> str:
         """Name of the scenario."""
         return self.log.header.scenario_name
-
-    @property
-    def time(self) -> FloatArray:
-        """Time of each row, s."""
-        return self["state.time_s"]
-
-    @property
-    def qpos(self) -> FloatArray:
-        """Generalised coordinates in MuJoCo's order, (n, nq)."""
-        return self._columns("state.q_")
-
-    @property
-    def qvel(self) -> FloatArray:
-        """Generalised velocities in MuJoCo's order, (n, nv)."""
-        return self._columns("state.v_")
-
-    @property
-    def tip(self) -> FloatArray:
-        """Position of the tip in m, world frame, (n, 3).
-
-        Raises:
-            KeyError: The scenario has no task and so no tip.
-        """
-        return np.column_stack([self[f"state.tip_{axis}_m"] for axis in "xyz"])
-
-    @property
-    def tip_velocity(self) -> FloatArray:
-        """Velocity of the tip in m/s, world frame, (n, 3).
-
-        Raises:
-            KeyError: The scenario has no task and so no tip.
-        """
-        return np.column_stack([self[f"state.tip_v{axis}_m_s"] for axis in "xyz"])
-
-    def momentum(self, subsystem: str = "total") -> FloatArray:
-        """(P in N s, L about the world origin in N m s) of ``total``, ``robot`` or ``objects``, (n, 6).
-
-        Raises:
-            KeyError: No such subsystem.
-        """
-        if subsystem not in SUBSYSTEMS:
-            raise KeyError(unknown_name("subsystem", subsystem, SUBSYSTEMS))
-        return self._columns(f"momentum.{subsystem}_P_", f"momentum.{subsystem}_L_")
-
-    def _columns(self, *prefixes: str) -> FloatArray:
-        return np.asarray(self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]])
 
     @property
     def records(self) -> Mapping[str, tuple[Any, ...]]:
