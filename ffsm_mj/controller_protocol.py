@@ -46,6 +46,7 @@ from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.records.recorded_table import RecordedTable, TableError
 from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.sensing.estimator import Estimator
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.sensing.sensor import Sensor
 
@@ -91,7 +92,6 @@ __all__ = [
     "TableError",
     "TargetMotion",
     "Task",
-    "TaskController",
     "Tree",
     "base_jacobian",
     "base_wrench",
@@ -277,59 +277,3 @@ class Damps(Protocol):
 
     def damping_at(self, data: Any) -> Damping | None:
         """Its damping at a state, all derived quantities current, or None; asked before ``start``."""
-
-
-class Estimator(Protocol):
-    """Estimates the state from measurements; control laws see a state of which they need not know that it is one.
-
-    A class with a ``Config`` is built as ``cls(config, context)``, as a control law is; the instance carries its state.
-    """
-
-    @property
-    def telemetry_signals(self) -> tuple[Signal, ...]:
-        """What it reports of every call; a plain attribute of the class will do."""
-
-    def start(self, data: Any) -> None:
-        """Begin: ``data`` holds the initial state of the scenario, which is known."""
-
-    def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
-        """Write the estimate at a time into ``data.qpos`` and ``data.qvel``, which hold that of the last call.
-
-        Args:
-            time_s: Time, s; ``data.time`` has that of the last call.
-            measured: Newest sample of each sensor that has arrived, by full name.
-            events: What the robot is told of events since the last call: their class, time and pair.
-            data: MuJoCo data of the model that control laws use, with the efforts held until now in ``ctrl``.
-        """
-
-    def telemetry(self) -> Sequence[float]:
-        """Values of ``telemetry_signals`` after the last call."""
-
-
-class TaskController(Protocol):
-    """The controller of a whole run: the phase machine."""
-
-    columns: tuple[Columns, ...]
-    """Reports of the phases' controllers after the last call, NaN in the columns of other phases; the phase's position."""
-
-    given: GivenCommand | None
-    """Command of the program that steps the simulation; None: the controllers of the phases command everything."""
-
-    @property
-    def in_charge(self) -> str:
-        """Who decides now, for a person: phase and kind of controller."""
-
-    def control(self, observation: Observation, command: Command) -> None:
-        """Like :meth:`Controller.control`."""
-
-    def drain_phases(self) -> list[PhaseRecord]:
-        """Phases begun since the last call, oldest first."""
-
-    def tell_phase_again(self) -> None:
-        """Let the phase under way be among the phases begun since the last call: a log begins with it."""
-
-    def begin_law_again(self) -> None:
-        """Let the control law of the phase under way begin at its next call."""
-
-    def reports(self) -> Mapping[str, ControllerReport]:
-        """What the control laws of the phases begun say of their work, by phase."""

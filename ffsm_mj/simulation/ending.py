@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import mujoco
 
-from ffsm_mj.controller_protocol import TaskController
 from ffsm_mj.errors import ControllerError, LogWriteError, described, raised_at
 from ffsm_mj.records.events import ControllerReport, Outcome, RunEnded
+from ffsm_mj.simulation.task_controller import TaskController
 
 
 class Ended(NamedTuple):

@@ -7,13 +7,14 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.contact_models.interface import EventEffect
-from ffsm_mj.controller_protocol import Command, Observation, TaskController
+from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue
+from ffsm_mj.simulation.task_controller import TaskController
 from ffsm_mj.simulation.told_records import told_records
 
 _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})

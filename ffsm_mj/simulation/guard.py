@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from ffsm_mj.controller_protocol import TaskController
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.records.events import ControllerReport, Outcome, RunEnded
 from ffsm_mj.simulation.ending import Ended, last_reports, outcome_of
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.progress import Progress
+from ffsm_mj.simulation.task_controller import TaskController
 
 
 class Guard:

@@ -17,7 +17,7 @@ from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.interface import EventEffect, EventTime
-from ffsm_mj.controller_protocol import Observation, TaskController
+from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.effort_change import EffortChange
@@ -31,6 +31,7 @@ from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress, Start
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.settings import Settings
+from ffsm_mj.simulation.task_controller import TaskController
 
 
 class Simulation:

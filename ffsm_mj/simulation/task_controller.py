@@ -1,0 +1,40 @@
+"""What the simulation asks of the controller of a whole run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from ffsm_mj.controller_protocol import Observation
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.command import Command, GivenCommand
+from ffsm_mj.records.events import ControllerReport, PhaseRecord
+
+
+class TaskController(Protocol):
+    """The controller of a whole run: the phase machine."""
+
+    columns: tuple[Columns, ...]
+    """Reports of the phases' controllers after the last call, NaN in the columns of other phases; the phase's position."""
+
+    given: GivenCommand | None
+    """Command of the program that steps the simulation; None: the controllers of the phases command everything."""
+
+    @property
+    def in_charge(self) -> str:
+        """Who decides now, for a person: phase and kind of controller."""
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Like :meth:`~ffsm_mj.controller_protocol.Controller.control`."""
+
+    def drain_phases(self) -> list[PhaseRecord]:
+        """Phases begun since the last call, oldest first."""
+
+    def tell_phase_again(self) -> None:
+        """Let the phase under way be among the phases begun since the last call: a log begins with it."""
+
+    def begin_law_again(self) -> None:
+        """Let the control law of the phase under way begin at its next call."""
+
+    def reports(self) -> Mapping[str, ControllerReport]:
+        """What the control laws of the phases begun say of their work, by phase."""
