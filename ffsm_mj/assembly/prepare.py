@@ -10,35 +10,26 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_mj.assembly.assemble import Assembly, assemble, disarmed_pairs, refused_rest, unwatched_overlaps
-from ffsm_mj.assembly.contact_notes import contact_notes, mesh_notes, rule_lines
-from ffsm_mj.assembly.control_laws import undriven_actuators
-from ffsm_mj.assembly.damping import unstable_damping
+from ffsm_mj.assembly.assemble import Assembly, assemble
+from ffsm_mj.assembly.description import describe, notes
 from ffsm_mj.assembly.grasps import GraspedSystem
-from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
 from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
 from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_initial_state
 from ffsm_mj.assembly.override_faults import overrides_named
 from ffsm_mj.assembly.recorded_files import RecordedFiles, recorded_files
 from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.assembly.target_file import with_waypoints
-from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.errors import InputError, raised_by_plugin
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
-from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.report.run import Run
-from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.loading import load_scenario, validated
-from ffsm_mj.scenario.phase_graph import graph_lines, is_branching
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource
-from ffsm_mj.sensing.sensor import Sensor
 
 
 def run(
@@ -251,88 +242,8 @@ class PreparedRun:
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""
-        return self._notes(self.assemble())
-
-    def _notes(self, assembly: Assembly) -> list[str]:
-        return [
-            *(change.sentence for change in self.changes),
-            *self.system.notes,
-            *contact_notes(assembly.contacts, assembly.system),
-            *(
-                f"{a} and {b} overlap at the start, and no contact force will separate them"
-                for a, b in unwatched_overlaps(assembly)
-            ),
-            *initial_notes(assembly),
-            *unstable_damping(assembly),
-            *undriven_actuators(assembly.system, assembly.controller.phases),
-            *refused_rest(assembly),
-            *disarmed_pairs(assembly),
-            *never_armed(self.scenario),
-        ]
+        return notes(self.assemble())
 
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
-        assembly, system = self.assemble(), self.system
-        lines = [
-            f"{self.scenario.name}: valid",
-            *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
-            *(f"  {each.name}: fixed, bodies {len(each.bodies)}" for each in system.fixed),
-            *(f"  {line}" for line in rule_lines(assembly.contacts)),
-            *_limited_joints(assembly.limits),
-            *spring_lines(self.scenario, system, assembly.data),
-            *_sensors(assembly),
-            *([f"  goes on from {self.origin.folder} at t = {self.origin.at_s:g} s"] if self.origin is not None else []),
-            *_phases(self.scenario),
-            f"  {self.scenario.ticks} control ticks of {self.scenario.control_period_s:g} s,"
-            f" steps of {self.scenario.time_step_s:g} s",
-            *initial_lines(assembly),
-        ]
-        falls = gravity_line(gravity_metadata(system.mj.opt.gravity))
-        lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
-            falls or "conservative: nothing in the models breaks it"
-        ]
-        return lines + [
-            f"note: {note}" for note in (*self._notes(assembly), *mesh_notes(assembly.contacts, assembly.system))
-        ]
-
-
-def _phases(scenario: Scenario) -> list[str]:
-    """The phases in a line, or their graph where they branch."""
-    phases = scenario.phases
-    if not is_branching(phases):
-        return [f"  phases: {', '.join(f'{phase.name} ({phase.kind})' for phase in phases)}"]
-    return ["  phases:", *(f"    {line}" for line in graph_lines(phases))]
-
-
-def _sensors(assembly: Assembly) -> list[str]:
-    """A heading with the estimator and a line for each sensor; none if there are no sensors."""
-    sampler = assembly.plant.sampler
-    if sampler is None:
-        return []
-    lines = [
-        f"    {each.name}: {each.model.kind}, every {each.interval_s:g} s"
-        + _lateness(each)
-        + (", nothing arrives within the run" if _never_arrives(each, assembly.scenario.duration_s) else "")
-        for each in sampler.by_name.values()
-    ]
-    return [f"  sensors (estimator {assembly.scenario.estimator.kind})", *lines]
-
-
-def _lateness(sensor: Sensor) -> str:
-    """How late samples of a sensor are, and the share that is lost."""
-    latest_s = sensor.delay_s + sensor.delay_jitter_s
-    late = f"{sensor.delay_s:g} to {latest_s:g}" if sensor.delay_jitter_s else f"{latest_s:g}"
-    return (f", {late} s late" if latest_s else "") + (f", {sensor.dropout:.3g} of all lost" if sensor.dropout else "")
-
-
-def _never_arrives(sensor: Sensor, duration_s: float) -> bool:
-    return sensor.dropout == 1.0 or sensor.earliest_s >= duration_s
-
-
-def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:
-    """A heading and a line for each joint that stops at its limits; none if there are no such joints."""
-    ends = zip(limits[::2], limits[1::2], strict=True)
-    joints = [
-        f"    {low.joint}: {low.limit:.4g} to {high.limit:.4g} {low.unit}, e = {low.restitution:g}" for low, high in ends
-    ]
-    return ["  joints that stop at their limits", *joints] if joints else []
+        return describe(self.assemble())
