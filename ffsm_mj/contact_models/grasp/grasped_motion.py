@@ -88,7 +88,7 @@ class GraspedMotion(Motion):
 
         Relative motions that the latch stops are ignored: the object moves without them from now on.
         """
-        self.joints.attach(self._free.data, self.model, self.data.qpos)
+        self.joints.fasten(self._free.data, self.model, self.data.qpos)
         self.sync_from_system()
 
     def sync_from_system(self) -> None:

@@ -94,7 +94,7 @@ class LatchJoints:
         rows = relative_twist_rows(self._free, data, sites.link, sites.root, sites.point(data))
         return np.concatenate([np.empty((0, 6)), *free]) @ rows
 
-    def attach(self, data: Any, model: Any, qpos: FloatArray) -> None:
+    def fasten(self, data: Any, model: Any, qpos: FloatArray) -> None:
         """Attach the object where it is.
 
         Args:
