@@ -23,7 +23,6 @@ class StepInterrupts:
     """
 
     _open: list[StepInterrupts] = []
-    _before: dict[int, Any] = {}
 
     def __init__(self) -> None:
         """Nothing is installed yet."""
@@ -33,8 +32,9 @@ class StepInterrupts:
         """Install the handlers, unless they are there: of another simulator, or of one that another thread has closed."""
         if _in_main_thread():
             for number in _SIGNALS:
-                if signal.getsignal(number) is not _handle:
-                    self._before[number] = signal.signal(number, _handle)
+                before = signal.getsignal(number)
+                if not isinstance(before, _Handler):
+                    signal.signal(number, _Handler(before))
             self._open.append(self)
         return self
 
@@ -44,9 +44,10 @@ class StepInterrupts:
             return
         self._open.remove(self)
         if not self._open and _in_main_thread():
-            for number, before in self._before.items():
-                if signal.getsignal(number) is _handle:
-                    signal.signal(number, before)
+            for number in _SIGNALS:
+                handler = signal.getsignal(number)
+                if isinstance(handler, _Handler):
+                    signal.signal(number, handler.before)
 
     def begin_step(self) -> None:
         """A step begins: signals are noted from now on."""
@@ -61,25 +62,34 @@ class StepInterrupts:
         return self.is_noted
 
     @classmethod
-    def handle(cls, number: int, frame: FrameType | None) -> None:
-        """Note a signal in the simulators that are within a step; a second one raises KeyboardInterrupt."""
+    def note(cls) -> bool:
+        """Note a signal in the simulators that are within a step; a second one raises KeyboardInterrupt.
+
+        Returns:
+            Whether there are any.
+        """
         within = [each for each in cls._open if each._is_within]
         if any(each.is_noted for each in within):
             raise KeyboardInterrupt
         for each in within:
             each.is_noted = True
-        before = cls._before[number]
-        if within or before == signal.SIG_IGN:
+        return bool(within)
+
+
+class _Handler:
+    """Hands a signal to the simulators, or on to the handler that it replaces."""
+
+    def __init__(self, before: Any) -> None:
+        self.before = before
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        if StepInterrupts.note() or self.before == signal.SIG_IGN:
             return
-        if callable(before):
-            before(number, frame)
+        if callable(self.before):
+            self.before(number, frame)
         else:
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
-
-
-def _handle(number: int, frame: FrameType | None) -> None:
-    StepInterrupts.handle(number, frame)
 
 
 def _in_main_thread() -> bool:

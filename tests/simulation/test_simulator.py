@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.assembly.step import SimulatorError
 from ffsm_mj.cli.main import main
@@ -423,15 +424,35 @@ def test_a_signal_after_another_thread_closed_a_simulator():
     """Only the main thread can remove handlers: they still pass a signal on, also when another simulator begins."""
     for _ in range(2):
         simulator = Simulator("baseline", {"duration_s": 0.01}, record=False)
-        simulator.reset()
-        thread = threading.Thread(target=simulator.close)
-        thread.start()
-        thread.join()
+        close_in_a_thread(simulator)
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
     with simulator:
         simulator.reset()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_handlers_of_others_come_and_go_around_simulators():
+    """After a context with a handler of its own, in which a simulator ran, a signal goes where it went before that."""
+    close_in_a_thread(Simulator("baseline", {"duration_s": 0.01}, record=False))
+    with noted() as is_noted:
+        with Simulator("baseline", {"duration_s": 0.01}, record=False) as simulator:
+            simulator.reset()
+            signal.raise_signal(signal.SIGINT)
+        assert is_noted()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    with Simulator("baseline", {"duration_s": 0.01}, record=False) as simulator:
+        simulator.reset()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def close_in_a_thread(simulator):
+    """Handlers that the main thread has installed stay."""
+    simulator.reset()
+    thread = threading.Thread(target=simulator.close)
+    thread.start()
+    thread.join()
 
 
 def test_what_is_refused_leaves_the_run(tmp_path):
