@@ -420,6 +420,15 @@ def test_a_signal_late_in_a_step_is_not_lost(number):
     assert signal.getsignal(number) == before
 
 
+@pytest.fixture
+def default_interrupt():
+    """Ctrl-C as in a program that a shell starts in the foreground; in the background it is ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("default_interrupt")
 def test_a_signal_after_another_thread_closed_a_simulator():
     """Only the main thread can remove handlers: they still pass a signal on, also when another simulator begins."""
     for _ in range(2):
@@ -432,6 +441,7 @@ def test_a_signal_after_another_thread_closed_a_simulator():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("default_interrupt")
 def test_handlers_of_others_come_and_go_around_simulators():
     """After a context with a handler of its own, in which a simulator ran, a signal goes where it went before that."""
     close_in_a_thread(Simulator("baseline", {"duration_s": 0.01}, record=False))
