@@ -21,11 +21,12 @@ def prepare_from(
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
     estimators: Mapping[str, Any] = MappingProxyType({}),
+    raise_errors: bool = False,
 ) -> PreparedRun:
     """Prepare a run that goes on from an instant of a logged one; see :func:`go_on`.
 
     It is the scenario of the logged run, with changes, and with its own folder and the instant as ``initial.from`` and
-    ``initial.at_s``.
+    ``initial.at_s``. ``raise_errors`` is that of :func:`ffsm_mj.prepare`.
 
     Raises:
         InputError: The folder has no scenario, the instant is not one of the run, or a setting cannot change there.
@@ -36,7 +37,7 @@ def prepare_from(
     given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
     begin = ["initial.from=.", f"initial.at_s={from_s!r}"]
     try:
-        return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators)
+        return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators, raise_errors=raise_errors)
     except InputError as error:
         name = "--from" if on_command_line() else "from_s"
         lines = [line.replace(f"{override(begin[1])}: initial.at_s", f"{name} {from_s:g}") for line in error.lines]
@@ -82,5 +83,5 @@ def go_on(
     folder = RunFolder(Path(out), force=force) if out is not None else None
     if folder is not None:
         folder.refuse_earlier_run()
-    made = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators)
+    made = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, raise_errors=raise_errors)
     return made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors)

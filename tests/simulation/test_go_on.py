@@ -12,6 +12,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.report.plots.time_series import energies
+from tests.controllers.test_script_laws import Damp, settle
 
 SHORT = ["--no-rerun", "-s", "duration_s=0.6"]
 
@@ -187,3 +188,25 @@ def test_figures_begin_where_the_run_does(logged):
     assert np.ptp(curves["energy change"]) > 0.1
     np.testing.assert_allclose(curves["work + impacts"], curves["energy change"], atol=1e-9)
     assert all(axes.get_xlim() == pytest.approx((0.2, 0.6), abs=1e-9) for axes in figure.axes)
+
+
+def test_an_error_of_a_constructor_is_raised_again(tmp_path):
+    """As by ``ffsm_mj.run``; otherwise it is a fault of the scenario."""
+
+    class Fragile(Damp):
+        is_broken = False
+
+        def __init__(self, config, context):
+            super().__init__(config, context)
+            if self.is_broken:
+                raise ZeroDivisionError("in the law")
+
+    laws = {"fragile": Fragile}
+    ffsm_mj.run(
+        "coasting", settle(kind="fragile") | {"duration_s": 0.1}, controllers=laws, out=tmp_path / "run", rerun=False
+    )
+    Fragile.is_broken = True
+    with pytest.raises(InputError, match="in the law"):
+        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws)
+    with pytest.raises(ZeroDivisionError, match="in the law"):
+        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws, raise_errors=True)
