@@ -149,21 +149,27 @@ def _unknown_key(model: Any, location: KeyPath) -> str:
         model = _member(model, part)
     if not _is_model(model):
         return "unknown key"
-    key = str(location[-1])
+    key, keys = str(location[-1]), _keys(model)
     refused: Mapping[str, str] = getattr(model, "refused_keys", {})
     for word, reason in refused.items():
         if word in key.lower():
-            return f"unknown key: {reason}; allowed: {', '.join(sorted(model.model_fields))}"
-    at_root = len(location) == 1 and not get_close_matches(key, model.model_fields, cutoff=_ALMOST_EQUAL)
+            return f"unknown key: {reason}; allowed: {', '.join(sorted(keys))}"
+    at_root = len(location) == 1 and not get_close_matches(key, keys, cutoff=_ALMOST_EQUAL)
     if at_root and (nested := nested_key(key, model.model_json_schema())):
-        return f"unknown key at this level (did you mean {nested!r}?); allowed: {', '.join(sorted(model.model_fields))}"
-    return unknown_name("key", key, model.model_fields).replace(f"key {key!r}", "key", 1)
+        return f"unknown key at this level (did you mean {nested!r}?); allowed: {', '.join(sorted(keys))}"
+    return unknown_name("key", key, keys).replace(f"key {key!r}", "key", 1)
+
+
+def _keys(model: Any) -> Mapping[str, Any]:
+    """Fields of a model by the keys that a file has for them."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
 def _member(node: Any, part: str | int) -> Any:
     """Model or annotation of one element of a pydantic location: a field, a list position, a key, or a union's tag."""
     if _is_model(node):
-        return _unwrap(node.model_fields[part].annotation) if part in node.model_fields else None
+        field = _keys(node).get(str(part))
+        return _unwrap(field.annotation) if field is not None else None
     members = [_unwrap(arg) for arg in getattr(node, "__args__", ()) if arg is not type(None)]
     tagged = {m.model_fields["kind"].annotation.__args__[0]: m for m in members if _is_model(m) and "kind" in m.model_fields}
     if part in tagged:
