@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -27,10 +27,8 @@ from ffsm_mj.assembly.spring_modes import refuse_coarse_steps
 from ffsm_mj.assembly.task import task_of
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ContactModel
-from ffsm_mj.contact_models.persistent.refusals import refusal
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.properties import PropertyChange
@@ -262,40 +260,3 @@ def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, G
         for name, each in held.items()
         if each.controller_system is not None
     }
-
-
-def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
-    """Labels of geoms that overlap initially, whose contacts are neither resolved nor ignored."""
-    watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs)
-    watch.look(0.0)
-    for record in watch.finish(0.0):
-        yield record.geoms[0], record.geoms[1]
-
-
-def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
-    """Pairs that cannot meet while a rigid grasp is closed."""
-    for contact_model in assembly.plant.integrator.contact_models:
-        if isinstance(contact_model, GraspModel):
-            for name, pairs in contact_model.disarmed.items():
-                if not pairs:
-                    continue
-                found = [pair.name for pair in assembly.pairs if pair.geom_ids in pairs]
-                others = len(pairs) - len(found)
-                yield (
-                    f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
-                    f"{', '.join([*found, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
-                )
-
-
-def refused_rest(assembly: Assembly) -> Iterator[str]:
-    """Messages for pairs that end the run if they come to rest, with the reason; those of a rule together."""
-    found: dict[tuple[str, str], list[str]] = {}
-    for pair in assembly.pairs:
-        why = refusal(assembly.system.mj) if pair.restitution < 1.0 else ""
-        if why:
-            found.setdefault((pair.rule, why), []).append(pair.name)
-    for (rule, why), names in found.items():
-        which = (
-            f"pair {names[0]!r}" if len(names) == 1 else f"one of {len(names)} pairs of rule {rule!r}, such as {names[0]!r},"
-        )
-        yield f"the run ends where {which} comes to rest: {why}"

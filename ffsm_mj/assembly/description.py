@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ffsm_mj.assembly.assemble import Assembly, disarmed_pairs, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_notes import contact_notes, mesh_notes, rule_lines
 from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
+from ffsm_mj.assembly.pair_notes import disarmed_pairs, refused_rest, unwatched_overlaps
 from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata

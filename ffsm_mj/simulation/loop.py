@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.contact_models.interface import EventEffect, EventTime
+from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
@@ -26,6 +25,7 @@ from ffsm_mj.simulation.ending import Ended
 from ffsm_mj.simulation.evaluation import Evaluation
 from ffsm_mj.simulation.grid_step import GridStep
 from ffsm_mj.simulation.guard import Guard
+from ffsm_mj.simulation.log_writer import LogWriter
 from ffsm_mj.simulation.memory import Memory
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress, Start
@@ -54,8 +54,9 @@ class Simulation:
         settings: Settings,
     ) -> None:
         """Store the parts; ``watch`` reports overlaps that no contact model handles."""
-        self._plant, self._watch, self._controller, self._rows = plant, watch, controller, rows
-        self._recorder, self._settings = recorder, settings
+        self._plant, self._watch, self._controller, self._settings = plant, watch, controller, settings
+        self._log = LogWriter(recorder, rows, watch, controller, plant)
+        self._written = (recorder, rows)
         self._evaluation = Evaluation(plant, controller)
         self.progress = Progress()
         self.warnings: list[str] = []
@@ -122,7 +123,7 @@ class Simulation:
         Args:
             changes: Make it possible to save only what has changed since.
         """
-        outside = (self, self._recorder, self._rows)
+        outside = (self, *self._written)
         parts = {"plant": self._plant, "controller": self._controller, "evaluation": self._evaluation}
         self._memory = Memory(outside, **parts, progress=self.progress, watch=self._watch)
         if changes:
@@ -142,7 +143,7 @@ class Simulation:
         Raises:
             StateError: A part holds what cannot be saved.
         """
-        self._recorder.pass_on()
+        self._log.pass_on()
         return self._memory.save_changed() if changes else self._memory.save()
 
     def restore(self, saved: bytes, *, new_laws: bool = False) -> None:
@@ -152,7 +153,7 @@ class Simulation:
             saved: The state.
             new_laws: The control law of the phase is another one: it begins at this state.
         """
-        self._recorder.pass_on()
+        self._log.pass_on()
         self._memory.restore(saved)
         self._guard.go_on()
         self._observed = None
@@ -160,7 +161,7 @@ class Simulation:
         self._controller.tell_phase_again()
         if new_laws:
             self._controller.begin_law_again()
-        self._report_phases()
+        self._log.phases()
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""
@@ -184,7 +185,7 @@ class Simulation:
         Returns:
             The outcome, without software versions.
         """
-        reports = self._guard.finish(self._finish, self._controller)
+        reports = self._guard.finish(lambda: self._log.rest(self.progress), self._controller)
         assert self.ended is not None
         return OutcomeRecord(
             outcome=self.ended.outcome.value,
@@ -203,18 +204,6 @@ class Simulation:
         control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
-    def _finish(self) -> None:
-        """Write the remaining records at the end of the run, whatever its outcome."""
-        progress = self.progress
-        if progress.due is not None:  # stopped at an event: it is recorded with the efforts held
-            self._record_event(progress.due)
-        self._report_phases()  # a phase whose control law failed as it began
-        for record in self._watch.finish(progress.time_s):
-            self._recorder.event(record)
-        for record in self._plant.integrator.finish(EventTime(progress.time_s, progress.steps)):
-            self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
-        self._recorder.pass_on()
-
     def _advance(self, to_event: bool, commanded: bool) -> None:
         settings, progress = self._settings, self.progress
         if progress.due is not None:
@@ -228,7 +217,7 @@ class Simulation:
             if progress.due is not None:
                 return
         if progress.ticks == settings.ticks:
-            self._record(self.next_tick_s)
+            self._log.row(self.next_tick_s)
             raise RunEnded(Outcome.COMPLETED)
 
     @property
@@ -251,8 +240,8 @@ class Simulation:
         self.progress.ticks += 1
         if self._evaluation.is_on_time(now, tick):
             self._evaluate(self._observed or self._evaluation.observed(now, at_tick=True))
-            self._report_phases()
-        self._record(now)
+            self._log.phases()
+        self._log.row(now)
         if self.report is not None:
             try:
                 self.report(now)
@@ -265,16 +254,6 @@ class Simulation:
         self._evaluation.evaluate(observation)
         self._law_wall_s += time.perf_counter() - started
         self.progress.evaluations += 1
-
-    def _report_phases(self) -> None:
-        for phase in self._controller.drain_phases():
-            self._recorder.event(phase)
-
-    def _record(self, time_s: float) -> None:
-        self._rows.fill(self._recorder.line, time_s)
-        self._recorder.commit()
-        for record in self._watch.look(time_s):
-            self._recorder.event(record)
 
     def _step(self, to_event: bool) -> None:
         """Integrate one grid step with its events; with ``to_event`` up to the first one, whose decision is then due."""
@@ -304,15 +283,10 @@ class Simulation:
             if (due.triggers_control or commanded) and (end is None or end.outcome == Outcome.COMPLETED):
                 self._evaluate(due.observation)
         finally:
-            self._record_event(due)
-        self._report_phases()
+            self._log.event(due)
+        self._log.phases()
         self._plant.integrator.after_event(due.observation.time_s)
         if end is not None:
             if end.outcome == Outcome.COMPLETED:
-                self._record(due.observation.time_s)
+                self._log.row(due.observation.time_s)
             raise end
-
-    def _record_event(self, due: EventDue) -> None:
-        efforts = self._plant.actuation.by_name()
-        for record in due.records:
-            self._recorder.event(replace(record, efforts_after=efforts))

@@ -1,0 +1,56 @@
+"""Writes what happens in a run to its log: rows at control ticks, events, phases, overlaps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.contact_models.interface import EventTime
+from ffsm_mj.log.recorder import Recorder
+from ffsm_mj.simulation.plant import Plant
+from ffsm_mj.simulation.progress import EventDue, Progress
+from ffsm_mj.simulation.rows import RowWriter
+from ffsm_mj.simulation.task_controller import TaskController
+
+
+class LogWriter:
+    """Writes the rows and records of one run."""
+
+    def __init__(
+        self, recorder: Recorder, rows: RowWriter, watch: ContactWatch, controller: TaskController, plant: Plant
+    ) -> None:
+        """Bind what is written and where; ``watch`` reports overlaps that no contact model handles."""
+        self._recorder, self._rows, self._watch, self._controller, self._plant = recorder, rows, watch, controller, plant
+
+    def row(self, time_s: float) -> None:
+        """Write a row, and the overlaps that have ended since the last one."""
+        self._rows.fill(self._recorder.line, time_s)
+        self._recorder.commit()
+        for record in self._watch.look(time_s):
+            self._recorder.event(record)
+
+    def event(self, due: EventDue) -> None:
+        """Write the records of an event, with the efforts that follow it."""
+        efforts = self._plant.actuation.by_name()
+        for record in due.records:
+            self._recorder.event(replace(record, efforts_after=efforts))
+
+    def phases(self) -> None:
+        """Write the phases begun since the last call."""
+        for phase in self._controller.drain_phases():
+            self._recorder.event(phase)
+
+    def pass_on(self) -> None:
+        """Write the rows that are buffered."""
+        self._recorder.pass_on()
+
+    def rest(self, progress: Progress) -> None:
+        """Write the remaining records at the end of the run, whatever its outcome."""
+        if progress.due is not None:  # stopped at an event: it is recorded with the efforts held
+            self.event(progress.due)
+        self.phases()  # a phase whose control law failed as it began
+        for record in self._watch.finish(progress.time_s):
+            self._recorder.event(record)
+        for record in self._plant.integrator.finish(EventTime(progress.time_s, progress.steps)):
+            self._recorder.event(replace(record, efforts_after=self._plant.actuation.by_name()))
+        self.pass_on()
