@@ -62,7 +62,6 @@ _PLAIN_WORDS = (
     ("Tuple should", "should"),
     ("Dictionary should", "should"),
     (" after validation", ""),
-    ("a valid dictionary or instance of", "a mapping of keys, see"),
     ("a valid dictionary", "a mapping of keys"),
     ("valid tuple", "list"),
     ("tuple", "list"),
@@ -83,6 +82,8 @@ def _fault(item: Any, names: KindNames) -> Fault:
         return Fault("needs a 'kind'; allowed: " + ", ".join(sorted(allowed)) if allowed else message, path)
     if kind == "missing":
         return Fault("is missing", path)
+    if kind == "model_type":
+        return Fault(_needs_mapping(names.model, item["loc"], item["input"]), path)
     for technical, plain in _PLAIN_WORDS:
         message = message.replace(technical, plain)
     value = item["input"]
@@ -158,6 +159,16 @@ def _unknown_key(model: Any, location: KeyPath) -> str:
     if at_root and (nested := nested_key(key, model.model_json_schema())):
         return f"unknown key at this level (did you mean {nested!r}?); allowed: {', '.join(sorted(keys))}"
     return unknown_name("key", key, keys).replace(f"key {key!r}", "key", 1)
+
+
+def _needs_mapping(model: Any, location: KeyPath, value: Any) -> str:
+    """Message for a value where keys are expected; YAML reads 'key:value' as text."""
+    for part in location:
+        model = _member(model, part)
+    allowed = f"; allowed: {', '.join(sorted(_keys(model)))}" if _is_model(model) else ""
+    shown = f", got {json.dumps(value)}" if isinstance(value, str | int | float | bool) else ""
+    space = " (a space follows the colon of a key)" if isinstance(value, str) and ":" in value else ""
+    return f"should be a mapping of keys{shown}{space}{allowed}"
 
 
 def _keys(model: Any) -> Mapping[str, Any]:

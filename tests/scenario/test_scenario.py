@@ -103,6 +103,11 @@ def faults(*overrides, path=BASELINE):
         ),
         ("initial.rates.joint_1=1e300", "must stay below 1e+10"),
         ("objects=3", "objects: should be a mapping of keys, got 3"),
+        (
+            "sensors={camera: kind:framepos}",
+            'sensors.camera: should be a mapping of keys, got "kind:framepos" (a space follows the colon of a key); allowed: ',
+        ),
+        ("task=3", "task: should be a mapping of keys, got 3; allowed: "),
         ("phases=[]", "phases: should have at least 1 item"),
         ("robot.mjcf=.", "is a folder, not a model file"),
         ("phases.²=3", "phases is a list of 3: its positions are 0 to 2"),
