@@ -105,7 +105,7 @@ def faults(*overrides, path=BASELINE):
         ("objects=3", "objects: should be a mapping of keys, got 3"),
         (
             "sensors={camera: kind:framepos}",
-            'sensors.camera: should be a mapping of keys, got "kind:framepos" (a space follows the colon of a key); allowed: ',
+            'sensors.camera: should be a mapping of keys, got "kind:framepos" (a space follows the colon of a key); ',
         ),
         ("task=3", "task: should be a mapping of keys, got 3; allowed: "),
         ("phases=[]", "phases: should have at least 1 item"),
