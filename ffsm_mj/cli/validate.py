@@ -9,10 +9,11 @@ from pathlib import Path
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, OK
 from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
+from ffsm_mj.comparison import Verdict
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.text_table import table, wrapped
-from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compare_case
+from ffsm_mj.validation.case import ComparedCase, ValidationCase, compare_case
 from ffsm_mj.validation.cases import CASES, case_names
 from ffsm_mj.validation.page import HEAD, PAGE, committed_page, rows, stale_cases, stale_page, total, validation_page
 

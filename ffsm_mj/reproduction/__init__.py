@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.comparison import Verdict
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
 from ffsm_mj.report.output_place import usable_folder, writing
@@ -25,7 +26,7 @@ from ffsm_mj.reproduction.cases import (
 from ffsm_mj.reproduction.current import stale_lines
 from ffsm_mj.reproduction.drift import drift
 from ffsm_mj.reproduction.inputs import stated_inputs
-from ffsm_mj.reproduction.judged import Verdict, judge
+from ffsm_mj.reproduction.judged import judge
 from ffsm_mj.reproduction.once import measured_once, refreshed
 from ffsm_mj.reproduction.page import PAGE, Report, reproduction_page
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
@@ -59,7 +60,7 @@ class Reproduction:
         """How many printed numbers of each section have which verdict, for a terminal."""
         counts: dict[str, Counter[Verdict]] = {}
         for c in self.report.judged:
-            for section in (c.printed.section, "all"):
+            for section in (c.number.section, "all"):
                 counts.setdefault(section, Counter())[c.verdict] += 1
         counts["all"] = counts.pop("all")  # last
         rows = [(section, *(str(found[verdict]) for verdict in Verdict)) for section, found in counts.items()]

@@ -11,7 +11,7 @@ import numpy as np
 from ffsm_mj.report.plots.style import BLUE, GREEN, VERMILION, WIDTH_IN, publication, write
 from ffsm_mj.reproduction.cases import Case, Result
 from ffsm_mj.reproduction.drift import DriftExperiment
-from ffsm_mj.reproduction.judged import ComparedNumber, decided_cases
+from ffsm_mj.reproduction.judged import StudiedNumber, decided_cases
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 _GREY = "#666666"
 
 
-def save_study(judged: Sequence[ComparedNumber], results: Mapping[Case, Result], path: Path) -> None:
+def save_study(judged: Sequence[StudiedNumber], results: Mapping[Case, Result], path: Path) -> None:
     """Deviation of every run of the study from every printed number, in units of what the print leaves open."""
     with publication():
-        shown = [c for c in judged if not c.printed.kind and "misprint" not in c.printed.why]
+        shown = [c for c in judged if not (c.number.approximate or c.number.at_most or "misprint" in c.number.known)]
         figure, axes = _figure(0.155 * len(shown) + 1.2)
         axes.axvspan(-1.0, 1.0, color="#E8E8E8", zorder=0, label="what the print leaves open")
         labels = ("1 ms", "0.5 ms", "0.25 ms")
         for i, (label, marker, colour) in enumerate(zip(labels, "osD", (BLUE, VERMILION, GREEN), strict=True)):
-            values = [results[decided_cases(c.printed.scenario)[i]].values[c.printed.key] for c in shown]
+            values = [results[decided_cases(c.number.scenario)[i]].values[c.number.key] for c in shown]
             _dots(axes, shown, values, marker, colour, f"step and control period {label}")
         declared = [np.nan if c.threshold is None else c.threshold for c in shown]
         _dots(axes, shown, declared, "x", _GREY, "1 ms, impact declared at the first step within 1 mm")
@@ -35,9 +35,7 @@ def save_study(judged: Sequence[ComparedNumber], results: Mapping[Case, Result],
         axes.set_xlim(-30.0, 40.0)
         ticks = (-20, -10, -5, -2, -1, 0, 1, 2, 5, 10, 20)
         axes.set_xticks(ticks, labels=map(str, ticks))
-        axes.set_yticks(
-            range(len(shown)), labels=[f"{c.printed.section}  {c.printed.quantity}" for c in shown], fontsize=7.0
-        )
+        axes.set_yticks(range(len(shown)), labels=[f"{c.number.section}  {c.number.name}" for c in shown], fontsize=7.0)
         axes.set_ylim(len(shown) - 0.4, -0.6)
         axes.set_xlabel("ours minus printed, in half units of the last printed digit")
         figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
@@ -61,8 +59,8 @@ def save_drift(drifts: Mapping[str, DriftExperiment], path: Path) -> None:
         write(figure, path.parent, path.stem, (path.suffix[1:],))
 
 
-def _dots(axes: Any, shown: Sequence[ComparedNumber], values: Sequence[float], marker: str, colour: str, label: str) -> None:
-    away = [(value - c.printed.value) / c.printed.open for value, c in zip(values, shown, strict=True)]
+def _dots(axes: Any, shown: Sequence[StudiedNumber], values: Sequence[float], marker: str, colour: str, label: str) -> None:
+    away = [(value - c.number.value) / c.number.allowed for value, c in zip(values, shown, strict=True)]
     axes.plot(away, range(len(shown)), marker, color=colour, markersize=3.6, markerfacecolor="none", label=label)
 
 

@@ -12,7 +12,7 @@ from string import Template
 from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case, run_cases
 from ffsm_mj.reproduction.inputs import stated_inputs
-from ffsm_mj.reproduction.judged import ComparedNumber
+from ffsm_mj.reproduction.judged import StudiedNumber
 from ffsm_mj.reproduction.markdown import template
 from ffsm_mj.reproduction.measure import Measures
 from ffsm_mj.reproduction.page import INPUTS_HEAD, PAGE, judged_cells
@@ -31,10 +31,10 @@ def refreshed(committed: str, values: Mapping[str, Measures]) -> str:
     for printed in PRINTED:
         row = _row(lines, printed)
         if row is None:
-            lines.append(f"no row for {printed.quantity}, {printed.unit} of section {printed.section}")
+            lines.append(f"no row for {printed.quantity} of section {printed.section}")
             continue
         cells = lines[row].strip("| ").split(" | ")
-        judged = ComparedNumber(printed, values[printed.scenario][printed.key], None, _spread(cells[-2]))
+        judged = StudiedNumber(printed, values[printed.scenario][printed.key], _spread(cells[-2]))
         fresh = judged_cells(judged, declared=False)
         lines[row] = "| " + " | ".join([*fresh[:3], *cells[3:-3], fresh[-3], cells[-2], fresh[-1]]) + " |"
     lines += [f"not in the page: {line}" for line in _inputs() if line not in lines]
@@ -47,7 +47,7 @@ def _row(lines: list[str], printed: PrintedNumber) -> int | None:
     for i, line in enumerate(lines):
         if line.startswith("## "):
             section = line.removeprefix("## ")
-        if section.startswith(printed.section) and line.startswith(f"| {printed.quantity}, {printed.unit} |"):
+        if section.startswith(printed.section) and line.startswith(f"| {printed.quantity} |"):
             return i
     return None
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ffsm_mj.comparison import Verdict, verdicts_in_words
 from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.cases import STEPS_S, VELOCITY, Case, Result, paper_case
 from ffsm_mj.reproduction.drift import DriftExperiment
-from ffsm_mj.reproduction.judged import ComparedNumber, Verdict, decided_cases
+from ffsm_mj.reproduction.judged import StudiedNumber, decided_cases
 from ffsm_mj.reproduction.markdown import filled, fixed, small
 from ffsm_mj.reproduction.printed import PAPER_FIGURES
 
@@ -41,7 +41,7 @@ class Report:
         figures: Paths, relative to the page, of the figures of each scenario by name.
     """
 
-    judged: tuple[ComparedNumber, ...]
+    judged: tuple[StudiedNumber, ...]
     results: Mapping[Case, Result]
     drifts: Mapping[str, DriftExperiment]
     inputs: Sequence[tuple[str, str, str]]
@@ -50,13 +50,11 @@ class Report:
 
 def reproduction_page(report: Report) -> str:
     """The page."""
-    verdicts = Counter(c.verdict for c in report.judged)
-    counts = [verdicts[verdict] for verdict in Verdict]
-    sections = dict.fromkeys(c.printed.section for c in report.judged)
+    sections = dict.fromkeys(c.number.section for c in report.judged)
     return filled(
         PAGE,
         {
-            "total": "{} printed results: {} agree, {} are consistent, {} differ".format(len(report.judged), *counts),
+            "total": verdicts_in_words(report.judged),
             "inputs": markdown_table(INPUTS_HEAD, report.inputs),
             **{f"section_{_key(section)}": _section(report, section) for section in sections},
             "study": _study(report.results),
@@ -74,7 +72,7 @@ def _key(section: str) -> str:
 
 def _section(report: Report, section: str) -> str:
     """One of the paper's sections: its table, what explains it, its figures."""
-    rows = [c for c in report.judged if c.printed.section == section]
+    rows = [c for c in report.judged if c.number.section == section]
     figures = [
         f"Paper, {f.number}: {f.what}.\n\n![{f.what}]({report.figures[f.scenario][f.name]})"
         for f in PAPER_FIGURES
@@ -83,34 +81,36 @@ def _section(report: Report, section: str) -> str:
     return "\n\n".join([_judged_table(rows), *_notes(rows), *figures])
 
 
-def _judged_table(rows: Sequence[ComparedNumber]) -> str:
+def _judged_table(rows: Sequence[StudiedNumber]) -> str:
     declared = any(c.threshold is not None for c in rows)
     head = ["quantity", "paper", "ours", *(["at the 1 mm step"] if declared else []), "difference", "tolerance", "verdict"]
     return markdown_table(head, (judged_cells(c, declared=declared) for c in rows))
 
 
-def judged_cells(c: ComparedNumber, *, declared: bool) -> list[str]:
+def judged_cells(c: StudiedNumber, *, declared: bool) -> list[str]:
     """Cells of a printed number's row; ``declared``: the table has a column for the impact as the paper declares it."""
-    decimals = c.printed.decimals + (2 if c.printed.kind else 1)
-    sign = {"approximate": "about ", "below": "below ", "": ""}[c.printed.kind]
+    vague = c.number.approximate or c.number.at_most
+    decimals = c.number.decimals + (2 if vague else 1)
+    sign = "about " if c.number.approximate else "at most " if c.number.at_most else ""
+    left_open = small(c.number.allowed) if c.number.allowed else "0"
     threshold = [] if not declared else ["" if c.threshold is None else fixed(c.threshold, decimals)]
     return [
-        f"{c.printed.quantity}, {c.printed.unit}",
-        sign + c.printed.text,
+        c.number.quantity,
+        sign + c.number.text,
         fixed(c.ours, decimals),
         *threshold,
         small(c.difference, 2),
-        f"{small(c.printed.open)} + {small(c.spread)}",
-        f"**{c.verdict}**" if c.verdict == Verdict.DIFFERS else str(c.verdict),
+        f"{left_open} + {small(c.spread)}",
+        str(c.verdict) if c.verdict is Verdict.AGREES else f"**{c.verdict}**",
     ]
 
 
-def _notes(rows: Sequence[ComparedNumber]) -> list[str]:
+def _notes(rows: Sequence[StudiedNumber]) -> list[str]:
     """What explains a difference, once for all the numbers that it explains."""
     explained: dict[str, list[str]] = {}
     for c in rows:
-        if c.printed.why:
-            explained.setdefault(c.printed.why, []).append(c.printed.quantity)
+        if c.number.known:
+            explained.setdefault(c.number.known, []).append(c.number.name)
     return ["\n".join(f"- {', '.join(names)}: {why}." for why, names in explained.items())] if explained else []
 
 

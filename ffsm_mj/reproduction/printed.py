@@ -5,51 +5,22 @@ A value is known to half a unit of its last printed digit; where the paper says 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, field
+
+from ffsm_mj.comparison import Number
 
 
 @dataclass(frozen=True)
-class PrintedNumber:
-    """One printed number.
+class PrintedNumber(Number):
+    """One printed number; its key is that of :func:`ffsm_mj.reproduction.measure.measure`.
 
     Attributes:
         section: Where it is printed.
         scenario: The shipped scenario that makes it.
-        quantity: What it is.
-        unit: Its unit.
-        text: The number as printed.
-        key: The measured value that it is held against, see :func:`ffsm_mj.reproduction.measure.measure`.
-        kind: Empty for a number with its digits; ``approximate`` where the paper says so; ``below`` where it is a bound.
-        why: What explains a difference, or makes the number a delicate one.
-        leeway: What "approximately zero" allows, in place of the digits.
     """
 
-    section: str
-    scenario: str
-    quantity: str
-    unit: str
-    text: str
-    key: str
-    kind: Literal["", "approximate", "below"] = ""
-    why: str = ""
-    leeway: float = 0.0
-
-    @property
-    def value(self) -> float:
-        """The number."""
-        return float(self.text)
-
-    @property
-    def decimals(self) -> int:
-        """Digits behind the point."""
-        mantissa, _, exponent = self.text.partition("e")
-        return len(mantissa.partition(".")[2]) - int(exponent or 0)
-
-    @property
-    def open(self) -> float:
-        """By how much the true value may differ from the printed one: half a unit of the last digit, or one whole unit."""
-        return self.leeway or 10.0**-self.decimals * (1.0 if self.kind == "approximate" else 0.5)
+    section: str = field(kw_only=True)
+    scenario: str = field(kw_only=True)
 
 
 _AT_IMPACT_Y = (
@@ -60,8 +31,9 @@ _AT_IMPACT_Y = (
 
 def _run(scenario: str, section: str, rows: list[tuple[str, ...]]) -> tuple[PrintedNumber, ...]:
     printed = []
-    for quantity, unit, text, key, *why in rows:
-        printed.append(PrintedNumber(section, scenario, quantity, unit, text, key, why=why[0] if why else ""))
+    for quantity, unit, text, key, *known in rows:
+        named = f"{quantity}, {unit}"
+        printed.append(PrintedNumber(key, named, text, known=known[0] if known else "", section=section, scenario=scenario))
     return tuple(printed)
 
 
@@ -100,8 +72,10 @@ PRINTED: tuple[PrintedNumber, ...] = (
             ("tip error at 30 s", "m", "1.169", "final_error"),
         ],
     ),
-    PrintedNumber("4.2", "baseline", "tip error at the start", "m", "5", "initial_error", "approximate"),
-    PrintedNumber("4.2", "baseline", "smallest error by the tip's path", "%", "2.3", "error_by_path", "below"),
+    PrintedNumber("initial_error", "tip error at the start, m", "5", approximate=True, section="4.2", scenario="baseline"),
+    PrintedNumber(
+        "error_by_path", "smallest error by the tip's path, %", "2.3", at_most=True, section="4.2", scenario="baseline"
+    ),
     *_run(
         "baseline",
         "Appendix A",
@@ -117,28 +91,39 @@ PRINTED: tuple[PrintedNumber, ...] = (
             ("kinetic energy", "J", "0.28", "energy"),
         ],
     ),
-    PrintedNumber("4.3", "no-actuation", "way of the object to the left", "m", "6", "object_way", "approximate"),
     PrintedNumber(
-        "4.3",
-        "no-actuation",
-        "way of the base to the right",
-        "m",
-        "6",
+        "object_way", "way of the object to the left, m", "6", approximate=True, section="4.3", scenario="no-actuation"
+    ),
+    PrintedNumber(
         "base_way",
-        "approximate",
-        '"similar" in the paper; equal and opposite impulses on 5 kg and 12 kg: the robot\'s mass centre goes 5/12 of the '
-        "object's way, and the base turns about it",
+        "way of the base to the right, m",
+        "6",
+        approximate=True,
+        known='"similar" in the paper; equal and opposite impulses on 5 kg and 12 kg: the mass centre of the robot goes 5/12'
+        " of the object's way, and the base turns about it",
+        section="4.3",
+        scenario="no-actuation",
     ),
-    PrintedNumber("4.4", "free-flying", "final tip error", "mm", "0.3", "final_error_mm"),
+    PrintedNumber("final_error_mm", "final tip error, mm", "0.3", section="4.4", scenario="free-flying"),
     PrintedNumber(
-        *("4.4", "free-flying", "linear momentum after the pause", "N s", "0", "P_after_pause", "approximate"),
-        '"approximately zero"; allowed: one control tick of thrust, 50 N for 1 ms on two axes',
+        "P_after_pause",
+        "linear momentum after the pause, N s",
+        "0",
         0.05 * 2**0.5,
+        '"approximately zero": one control tick of thrust, 50 N for 1 ms on two axes',
+        approximate=True,
+        section="4.4",
+        scenario="free-flying",
     ),
     PrintedNumber(
-        *("4.4", "free-flying", "angular momentum after the pause", "N m s", "0", "L_after_pause", "approximate"),
-        '"approximately zero"; allowed: one control tick of thrust at the base\'s 6 m from the origin',
+        "L_after_pause",
+        "angular momentum after the pause, N m s",
+        "0",
         0.05 * 2**0.5 * 6.0,
+        '"approximately zero": one control tick of thrust at the base\'s 6 m from the origin',
+        approximate=True,
+        section="4.4",
+        scenario="free-flying",
     ),
     *_run(
         "slow-impact",

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from ffsm_mj.comparison import ComparedNumber, Number, Verdict
+
 Values = Mapping[str, float]
 
 
@@ -14,50 +16,6 @@ class Origin(StrEnum):
 
     PUBLISHED = "published"
     CLOSED_FORM = "closed form"
-
-
-class Verdict(StrEnum):
-    """How a computed number stands to that of its source."""
-
-    AGREES = "agrees"
-    EXPLAINED = "differs, explained"
-    DIFFERS = "differs"
-
-
-@dataclass(frozen=True)
-class Number:
-    """One number of a source.
-
-    Attributes:
-        key: Name of the computed value.
-        quantity: What it is, with its unit.
-        text: The number as it is printed; of a closed form, its value to the digits of the tolerance or better.
-        tolerance: Largest difference that is agreement.
-        why: Where the tolerance comes from; empty: half a unit of the last printed digit.
-        at_most: The computed value is an error or a bound, which must not exceed the printed one.
-        known: Why the computed value differs by more than the tolerance; empty: it must not.
-    """
-
-    key: str
-    quantity: str
-    text: str
-    tolerance: float | None = None
-    why: str = ""
-    at_most: bool = False
-    known: str = ""
-
-    @property
-    def value(self) -> float:
-        """The number."""
-        return float(self.text)
-
-    @property
-    def allowed(self) -> float:
-        """Largest difference that is agreement."""
-        if self.tolerance is not None:
-            return self.tolerance
-        mantissa, _, exponent = self.text.lower().partition("e")
-        return float(0.5 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2])))
 
 
 @dataclass(frozen=True)
@@ -83,22 +41,6 @@ class ValidationCase:
     numbers: tuple[Number, ...]
     compute: Callable[[], Values] = field(repr=False)
     explanation: str = ""
-
-
-@dataclass(frozen=True)
-class ComparedNumber:
-    """One number of a source beside the computed one."""
-
-    number: Number
-    ours: float
-
-    @property
-    def verdict(self) -> Verdict:
-        """Whether ours is within the tolerance, or no greater than a bound."""
-        away = self.ours - self.number.value
-        if away <= 0.0 if self.number.at_most else abs(away) <= self.number.allowed:
-            return Verdict.AGREES
-        return Verdict.EXPLAINED if self.number.known else Verdict.DIFFERS
 
 
 @dataclass(frozen=True)

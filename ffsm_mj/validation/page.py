@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from string import Template
 
+from ffsm_mj.comparison import ComparedNumber, Number, Verdict, verdicts_in_words
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
 from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.reproduction.current import stale_lines
-from ffsm_mj.validation.case import ComparedCase, ComparedNumber, Number, Origin, Verdict
+from ffsm_mj.validation.case import ComparedCase, Origin
 
 PAGE = "validation.md"
 _TEMPLATE = Path(__file__).parent / "templates" / PAGE
@@ -44,16 +45,14 @@ def validation_page(compared: Sequence[ComparedCase]) -> str:
 
 def total(compared: Sequence[ComparedCase]) -> str:
     """How many cases and numbers there are, and how they stand to their sources."""
-    verdicts = Counter(number.verdict for case in compared for number in case.numbers)
     origins = Counter(case.case.origin for case in compared)
     cases = ", ".join(f"{origins[origin]} {what}" for origin, what in _ORIGINS.items())
-    told = ", ".join(f"{verdicts[verdict]} {_MANY[verdict]}" for verdict in Verdict)
     plural = "" if len(compared) == 1 else "s"
-    return f"{len(compared)} case{plural} ({cases}), {verdicts.total()} numbers: {told}."
+    numbers = (number for case in compared for number in case.numbers)
+    return f"{len(compared)} case{plural} ({cases}), {verdicts_in_words(numbers)}."
 
 
 _ORIGINS = {Origin.PUBLISHED: "with published numbers", Origin.CLOSED_FORM: "with closed forms"}
-_MANY = {Verdict.AGREES: "agree", Verdict.EXPLAINED: "differ for a stated reason", Verdict.DIFFERS: "differ without one"}
 
 
 def rows(case: ComparedCase) -> list[tuple[str, ...]]:
@@ -125,7 +124,7 @@ def _reasons(compared: ComparedCase) -> str:
     reasons: dict[str, list[str]] = {}
     for number in compared.numbers:
         if number.verdict is Verdict.EXPLAINED:
-            reasons.setdefault(f"Differs: {number.number.known}.", []).append(number.number.quantity.partition(",")[0])
+            reasons.setdefault(f"Differs: {number.number.known}.", []).append(number.number.name)
     return "\n".join(f"- {', '.join(names)}. {why}" for why, names in reasons.items())
 
 
@@ -141,4 +140,6 @@ def _tolerance(number: Number) -> str:
 
 
 def _decimals(number: Number) -> int:
-    return max(0, math.ceil(-math.log10(number.allowed) - 1e-9)) if number.allowed else 0
+    """Decimals of the tolerance, and, to the fifth, one more than the source prints."""
+    shown = min(number.decimals + 1, 5)
+    return max(0, shown, math.ceil(-math.log10(number.allowed) - 1e-9)) if number.allowed else max(0, shown)

@@ -11,15 +11,9 @@ import pytest
 
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.cli.main import main
-from ffsm_mj.validation.case import (
-    ComparedCase,
-    ComparedNumber,
-    Number,
-    Origin,
-    ValidationCase,
-    Verdict,
-    compare_case,
-)
+from ffsm_mj.comparison import ComparedNumber, Number, Verdict
+from ffsm_mj.reproduction.printed import PRINTED
+from ffsm_mj.validation.case import ComparedCase, Origin, ValidationCase, compare_case
 from ffsm_mj.validation.cases import CASES, case_names, single_impacts
 from ffsm_mj.validation.page import committed_page, ours, stale_cases, stale_page, total, validation_page
 
@@ -40,27 +34,6 @@ def test_there_are_enough_cases_with_names_of_their_own():
     origins = Counter(case.origin for case in CASES)
     assert origins[Origin.PUBLISHED] >= 12
     assert origins[Origin.CLOSED_FORM] >= 8
-
-
-@pytest.mark.parametrize(
-    ("number", "value", "verdict"),
-    [
-        (Number("x", "", "1.23"), 1.2349, Verdict.AGREES),
-        (Number("x", "", "1.23"), 1.2351, Verdict.DIFFERS),
-        (Number("x", "", "-7.5e-3"), -7.54e-3, Verdict.AGREES),
-        (Number("x", "", "-7.5e-3"), -7.56e-3, Verdict.DIFFERS),
-        (Number("x", "", "-7.5e-3"), 7.5e-3, Verdict.DIFFERS),
-        (Number("x", "", "1.23", known="why"), 1.2351, Verdict.EXPLAINED),
-        (Number("x", "", "1.23", known="why"), 1.2349, Verdict.AGREES),
-        (Number("x", "", "0.5", 1e-12), 0.5 + 2e-12, Verdict.DIFFERS),
-        (Number("x", "", "1e-9", at_most=True), 1e-12, Verdict.AGREES),
-        (Number("x", "", "1e-9", at_most=True), 1.1e-9, Verdict.DIFFERS),
-        (Number("x", "", "1.23"), float("nan"), Verdict.DIFFERS),
-        (Number("x", "", "1e-9", at_most=True), float("nan"), Verdict.DIFFERS),
-    ],
-)
-def test_a_number_agrees_within_its_tolerance(number, value, verdict):
-    assert ComparedNumber(number, value).verdict is verdict
 
 
 @pytest.mark.parametrize(
@@ -102,6 +75,20 @@ def test_a_stale_page_is_noticed():
     assert line.startswith("name: line ")
     renamed = replace(case(1.0), case=replace(case(1.0).case, title="Other"))
     assert stale_cases(page, [renamed]) == ["name: no section 'Other'"]
+
+
+def test_numbers_of_the_seed_paper_have_the_verdicts_of_the_reproduction():
+    """Both pages compare the same printed numbers: within the same tolerances, so with the same verdicts."""
+    rows = {}
+    for page in ("reproduction.md", "validation.md"):
+        cells = (line.strip("| ").split(" | ") for line in (DOCS / page).read_text().splitlines())
+        rows[page] = [(cell[0], cell[-1].strip("*")) for cell in cells if len(cell) in (5, 6, 7)]
+    for printed in PRINTED:
+        of_both = [
+            {verdict for quantity, verdict in found if quantity == printed.quantity and verdict in list(Verdict)}
+            for found in rows.values()
+        ]
+        assert of_both[0] == of_both[1], printed.quantity
 
 
 def test_a_wrong_restitution_differs(monkeypatch, capsys):

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.comparison import Number
+from ffsm_mj.validation.case import Origin, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, model, run_scene, slide, times
 
 _LEGS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}

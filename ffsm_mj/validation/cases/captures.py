@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.comparison import Number
 from ffsm_mj.report.run import Run
-from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, ValidationCase, Values
 from ffsm_mj.validation.scene import model, run_scene, text_of, times
 
 _LATCHES = {"rigid": 6, "ball": 3, "hinge": 5, "cylindrical": 4}

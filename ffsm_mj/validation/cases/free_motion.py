@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.comparison import Number
+from ffsm_mj.validation.case import Origin, ValidationCase, Values
 from ffsm_mj.validation.scene import final, model, run_scene, states, text_of, times
 
 _INERTIA = (2.0, 3.0, 1.5)

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from ffsm_mj.comparison import Number
 from ffsm_mj.report.run import Run
-from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, final, ground, model, run_scene, slide, states, text_of, times
 
 _UNIT_GRAVITY = (0.0, 0.0, -1.0)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from ffsm_mj.comparison import Number
 from ffsm_mj.report.run import Run
-from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, final, ground, model, run_scene, slide, text_of, times
 
 _ROUNDING = "rounding of velocities of 1 m/s"

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ffsm_mj.validation.case import Number, Origin, ValidationCase, Values
+from ffsm_mj.comparison import Number
+from ffsm_mj.validation.case import Origin, ValidationCase, Values
 from ffsm_mj.validation.scene import model, run_scene, slide, times
 
 _SLOPE_RAD = 0.009
