@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
 from typing import Any
 
@@ -163,11 +163,23 @@ class PhaseMachine:
     def tell_phase_again(self) -> None:
         """Let the phase under way be among the phases begun since the last call: a log begins with it."""
         if self._current is not None:
+            self._current = replace(self._current, controller=self.phases[self.phase_index].kind)
             self._begun[:] = [self._current]
 
-    def begin_law_again(self) -> None:
-        """Let the control law of the phase under way begin at its next call."""
+    def begin_law_again(self, replaced: Sequence[int] = ()) -> None:
+        """Let the control law of the phase under way begin at its next call.
+
+        Args:
+            replaced: Phases, by position, whose control laws have done nothing yet, though the phases may have begun.
+        """
         self._begins_again = True
+        for index, grasp in [asked for asked in self._asked if asked[0] in replaced]:
+            del self._asked[index, grasp]
+
+    def of_laws(self, phases: Sequence[int]) -> tuple[Any, ...]:
+        """The control laws of some phases, by position, and what depends on their kinds: columns and their values."""
+        laws = [law for i in phases for law in (self.phases[i].controller, *self.phases[i].held.values())]
+        return (self.columns, self.telemetry, self._columns, *laws)
 
     def reports(self) -> dict[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase.

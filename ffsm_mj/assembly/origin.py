@@ -61,12 +61,14 @@ class Origin:
         before: The other run.
         at_s: The instant, s: the run begins at the first control tick or event at or after it.
         new_laws: Phases or task change there: the control law of the phase under way begins anew.
+        replaced: Phases, by position, whose control laws are of another kind from there on.
     """
 
     folder: Path
     before: PreparedRun
     at_s: float
     new_laws: bool = False
+    replaced: tuple[int, ...] = ()
     _start: list[Start] = field(default_factory=list)
 
     @property
@@ -97,7 +99,7 @@ class Origin:
         until_s = self.at_s - 1e-9 * self.before.scenario.control_period_s
         with noted() as simulation.interrupted, collected_warnings(simulation.warnings), recording:
             simulation.begin()
-            simulation.remember(changes=True)
+            simulation.remember(changes=True, replaced=self.replaced)
             begin_later(simulation, assembly)
             while simulation.ended is None and simulation.progress.time_s < until_s:
                 simulation.advance(to_event=True)
@@ -109,7 +111,7 @@ class Origin:
             raise InputError(f"{self.folder}: the run ends at {end_s:.6g} s ({why}), before {self.at_s:g} s")
         if holds_log(self.folder):
             self._compare(simulation)
-        return Start(simulation.progress.time_s, changes, self.new_laws)
+        return Start(simulation.progress.time_s, changes, self.new_laws, self.replaced)
 
     def _compare(self, simulation: Simulation) -> None:
         """Compare the state with the logged one; between two ticks, at an event, there is none.
@@ -132,10 +134,9 @@ class Origin:
 
 
 def begin_later(simulation: Simulation, assembly: Assembly) -> None:
-    """Let a simulation that has begun, and remembers, go on from the state at which its run begins."""
+    """Let a simulation that has begun go on from the state at which its run begins."""
     if assembly.origin is not None:
-        start = assembly.origin.start()
-        simulation.restore(start.changes, new_laws=start.new_laws)
+        simulation.go_on_from(assembly.origin.start())
 
 
 def origin_of(config: Scenario, source: YamlSource, prepare: Callable[[Path], PreparedRun]) -> Origin | None:
@@ -207,7 +208,8 @@ def refuse_changes(origin: Origin, after: PreparedRun) -> None:
     with _located(after.source):
         if faults:
             raise ScenarioFaults(faults)
-        _refuse_other_parts(before, after, [key for key in new if key not in _OF_FILE and old.get(key) != new[key]])
+        changed_keys = [key for key in new if key not in _OF_FILE and old.get(key) != new[key]]
+        origin.replaced = _replaced_laws(before, after, changed_keys)
     same_laws = all(old.get(key) == new.get(key) for key in _LAWS)
     origin.new_laws = not same_laws or before.recorded.contents != after.recorded.contents
 
@@ -225,26 +227,40 @@ def _differences(old: Any, new: Any, path: tuple[str | int, ...]) -> Iterator[tu
         yield path
 
 
-def _refuse_other_parts(before: PreparedRun, after: PreparedRun, changed: Sequence[str]) -> None:
-    """Refuse changed settings that give the simulation other parts: their memory is not in the state.
+def _replaced_laws(before: PreparedRun, after: PreparedRun, changed: Sequence[str]) -> tuple[int, ...]:
+    """Phases, by position, whose control laws are of another kind: they remember nothing of the motion so far.
 
     Raises:
-        ScenarioFaults: There are such settings.
+        ScenarioFaults: The simulation has other parts beside these laws, whose memory is not in the state.
     """
-    pairs = zip_longest(_structure(before), _structure(after), fillvalue="nothing")
-    found = next(((old, new) for old, new in pairs if old != new), None)
+    old, new = _begun(before), _begun(after)
+    found = _difference(old, new, ())
+    if found is None:
+        return ()
+    phases = zip(before.scenario.phases, after.scenario.phases, strict=False)
+    others = tuple(i for i, (one, other) in enumerate(phases) if one.kind != other.kind)
+    if others and len(before.scenario.phases) == len(after.scenario.phases):
+        found = _difference(old, new, others)
     if found is not None:
         message = "where a run goes on, values may change, but not the parts of the simulation:"
         path = (changed[0],) if len(changed) == 1 else _FROM
         of = f"; these keys differ: {', '.join(changed)}" if len(changed) > 1 else ""
         raise ScenarioFaults([Fault(f"{message} there is {found[1]} where there was {found[0]}{of}", path)])
+    return others
 
 
-def _structure(made: PreparedRun) -> tuple[str, ...]:
+def _begun(made: PreparedRun) -> Simulation:
     simulation = Recording(made.assemble(), columns=()).simulation
     simulation.begin()
-    simulation.remember()
-    return simulation.structure
+    return simulation
+
+
+def _difference(old: Simulation, new: Simulation, replaced: Sequence[int]) -> tuple[str, str] | None:
+    """The first object of which one simulation has another type, beside the control laws of some phases."""
+    for simulation in (old, new):
+        simulation.remember(replaced=replaced)
+    pairs = zip_longest(old.structure, new.structure, fillvalue="nothing")
+    return next(((one, other) for one, other in pairs if one != other), None)
 
 
 @contextmanager

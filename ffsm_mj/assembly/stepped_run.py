@@ -105,7 +105,7 @@ class SteppedRun:
                 self._context.run(self.simulation.begin)
             self.simulation.remember()
             if start_s is None and start is not None:
-                self.simulation.restore(start.changes, new_laws=start.new_laws)
+                self.simulation.go_on_from(start)
             self._stack = stack.pop_all()
         self._release = finalize(self, self._stack.close)
 

@@ -11,7 +11,7 @@ steps a simulation sees the state before each decision.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
@@ -89,8 +89,7 @@ class Simulation:
         with collected_warnings(self.warnings):
             self.begin()
             if start is not None:
-                self.remember()
-                self.restore(start.changes, new_laws=start.new_laws)
+                self.go_on_from(start)
             while self.ended is None:
                 self.advance()
             return self.finish()
@@ -117,17 +116,22 @@ class Simulation:
         self._guard.execute(self._advance, to_event, commanded)
         self._wall_s += time.perf_counter() - started
 
-    def remember(self, *, changes: bool = False) -> None:
+    def remember(self, *, changes: bool = False, replaced: Sequence[int] = ()) -> None:
         """Make it possible to save the state; called after :meth:`begin`, before the first decision.
 
         Args:
             changes: Make it possible to save only what has changed since.
+            replaced: Phases, by position, whose control laws are not of the state: others are to go on from it.
         """
-        outside = (self, *self._written)
-        parts = {"plant": self._plant, "controller": self._controller, "evaluation": self._evaluation}
-        self._memory = Memory(outside, **parts, progress=self.progress, watch=self._watch)
+        self._memory = self._walked(replaced)
         if changes:
             self._memory.note()
+
+    def _walked(self, replaced: Sequence[int]) -> Memory:
+        """The objects whose contents are of the state."""
+        outside = (self, *self._written, *(self._controller.of_laws(replaced) if replaced else ()))
+        parts = {"plant": self._plant, "controller": self._controller, "evaluation": self._evaluation}
+        return Memory(outside, **parts, progress=self.progress, watch=self._watch)
 
     @property
     def structure(self) -> tuple[str, ...]:
@@ -146,22 +150,25 @@ class Simulation:
         self._log.pass_on()
         return self._memory.save_changed() if changes else self._memory.save()
 
-    def restore(self, saved: bytes, *, new_laws: bool = False) -> None:
-        """Go on from a saved state of a simulation of the same structure.
+    def go_on_from(self, start: Start) -> None:
+        """Go on from a state of another simulation; called after :meth:`begin`, before the first decision."""
+        self._restore(self._walked(start.replaced), start.changes)
+        if start.new_laws:
+            self._controller.begin_law_again(start.replaced)
+        self._log.phases()
 
-        Args:
-            saved: The state.
-            new_laws: The control law of the phase is another one: it begins at this state.
-        """
+    def restore(self, saved: bytes) -> None:
+        """Go on from a state that :meth:`save` gave in a simulation of the same structure."""
+        self._restore(self._memory, saved)
+        self._log.phases()
+
+    def _restore(self, memory: Memory, saved: bytes) -> None:
         self._log.pass_on()
-        self._memory.restore(saved)
+        memory.restore(saved)
         self._guard.go_on()
         self._observed = None
         self.warnings.clear()
         self._controller.tell_phase_again()
-        if new_laws:
-            self._controller.begin_law_again()
-        self._log.phases()
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""

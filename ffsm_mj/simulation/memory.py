@@ -60,8 +60,8 @@ class Memory:
 
     @property
     def structure(self) -> tuple[str, ...]:
-        """Types of the objects, in the order of the walk: equal for simulations of one scenario."""
-        return tuple(type(each).__qualname__ for each in self._objects)
+        """Types of the objects of the state, in the order of the walk: equal for simulations of one scenario."""
+        return tuple(type(each).__qualname__ for each in self._objects[self._outside :])
 
     def save(self) -> bytes:
         """What the objects remember.

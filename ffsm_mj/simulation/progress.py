@@ -34,11 +34,13 @@ class Start:
         time_s: Its time, s.
         changes: What the parts of a simulation of the same structure have come to remember until then.
         new_laws: The control law of the phase is another one than that which came there: it begins at this state.
+        replaced: Phases, by position, whose control laws are of another kind: ``changes`` has nothing of them.
     """
 
     time_s: float
     changes: bytes
     new_laws: bool
+    replaced: tuple[int, ...] = ()
 
 
 @dataclass

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.records.columns import Columns
@@ -33,8 +33,15 @@ class TaskController(Protocol):
     def tell_phase_again(self) -> None:
         """Let the phase under way be among the phases begun since the last call: a log begins with it."""
 
-    def begin_law_again(self) -> None:
-        """Let the control law of the phase under way begin at its next call."""
+    def begin_law_again(self, replaced: Sequence[int] = ()) -> None:
+        """Let the control law of the phase under way begin at its next call.
+
+        Args:
+            replaced: Phases, by position, whose control laws have done nothing yet, though the phases may have begun.
+        """
+
+    def of_laws(self, phases: Sequence[int]) -> tuple[Any, ...]:
+        """The control laws of some phases, by position, and what depends on their kinds: columns and their values."""
 
     def reports(self) -> Mapping[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase."""

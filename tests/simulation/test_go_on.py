@@ -58,6 +58,34 @@ def test_a_changed_law_begins_there(logged):
     assert not np.array_equal(same.qpos[-1], softer.qpos[-1])
 
 
+PATH = {"kind": "joint_path", "joints": ["stroke"], "bandwidth_Hz": 1.0, "waypoints": [{"at_s": 0.2, "positions": [0.1]}]}
+"""A law of another kind: it has columns and reports of its own, and remembers where it began."""
+
+
+def test_a_law_of_another_kind_acts_as_if_it_had_always_been_there(logged, tmp_path, capsys):
+    """Bit for bit the run that had it from t = 0, as its phase begins after the instant; columns are those of its log."""
+    given = {"phases.back_1.controller": PATH}
+    whole = ffsm_mj.run("tap", given | {"duration_s": 0.6})
+    rest = ffsm_mj.go_on(logged, 0.2, given, out=tmp_path / "rest", rerun=False)
+    assert [phase.controller for phase in rest.phases] == ["pd", "joint_path"]
+    assert whole.keys == rest.keys != ffsm_mj.load_run(logged).keys
+    assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
+    again = ffsm_mj.go_on(tmp_path / "rest", 0.45)
+    assert np.array_equal(whole.log.rows[-len(again.log.rows) :], again.log.rows, equal_nan=True)
+    assert main(["analyze", str(tmp_path / "rest")]) == 0
+    assert "columns agree with states" in capsys.readouterr().out
+
+
+def test_a_law_of_another_kind_begins_without_memory(logged):
+    """In the midst of its phase it begins at the state there; a law that did nothing in a phase reports nothing of it."""
+    given = {"phases.tap_1.controller": PATH, "phases.back_1.controller": PATH}
+    rest, before = ffsm_mj.go_on(logged, 0.4, given), ffsm_mj.load_run(logged)
+    assert np.array_equal(rest.qpos[0], before.qpos[-len(rest.qpos)])
+    assert [phase["name"] for phase in rest.summary()["controller"]["phases"]] == ["back_1"]
+    assert rest.phases[0].controller == "joint_path"
+    assert all(check.passes for check in rest.checks())
+
+
 @pytest.mark.parametrize(
     ("from_s", "overrides", "message"),
     [
