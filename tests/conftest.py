@@ -18,7 +18,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records import kinds
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests import long_share
-from tests.collection import pytest_make_collect_report  # noqa: F401 (found by pytest)
+from tests.collection import pytest_collection, pytest_make_collect_report  # noqa: F401 (found by pytest)
 from tests.contact_models.spring import Spring
 from tests.contact_models.weld import Weld
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
