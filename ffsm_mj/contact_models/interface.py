@@ -167,11 +167,13 @@ class ForceSource(ContactModel):
         active: Whether it exerts forces: the exchange of each step is then entered in the balance.
         pushes: Whether its wrenches are evaluated in the stages of each step while it is active.
         is_reactive: Whether its forces depend on those of the other contact models: it is evaluated after them.
+        is_bilateral: Whether its forces keep bilateral constraints under all other forces: it is evaluated last.
     """
 
     active = False
     pushes: ClassVar[bool] = True
     is_reactive: ClassVar[bool] = False
+    is_bilateral: ClassVar[bool] = False
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:
         """Wrenches that it exerts on bodies of the system; positions and velocities in ``data`` are current.
@@ -186,6 +188,12 @@ class ForceSource(ContactModel):
         motion = self.motion
         for body, point, force, torque in self.wrenches(self.scene.data):
             mujoco.mj_applyFT(motion.model, data, force, torque, point, motion.bodies[body], data.qfrc_applied)
+
+    def add_forces(self, applied: FloatArray) -> None:
+        """Add its generalised forces at the state and efforts in ``data`` of the scene, (nv,) of the motion."""
+        motion = self.motion
+        for body, point, force, torque in self.wrenches(self.scene.data):
+            mujoco.mj_applyFT(motion.model, motion.data, force, torque, point, motion.bodies[body], applied)
 
     def begin_step(self) -> None:
         """Called at the start of a (sub-)step while it is active."""

@@ -12,6 +12,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper, Push, clear_applied_forces
 from ffsm_mj.dynamics.free_stepper import FreeStepper
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.model.system import Tree
 
@@ -32,6 +33,7 @@ class Motion:
         pushes: Applied forces in its stages that depend on the state alone.
         grasp: Name of the closed grasp; empty for the motion of the logged system itself.
         grasped_object: The grasped object, as a tree of the logged system; None if there is none.
+        loops: Closed loops: latches that are held by rows in this model; None without any.
         disabled: Pairs of the system's geoms that are on one rigid body in this model, but not in the logged system.
     """
 
@@ -47,6 +49,7 @@ class Motion:
         self.bodies: Sequence[int] = range(model.nbody)
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()
+        self.loops: ClosedLoops | None = None
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self._unpushed = self.flight = fastest(FreeStepper)(model, data, self.path.start, self.momentum)
         self.forced: ForcedStepper | None = None
@@ -71,6 +74,29 @@ class Motion:
         elif self.flight is not self._unpushed:
             self.flight, self.forced, self.path.integrate = self._unpushed, None, self._free_integrate
             clear_applied_forces(self.model, self.data)
+
+    def push_without_contacts(self, data: Any) -> None:
+        """Apply all forces except those of persistent contact, and update derived quantities.
+
+        Args:
+            data: Data of the motion, or a copy of it if no loop is closed; positions and velocities current.
+        """
+        data.qfrc_applied.fill(0.0)
+        mujoco.mj_forward(self.model, data)
+        for push in self.pushes:
+            push(data)
+        if self.loops is not None:
+            force = data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator + data.qfrc_applied
+            data.qfrc_applied[:] += self.loops.stage(force)[1]
+        if self.pushes or self.loops is not None:
+            mujoco.mj_forward(self.model, data)
+
+    def constrained(self, J: FloatArray) -> FloatArray:
+        """Rows J of velocities as they are with the closed loops; J itself without any, (m, nv).
+
+        With them and the mass matrix, impulses along J change velocities by Mc^-1 J^T: those that keep the loops closed.
+        """
+        return J if self.loops is None else self.loops.projected(J)
 
     def refresh_forces(self) -> None:
         """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""

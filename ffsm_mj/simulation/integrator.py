@@ -76,7 +76,7 @@ class EventDrivenIntegrator:
     def restart(self) -> None:
         """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
         self._active = [contact_model for contact_model in self._force_sources if contact_model.active]
-        pushing = [contact_model for contact_model in self._active if contact_model.pushes]
+        pushing = sorted((each for each in self._active if each.pushes), key=lambda each: each.is_bilateral)
         pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
         self.motion.push_with(pushes, answers)
         for contact_model in self.contact_models:

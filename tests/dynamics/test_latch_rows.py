@@ -1,7 +1,4 @@
-"""Latches as rows on free bodies, an oracle that knows no joints, against trees of joints, Pinocchio and closed forms.
-
-It also closes several latches at once and moves closed chains, which grasps cannot do yet.
-"""
+"""Latches as rows on free bodies, which know no joints, against trees of joints, Pinocchio, elimination and closed forms."""
 
 from __future__ import annotations
 
@@ -10,28 +7,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ffsm_mj.dynamics.forced_stepper import ForcedStepper
-from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.latch import LatchedBodies, axes_about, stopped_along_axes
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.projection import no_contacts, project
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
-from tests.dynamics.bilateral import (
-    HeldEqualities,
-    apply_forces,
-    projected_velocity,
-    unconstrained_acceleration,
-)
-from tests.dynamics.latch_rows import LatchedBodies, LatchRows, stopped_along_axes
 from tests.model.test_pinocchio import oracle, to_pinocchio
 
 HEAD = '<mujoco><compiler angle="radian"/><option gravity="0 0 0" integrator="RK4"/><worldbody>'
 TAIL = "</worldbody></mujoco>"
 Z = np.eye(3)
-
-
-def axes_with(axis):
-    """Orthonormal axes, the last one given."""
-    last = np.array(axis, dtype=float) / np.linalg.norm(axis)
-    across = np.linalg.svd(last[None])[2][1:]
-    return np.column_stack((*across, last))
 
 
 class Chain:
@@ -48,16 +33,27 @@ class Chain:
     def forward(self):
         mujoco.mj_forward(self.model, self.data)
 
-    def latch(self, first, second, point, kind="rigid", axis=(0.0, 0.0, 1.0)):
-        ids = self.model.body(first).id, self.model.body(second).id
-        made = LatchedBodies.at(self.data, ids, np.array(point, dtype=float), axes_with(axis), stopped_along_axes(kind))
+    def latch(self, first, second, point, kind="rigid", axis=()):
+        """Join two bodies where they are, at a point in space, by axes in space."""
+        a, b = self.model.body(first).id, self.model.body(second).id
+        frames = [self.data.xmat[body].reshape(3, 3) for body in (a, b)]
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, (frames[0].T @ frames[1]).ravel())
+        made = LatchedBodies.at_pose(
+            (a, b),
+            frames[1].T @ (np.array(point) - self.data.xpos[b]),
+            frames[0].T @ axes_about(axis),
+            stopped_along_axes(kind),
+            frames[0].T @ (self.data.xpos[b] - self.data.xpos[a]),
+            turn,
+        )
         self.latches = (*self.latches, made)
 
-    def rows(self, latches=None):
-        return LatchRows(self.model, self.data, self.latches if latches is None else latches)
+    def loops(self, latches=None):
+        return ClosedLoops(self.model, self.data, self.latches if latches is None else latches)
 
     def closing(self, latches=None):
-        found = HeldEqualities(self.model, self.data, self.rows(latches).rows).closing(self.data.qvel)
+        found = self.loops(latches).plastic()
         self.data.qvel[:] += found.change
         self.forward()
         return found
@@ -68,21 +64,25 @@ class Chain:
     def energy(self):
         return kinetic_energy(mass_matrix(self.model, self.data), self.data.qvel)
 
-    def push(self, data):
-        """Forces of the rows in a stage, as a reactive source of forces adds them."""
-        rows = self.rows()
-        held = HeldEqualities(self.model, data, rows.rows)
-        mujoco.mj_fwdActuation(self.model, data)
-        apply_forces(data, rows.rows, held.forces(unconstrained_acceleration(self.model, data), rows.rates))
+    def force(self):
+        """All generalised forces less the bias."""
+        data = self.data
+        return data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator + data.qfrc_applied
 
     def run(self, duration_s, efforts=None):
-        size = mujoco.mj_stateSize(self.model, WHOLE_STATE)
+        motion = Motion(self.model, self.data)
+        loops = motion.loops = self.loops() if self.latches else None
+
+        def push(data):
+            mujoco.mj_fwdActuation(self.model, data)
+            data.qfrc_applied[:] += loops.stage(self.force())[1]
+
         h = self.model.opt.timestep
-        push = self.push if efforts is None else lambda data: (efforts(data), self.push(data))
-        stepper = ForcedStepper(self.model, self.data, np.empty(size), np.empty(self.model.nv), [push], lambda: None)
-        stepper.refresh()
+        motion.push_with([efforts] if efforts else [], [push] if loops else [])
         for _ in range(round(duration_s / h)):
-            stepper.step(h)
+            if loops:
+                loops.choose()
+            motion.step(h)
 
 
 def free(name, mass, inertia, centre="0 0 0", pos="0 0 0", extra=""):
@@ -103,7 +103,7 @@ def test_a_rod_that_moves_across_takes_another_by_a_hinge():
     assert found.rank == 5
     assert found.loss_J == pytest.approx(1 / 14, abs=1e-15)
     np.testing.assert_allclose(chain.data.qvel[[1, 5, 7, 11]], [6 / 7, -5 / 7, 1 / 7, -5 / 7], rtol=0, atol=1e-15)
-    _, force, torque = chain.rows().wrench(0, found.impulses)
+    _, force, torque = chain.loops().wrench(0, found.impulses)
     np.testing.assert_allclose(force, [0, 1 / 7, 0], rtol=0, atol=1e-15)
     assert np.abs(torque).max() < 1e-15
 
@@ -121,7 +121,7 @@ def test_a_planar_body_on_a_hinge_in_space():
     assert found.rank == 2
     np.testing.assert_allclose(chain.data.qvel, [0.315, 0.0, 1.05], rtol=0, atol=1e-15)
     assert found.loss_J == pytest.approx(0.0495, abs=1e-15)
-    _, force, torque = chain.rows().wrench(0, found.impulses)
+    _, force, torque = chain.loops().wrench(0, found.impulses)
     np.testing.assert_allclose(force, [-0.17, 0.41, 0.0], rtol=0, atol=1e-15)
     assert not torque.any()
 
@@ -167,7 +167,7 @@ def two_arms(axes, step_s=1e-3):
 def test_two_hands_close_on_one_object_at_once(axes, rank, loss_J):
     """B2, against elimination: velocities in the null space of the rows; P and L are kept."""
     chain = two_arms(axes)
-    rows, M, before = chain.rows().rows, mass_matrix(chain.model, chain.data), chain.data.qvel.copy()
+    rows, M, before = chain.loops().rows().J, mass_matrix(chain.model, chain.data), chain.data.qvel.copy()
     momentum, energy = chain.momentum(), chain.energy()
     found = chain.closing()
     assert found.rank == rank
@@ -177,7 +177,7 @@ def test_two_hands_close_on_one_object_at_once(axes, rank, loss_J):
     space = np.linalg.svd(rows)[2][rank:].T
     expected = space @ np.linalg.solve(space.T @ M @ space, space.T @ M @ before)
     np.testing.assert_allclose(chain.data.qvel, expected, rtol=0, atol=1e-12)
-    assert np.abs(rows @ chain.data.qvel).max() < 2e-14
+    assert np.abs(rows @ chain.data.qvel).max() < 1e-13
     # Momenta are sums of ten terms of up to 10, impulses known to four digits less.
     assert np.abs(chain.momentum() - momentum).max() < 2e-13
 
@@ -197,7 +197,7 @@ def test_the_rows_of_a_held_latch_left_out_would_tear_it():
     chain = two_arms(("0 0 1", "1 0 0", "0 0 1"))
     chain.closing((chain.latches[0],))
     chain.closing((chain.latches[1],))
-    assert np.abs(chain.rows().rows @ chain.data.qvel).max() > 1e-2
+    assert np.abs(chain.loops().rows().J @ chain.data.qvel).max() > 1e-2
 
 
 def test_a_weld_that_is_stated_twice_is_shared():
@@ -228,7 +228,7 @@ def test_a_closed_chain_moves_with_order_four():
         chain.closing()
         momentum = chain.momentum()
         chain.run(0.4, waves())
-        found.append((np.abs(chain.rows().errors).max(), np.abs(chain.momentum() - momentum).max()))
+        found.append((np.abs(chain.loops().errors()).max(), np.abs(chain.momentum() - momentum).max()))
     coarse, fine = np.array(found)
     np.testing.assert_array_less(coarse, (3e-8, 2e-7))
     assert np.all(coarse / fine > 12.0), coarse / fine
@@ -280,8 +280,8 @@ def test_free_bodies_with_latches_move_as_the_tree(kinds):
         for pair, point, (kind, axis) in zip(
             (("base", "one"), ("one", "two")), ((0.2, 0, -0.3), (0.2, 0, -1.1)), kinds, strict=True
         ):
-            chain.latch(*pair, point, kind, axis or (0.0, 0.0, 1.0))
-        assert np.abs(chain.rows().rows @ chain.data.qvel).max() < 1e-14
+            chain.latch(*pair, point, kind, axis)
+        assert np.abs(chain.loops().rows().J @ chain.data.qvel).max() < 1e-14
         chain.run(0.2)
         tree.run(0.2)
         place = [each.data.xpos[each.model.body("two").id] for each in (chain, tree)]
@@ -300,17 +300,12 @@ def test_projection_removes_the_drift_and_keeps_momenta():
     chain.data.qvel[:] += 1e-6 * rng.normal(size=chain.model.nv)
     chain.forward()
     momentum = chain.momentum()
-    assert np.abs(chain.rows().errors).max() > 1e-7
-    for _ in range(3):
-        rows = chain.rows()
-        step = HeldEqualities(chain.model, chain.data, rows.rows).correction(rows.errors)
-        mujoco.mj_integratePos(chain.model, chain.data.qpos, step, 1.0)
-        chain.forward()
-    rows = chain.rows()
-    assert np.abs(rows.errors).max() < 1e-14
-    chain.data.qvel[:] = projected_velocity(chain.model, chain.data, rows.rows, momentum)
-    chain.forward()
-    assert np.abs(rows.rows @ chain.data.qvel).max() < 1e-13
+    assert np.abs(chain.loops().errors()).max() > 1e-7
+    motion = Motion(chain.model, chain.data)
+    motion.loops = chain.loops()
+    project(motion, lambda: no_contacts(chain.model.nv), np.ones(6, dtype=bool), np.empty((0, 6)))
+    assert np.abs(chain.loops().errors()).max() < 1e-14
+    assert np.abs(chain.loops().rows().J @ chain.data.qvel).max() < 1e-13
     assert np.abs(chain.momentum() - momentum).max() < 1e-13
 
 
@@ -318,13 +313,13 @@ def test_an_impact_on_projected_rows_keeps_the_loop():
     """J less what the latches hold, with the same M, is an impact with Mc^-1: J Mc^-1 J^T, and no row of a latch moves."""
     chain = two_arms(("0 0 1", "1 0 0", "0 0 1"))
     chain.closing()
-    rows, M = chain.rows().rows, mass_matrix(chain.model, chain.data)
-    held = HeldEqualities(chain.model, chain.data, rows)
+    rows, M = chain.loops().rows().J, mass_matrix(chain.model, chain.data)
     J = np.random.default_rng(4).normal(size=(1, chain.model.nv))
-    projected = held.projected(J)
+    projected, response = chain.loops().projected(J), chain.loops().response(J)
     inverse = np.linalg.inv(M)
     Mc = inverse - inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T, rcond=1e-20**0.5) @ rows @ inverse
     np.testing.assert_allclose(projected @ inverse @ projected.T, J @ Mc @ J.T, rtol=1e-9)
+    np.testing.assert_allclose(response, J @ Mc, rtol=0, atol=1e-9 * np.abs(J @ inverse).max())
     np.testing.assert_allclose(projected @ chain.data.qvel, J @ chain.data.qvel, rtol=0, atol=1e-12)
     assert np.abs(rows @ inverse @ projected.T).max() < 1e-10 * np.abs(inverse @ J.T).max()
 
@@ -347,11 +342,8 @@ def test_pinocchio_agrees_on_the_closed_chain(rng):
         chain.closing()
         torques = np.append(np.zeros(6), np.append(rng.normal(size=6), np.zeros(6)))
         chain.data.qfrc_applied[:] = torques
-        rows = chain.rows()
-        held = HeldEqualities(chain.model, chain.data, rows.rows)
-        free_acceleration = unconstrained_acceleration(chain.model, chain.data)
-        found = free_acceleration + held.response(held.forces(free_acceleration, rows.rates))
         expected, M = by_pinocchio(chain, torques), mass_matrix(chain.model, chain.data)
+        found = np.linalg.solve(M, chain.force() + chain.loops().stage(chain.force())[1])
         scale = 1.0 + np.abs(M).max() * np.abs(expected).max()
         np.testing.assert_allclose(M @ found, M @ expected, rtol=0, atol=1e-10 * scale)
 

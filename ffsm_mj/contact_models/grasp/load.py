@@ -60,16 +60,15 @@ class InterfaceLoad:
     def _other_forces(self) -> FloatArray:
         """Apply the forces of the other contact models; returns their force and torque about the site on the object, (6,).
 
-        Reactive models are applied through their wrenches, which they recompute for the current efforts: their last ``push``
-        was evaluated under the previous ones.
+        Reactive models recompute their forces for the current efforts: their last ``push`` was evaluated under the previous
+        ones.
         """
-        held, applied, grasped, on_object = self._held, self._data.qfrc_applied, self._held.grasped_bodies, np.zeros(6)
+        applied, grasped, on_object = self._data.qfrc_applied, self._held.grasped_bodies, np.zeros(6)
         applied.fill(0.0)
         for contact_model in [each for each in self._others if each.active and each.pushes]:
             wrenches = contact_model.wrenches(self._seen)
             if contact_model.is_reactive:
-                for body, point, force, torque in wrenches:
-                    mujoco.mj_applyFT(self._model, self._data, force, torque, point, held.bodies[body], applied)
+                contact_model.add_forces(applied)
             else:
                 contact_model.push(self._data)
             for body, point, force, torque in wrenches:

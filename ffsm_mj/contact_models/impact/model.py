@@ -143,7 +143,7 @@ class ImpactModel(Detector):
                 as_contact(pair, near, point, motion, float(each))
                 for (pair, near, point), each in zip(points, e, strict=True)
             ]
-            return resolve(motion.model, motion.data, contacts, self._rules.law)
+            return resolve(motion.model, motion.data, contacts, self._rules.law, motion.constrained)
 
         return resolve_resting(self.scene.system.mj, self.scene.data, touching, self._rules.rest, with_restitution, motion)
 
@@ -176,7 +176,7 @@ class ImpactModel(Detector):
         """
         system, data = self.scene.system, self.scene.data
         on_objects, *outside = impulses_between(system, impact)
-        if self.motion.data is not data:
+        if self.motion.data is not data or self.motion.loops is not None:
             # A closed grasp passes impulses on between robot and object; no contact shows them, the momenta of objects do.
             change = impact.after.qvel - impact.before.qvel
             momenta = (momentum_matrix(system.mj, data, tree.root) @ change for tree in system.objects)

@@ -46,7 +46,8 @@ def pressing_accelerations(
         motion: The current motion.
     """
     contacts = impact.contacts
-    plastic = resolve(motion.model, motion.data, [replace(contact, restitution=0.0) for contact in contacts])
+    stopped = [replace(contact, restitution=0.0) for contact in contacts]
+    plastic = resolve(motion.model, motion.data, stopped, constrained=motion.constrained)
     with _without_contacts(motion, plastic.after.qvel):
         rates = [pair.second_rate(model, data, near, point) for pair, near, point in points]
         rounding = np.array([rate.rounding for rate in rates])
@@ -58,7 +59,7 @@ def pressing_accelerations(
 
 def _frictionless(motion: Motion, contacts: Sequence[Contact | LimitContact], rates: Sequence[SecondRate]) -> FloatArray:
     """G_ii lambda_i of normal forces alone, m/s^2, (k,)."""
-    J = np.stack([contact_jacobian(motion.model, motion.data, contact) for contact in contacts])
+    J = motion.constrained(np.stack([contact_jacobian(motion.model, motion.data, contact) for contact in contacts]))
     A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
     # A plastic impact solves the same complementarity problem in velocities: any w with A w = gap'' gives its forces.
     w = np.linalg.lstsq(A, np.array([rate.value for rate in rates]), rcond=None)[0]
@@ -73,9 +74,8 @@ def _with_friction(
     from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
 
     across = [np.zeros((2, 3)) if isinstance(each, LimitContact) else tangents(np.asarray(each.normal)) for each in contacts]
-    J = np.concatenate(
-        [contact_rows(motion.model, motion.data, each, axes) for each, axes in zip(contacts, across, strict=True)]
-    )
+    rows = [contact_rows(motion.model, motion.data, each, axes) for each, axes in zip(contacts, across, strict=True)]
+    J = motion.constrained(np.concatenate(rows))
     A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
     G, qvel = A @ A.T, motion.data.qvel
     b = np.concatenate([(rate.value, *(axes @ rate.acceleration)) for rate, axes in zip(rates, across, strict=True)])
@@ -102,10 +102,8 @@ def _without_contacts(motion: Motion, qvel: FloatArray) -> Iterator[None]:
     try:
         data.qfrc_applied.fill(0.0)
         _put(motion, qvel)
-        if motion.pushes:
-            for push in motion.pushes:
-                push(data)
-            _put(motion, qvel)
+        motion.push_without_contacts(data)
+        motion.path.on_event_located()
         yield
     finally:
         data.qfrc_applied[:] = pushed

@@ -7,7 +7,7 @@ equations (17) and energy equation (18). For the interface of impact laws see :m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,7 +78,13 @@ class Impact:
         return self.after.momentum - self.before.momentum
 
 
-def resolve(model: Any, data: Any, contacts: Sequence[Contact | LimitContact], law: str = "blend") -> Impact:
+def resolve(
+    model: Any,
+    data: Any,
+    contacts: Sequence[Contact | LimitContact],
+    law: str = "blend",
+    constrained: Callable[[FloatArray], FloatArray] | None = None,
+) -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``, which keeps its velocity.
 
     Derived quantities in ``data`` are updated. Contacts that do not approach get an impulse only if others push them.
@@ -90,6 +96,8 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact | LimitContact], l
         law: Name of the impact law: ``blend``, ``poisson``, ``newton`` or an installed one. The built-in laws agree for one
             contact without friction. With friction, one contact is solved by ``stronge``; several contacts, for ``blend``,
             by ``coulomb``.
+        constrained: Rows of velocities less what closed loops hold, (m, nv), as a function of the rows; see
+            :meth:`~ffsm_mj.dynamics.motion.Motion.constrained`. None: there are no closed loops.
 
     Raises:
         UnsupportedContactError: The law does not cover these contacts.
@@ -109,9 +117,10 @@ def resolve(model: Any, data: Any, contacts: Sequence[Contact | LimitContact], l
     before = np.array(data.qvel)
     J = np.stack([contact_jacobian(model, data, contact) for contact in contacts])
     if any(contact.mu > 0.0 for contact in contacts):
-        outcome = resolve_with_friction(model, data, M, contacts, before, named)
+        outcome = resolve_with_friction(model, data, M, contacts, before, named, constrained)
     else:
-        outcome = _frictionless(M, J, before, np.array([contact.restitution for contact in contacts]), named)
+        held = J if constrained is None else constrained(J)
+        outcome = _frictionless(M, held, before, np.array([contact.restitution for contact in contacts]), named)
     return Impact(
         contacts=tuple(contacts),
         impulses=outcome.impulses,

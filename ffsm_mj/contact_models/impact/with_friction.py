@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -52,7 +52,13 @@ class ImpactOutcome(NamedTuple):
 
 
 def resolve_with_friction(
-    model: Any, data: Any, M: FloatArray, contacts: Sequence[Contact | LimitContact], qvel: FloatArray, law: ImpactLaw
+    model: Any,
+    data: Any,
+    M: FloatArray,
+    contacts: Sequence[Contact | LimitContact],
+    qvel: FloatArray,
+    law: ImpactLaw,
+    constrained: Callable[[FloatArray], FloatArray] | None = None,
 ) -> ImpactOutcome:
     """Velocities and impulses of an impact in which at least one contact has mu > 0.
 
@@ -66,6 +72,7 @@ def resolve_with_friction(
         contacts: All contact points.
         qvel: Velocities before, (nv,).
         law: The impact law.
+        constrained: Rows less what closed loops hold, as a function of the rows; None without loops.
 
     Raises:
         UnsupportedContactError: The law does not cover friction, or a restitution is above 1.
@@ -76,7 +83,7 @@ def resolve_with_friction(
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
     axes = np.array([_tangents(contact) for contact in placed])
     J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
-    problem = ImpactProblem(M, J, qvel, e, mu)
+    problem = ImpactProblem(M, J if constrained is None else constrained(J), qvel, e, mu)
     solution = solve_impact(law, problem)
     found = friction_of(law, solution)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.

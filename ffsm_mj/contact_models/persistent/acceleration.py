@@ -149,8 +149,9 @@ class ContactAcceleration:
 
     def _mass_weighted(self, which: list[int]) -> tuple[FloatArray, FloatArray]:
         """The problem in the form of a plastic impact: A A^T = G, A w = free, with A = J L^-T and M = L L^T."""
-        L = np.linalg.cholesky(self._M())
-        A = np.linalg.solve(L, self.rows.J[which].T).T
+        L, rows = np.linalg.cholesky(self._M()), self.rows
+        # With closed loops, J Mc^-1 = A L^-1 gives the A of the problem in which they are held.
+        A = np.linalg.solve(L, rows.J[which].T).T if rows.loop_rates is None else rows.response[which] @ L
         return A, np.linalg.lstsq(A, self.free[which], rcond=None)[0]
 
 

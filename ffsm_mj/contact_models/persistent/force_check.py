@@ -129,8 +129,8 @@ class ForceCheck:
             M = mass_matrix(motion.model, moving)
             if self._closed_set.has_friction:
                 again = [PointAgain(*each, rate) for each, rate in zip(points, found_rates, strict=True)]
-                return resultants_with_friction(self._closed_set, again, contacts, motion.model, moving, M)
-            J = np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts])
+                return resultants_with_friction(self._closed_set, again, contacts, motion, moving, M)
+            J = motion.constrained(np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts]))
             A = np.linalg.solve(np.linalg.cholesky(M), J.T).T
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
         found: dict[UnilateralConstraint, Any] = {}
@@ -146,17 +146,17 @@ class ForceCheck:
         State and efforts are those of the row; forces of other contact models are included.
         """
         model, data, scratch = self._scene.system.mj, self._scene.data, self._scratch
-        if motion.data is data:
+        if motion.data is data and motion.loops is None:
             state = np.empty(mujoco.mj_stateSize(model, WHOLE_STATE))
             mujoco.mj_getState(model, data, state, WHOLE_STATE)
             mujoco.mj_setState(model, scratch, state, WHOLE_STATE)
-            _push(motion, model, scratch)
+            motion.push_without_contacts(scratch)
             yield scratch, scratch
             return
         applied = motion.data.qfrc_applied.copy()
         try:
             motion.data.ctrl[:] = data.ctrl
-            _push(motion, motion.model, motion.data)
+            motion.push_without_contacts(motion.data)
             motion.path.on_event_located()
             yield data, motion.data
         finally:
@@ -197,13 +197,3 @@ def _ends_of_side(pair: ContactPair, near: Proximity, held: Sequence[FeatureStat
     # Until the middle of two sides that turn against each other lands, they part by as much at their ends.
     angle = max(PARALLEL, math.sqrt(LANDING_DEPTH_M / FLUSH_M) * pair.flush_angle)
     return [(replace(near, normal=each.normal), each.point) for each in held if math.dist(each.normal, near.normal) <= angle]
-
-
-def _push(motion: Motion, model: Any, data: Any) -> None:
-    """Apply all forces except contact forces to the data of the motion, or to a copy."""
-    data.qfrc_applied.fill(0.0)
-    mujoco.mj_forward(model, data)
-    for push in motion.pushes:
-        push(data)
-    if motion.pushes:
-        mujoco.mj_forward(model, data)

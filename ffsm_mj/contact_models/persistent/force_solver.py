@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -15,13 +15,14 @@ from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
-from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows
+from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows, PointRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
 Points: TypeAlias = tuple[ContactPoint, ...]
+_Rows = TypeVar("_Rows", bound=PointRows)
 
 
 class ForceSolver:
@@ -66,7 +67,7 @@ class ForceSolver:
         motion, smooth = self._motion, self._smooth
         place, load, known, rows = smooth.place(), smooth.load(self.other_forces), self._problem, self._rows
         if rows is None or rows[1] is not place or rows[0] != contact_points:
-            known, rows = None, (contact_points, place, self._evaluator(contact_points).rows())
+            known, rows = None, (contact_points, place, self._with_loops(self._evaluator(contact_points).rows()))
             self._rows = rows
         if known is None or known[0] is not place or known[1] is not load:
             M = partial(mass_matrix, motion.model, motion.data)
@@ -82,7 +83,8 @@ class ForceSolver:
             return known[2]
         rows = self._friction_rows
         if rows is None or rows[1] is not place or rows[0] != contact_points:
-            rows = self._friction_rows = contact_points, place, self._evaluator(contact_points).frictional_rows()
+            found = self._with_loops(self._evaluator(contact_points).frictional_rows())
+            rows = self._friction_rows = contact_points, place, found
         here = self._state_kind(contact_points, rows[2], smooth.force(self.other_forces), modes)
         self._friction_state = place, load, here
         return here
@@ -100,6 +102,12 @@ class ForceSolver:
         if known is None or known.here is not here or not known.is_for(self._modes):
             known = self._friction_decision = FrictionalDecision(here, self._modes)
         return known
+
+    def _with_loops(self, rows: _Rows) -> _Rows:
+        """Rows as they are with the closed loops of the motion."""
+        if self._motion.loops is not None:
+            rows.close_loops(self._motion.loops)
+        return rows
 
     def _evaluator(self, contact_points: Points) -> RowEvaluator:
         """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""

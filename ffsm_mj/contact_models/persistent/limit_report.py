@@ -80,6 +80,13 @@ class LimitReport:
                 found[contact.pair] = (_PRESSED, force) if i in decision.pressing else (_TOUCHING, 0.0)
         return found
 
+    def add_forces(self, applied: FloatArray) -> None:
+        """Add the forces of all limits under the efforts in ``data``, (nv,) of the motion."""
+        closed = self._active_set
+        held = [pair for pair in closed.by_pair if isinstance(pair, JointLimit)]
+        for limit, (_, force) in self._now(held).items():
+            applied[closed.motion.dofs[limit.dof]] += limit.sign * force
+
     def add_impulses(self, impulses: Mapping[Any, float]) -> None:
         """Add the impulses in a step, N s or N m s."""
         for limit, impulse in impulses.items():

@@ -248,6 +248,11 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Contact forces on the bodies under the efforts in ``data``, from a new active set."""
         return self._report.wrenches()
 
+    def add_forces(self, applied: FloatArray) -> None:
+        """Add the generalised contact forces and those of joint limits; see :class:`ForceSource`."""
+        super().add_forces(applied)
+        self._limits.add_forces(applied)
+
     def end_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
         done, impulses = self._account.exchanged(duration_s)

@@ -13,6 +13,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact_models.persistent.point_groups import GroupState, Wrench
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, RATE
 
 
@@ -38,13 +39,28 @@ class PointRows:
     Attributes:
         J: Derivative of velocities at the contact points with respect to the generalised velocity.
         gamma: Part of their accelerations that does not depend on those of the joints, m/s^2.
-        response: J M^-1, like J.
-        G: Delassus matrix J M^-1 J^T, 1/kg: accelerations per unit force.
+        response: J M^-1, like J; with closed loops J Mc^-1.
+        G: Delassus matrix J M^-1 J^T, 1/kg: accelerations per unit force; with closed loops J Mc^-1 J^T.
+        loop_rates: Part of gamma that is due to closed loops, m/s^2; None without any.
     """
+
+    loop_rates: FloatArray | None = None
 
     def __init__(self, groups: Sequence[GroupState], J: FloatArray, gamma: FloatArray, response: FloatArray) -> None:
         """Store the rows of some groups of points."""
-        self._groups, self.J, self.gamma, self.response, self.G = groups, J, gamma, response, response.dot(J.T)
+        self._groups, self.J, self.gamma, self.response = groups, J, gamma, response
+
+    @cached_property
+    def G(self) -> FloatArray:
+        """Delassus matrix; see the attributes."""
+        delassus: FloatArray = self.response.dot(self.J.T)
+        return delassus
+
+    def close_loops(self, loops: ClosedLoops) -> None:
+        """Take the accelerations of the points with closed loops; called before anything else is computed from the rows."""
+        self.response[:] = loops.response(self.J)
+        self.loop_rates = self.J.dot(loops.acceleration())
+        self.gamma += self.loop_rates
 
     @cached_property
     def states(self) -> tuple[FeatureState, ...]:

@@ -15,11 +15,11 @@ from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.drift import sum_exchanges
 from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, StageSums, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
+from ffsm_mj.contact_models.state_projection import sum_exchanges
 from ffsm_mj.dynamics.motion import Motion
 
 

@@ -534,8 +534,8 @@ def test_friction_of_the_wrong_sign_fails_a_check(tmp_path, monkeypatch):
     """It increases the slip: the impact gains the energy that it should lose, and its path is another."""
     solve = resolution.resolve_with_friction
 
-    def wrong(model, data, M, contacts, qvel, law):
-        answer = solve(model, data, M, contacts, qvel, law)
+    def wrong(model, data, M, contacts, qvel, law, constrained):
+        answer = solve(model, data, M, contacts, qvel, law, constrained)
         found = resolution.contact_jacobian(model, data, replace(contacts[0], normal=answer.friction.impulses[0]))
         after = answer.qvel - 2.0 * np.linalg.solve(M, found)
         return answer._replace(qvel=after, friction=replace(answer.friction, impulses=-answer.friction.impulses))

@@ -30,6 +30,7 @@ from ffsm_mj.contact_models.persistent.friction.cone_shares import least_in_cone
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.point_modes import Mode
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import RANK, SAME_POINT_M
 
 _SLIPS_M_S = 1e-6
@@ -52,7 +53,7 @@ def resultants_with_friction(
     closed: ActiveContactSet,
     points: Sequence[PointAgain],
     contacts: Sequence[Contact | LimitContact],
-    model: Any,
+    motion: Motion,
     data: Any,
     M: FloatArray,
 ) -> tuple[dict[UnilateralConstraint, FloatArray], float]:
@@ -64,18 +65,18 @@ def resultants_with_friction(
         closed: The closed contacts of the replay, with their modes.
         points: Closed points.
         contacts: The same in the coordinates of the motion.
-        model: Model of the motion.
-        data: Its data, with accelerations without contact forces.
+        motion: The motion, with accelerations without contact forces in its data, or in a copy.
+        data: Its data or the copy.
         M: Its mass matrix.
     """
     axes = [_axes(each) for each in points]
-    J = np.stack([contact_rows(model, data, contact, each[1:]) for contact, each in zip(contacts, axes, strict=True)])
+    J = np.stack([contact_rows(motion.model, data, contact, each[1:]) for contact, each in zip(contacts, axes, strict=True)])
     b = np.array(
         [(each.rate.value, *(across[1:] @ each.rate.acceleration)) for each, across in zip(points, axes, strict=True)]
     )
     u, mu = J @ data.qvel, np.array([each.pair.mu for each in points])
     kinds, rounding = _modes(closed, points, u)
-    A = np.linalg.solve(np.linalg.cholesky(M), J.reshape(-1, J.shape[2]).T).T
+    A = np.linalg.solve(np.linalg.cholesky(M), motion.constrained(J.reshape(-1, J.shape[2])).T).T
     forces = _in_cones(A, _forces(A, b.ravel(), *_held(closed, points, axes, u, kinds)), mu, kinds)
     rates = (b.ravel() + A @ (A.T @ forces.ravel()))[::3]
     violation = _violation(forces, mu, kinds, rates, np.sum(A[::3] ** 2, axis=1), rounding)

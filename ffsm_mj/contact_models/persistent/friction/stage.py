@@ -54,6 +54,8 @@ def _sliding_forces(here: FrictionState, implicit: StageVelocity | None) -> Floa
     if implicit is None or not len(free):
         return problem.forces(modes.kinds, directions)
     without = rows.J @ implicit.given + implicit.step_s * (rows.response @ here.force)
+    if rows.loop_rates is not None:
+        without += implicit.step_s * rows.loop_rates
     # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
     directions[free] = at_start[free]
     velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), np.asarray(free))

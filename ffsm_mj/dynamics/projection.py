@@ -1,8 +1,8 @@
-"""Projection of a state onto the closed contacts, preserving the conserved momenta.
+"""Projection of a state onto closed contacts and closed loops, preserving the conserved momenta.
 
 Positions: q <- q - M^-1 J^T G^-1 gap, repeated (Newton's method). Velocities: the nearest in the metric of M (the kinetic
 energy norm) with gap' = 0, no slip of sticking points and unchanged momenta, except for components that fixed bodies in
-contact can absorb.
+contact can absorb. Rows of closed loops are joined to those of the contacts.
 """
 
 from __future__ import annotations
@@ -38,6 +38,15 @@ class ClosedRows(NamedTuple):
     sticking: FloatArray
 
 
+def no_contacts(nv: int) -> ClosedRows:
+    """Rows where no contact is closed.
+
+    Args:
+        nv: Number of degrees of freedom.
+    """
+    return ClosedRows((), (), np.empty((0, nv)), np.empty((0, nv)))
+
+
 def needs_projection(gap: float, rate: float, slip: float) -> bool:
     """Whether the largest gap, gap rate or slip of a sticking point has drifted beyond tolerance."""
     return gap > PROJECTED_GAP_M or rate > PROJECTED_RATE_M_S or slip > PROJECTED_SLIP_M_S
@@ -48,23 +57,29 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
 
     Args:
         motion: The current motion; the logged system follows its positions and velocities.
-        rows_now: Returns the rows of the closed contacts at the current state.
+        rows_now: Returns the rows of the closed contacts at the current state; those of closed loops are added.
         free: Components of (P, L about the origin) that the joints leave free, (6,).
-        taken: Unit wrenches about the world origin of the contacts with fixed bodies, rows of (force, moment), (k, 6).
+        taken: Unit wrenches about the world origin of contacts and latches with fixed bodies, rows of (force, moment),
+            (k, 6).
     """
     model, data = motion.model, motion.data
     momentum = momentum_matrix(model, data, 0) @ data.qvel
     for _ in range(_PASSES):
         rows = rows_now()
-        gaps = np.array(rows.gaps)
+        gaps, normals = np.array(rows.gaps), rows.normals
+        if motion.loops is not None:
+            gaps = np.concatenate((gaps, motion.loops.errors()))
+            normals = np.vstack((normals, motion.loops.rows().J))
         if np.abs(gaps).max() <= 0.01 * PROJECTED_GAP_M:
             break
-        mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, rows.normals, -gaps), 1.0)
+        mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, normals, -gaps), 1.0)
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         motion.follow()
     rows = rows_now()
     constraints = np.vstack((rows.normals, rows.sticking))
+    if motion.loops is not None:
+        constraints = np.vstack((constraints, motion.loops.rows().J))
     wanted = np.zeros(len(constraints))
     kept = _conserved_directions(free, taken)
     if len(kept):

@@ -1,0 +1,220 @@
+"""Further closed grasps: latches between bodies of the motion, held by bilateral constraint forces in every stage of a step.
+
+The first closed grasp attaches its object as a child body: the motion is that of another model. A grasp that closes while
+another one is closed is a latch in the model of the first, held by rows (:mod:`ffsm_mj.dynamics.loops.closed_loops`), after
+persistent contact, so that it sees all other forces. Contacts, impacts and projections see the model with the loops closed
+through :attr:`Motion.loops <ffsm_mj.dynamics.motion.Motion.loops>`, which this source of forces sets.
+
+Where rows depend on each other, as two rigid grasps of one object by a planar robot, the motion is unique and the forces are
+those of least norm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.compiled import fastest
+from ffsm_mj.contact_models.grasp.loop_exchange import LoopExchange
+from ffsm_mj.contact_models.interface import ForceSource, Scene
+from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.contact_models.state_projection import StateProjection
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.latch import LatchedBodies
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.projection import needs_projection, no_contacts
+from ffsm_mj.records.wrench import Wrench
+
+
+@dataclass(frozen=True)
+class LoopClosing:
+    """Closing of a latch while others are closed: a plastic impulse on the rows of all of them.
+
+    Attributes:
+        wrenches: Impulse in N s, and its moment about the object's site in N m s, on the object of each closed latch by
+            name, world axes, (6,); of least norm where rows depend on each other.
+        change: Change of the generalised velocity of the motion, (nv,).
+        loss_J: Kinetic energy lost.
+        rank: Number of relative motions that the latch stops and that were possible before.
+        stops: Number of rows of the latch; the impulses on it are unique only if ``rank`` is as large.
+        least_ratio: Smallest singular value of the rows over the largest; below 1e-6 the mechanism is nearly singular.
+        mobility: Degrees of freedom of the motion that are left.
+    """
+
+    wrenches: dict[str, FloatArray]
+    change: FloatArray
+    loss_J: float
+    rank: int
+    stops: int
+    least_ratio: float
+    mobility: int
+
+
+class LoopForces(ForceSource):
+    """Forces of the latches of further closed grasps; see :class:`~ffsm_mj.contact_models.interface.ContactModel`.
+
+    It has no events: the grasp model closes and opens latches. It must stand before persistent contact among the contact
+    models, which then finds the loops of a new motion closed; its forces are evaluated last all the same.
+    """
+
+    kind = "loops"
+    is_reactive = True
+    is_bilateral = True
+
+    def __init__(self, scene: Scene, others: Sequence[ForceSource] = ()) -> None:
+        """Initialise with no closed latch.
+
+        Args:
+            scene: The logged system and its data.
+            others: All other contact models that exert forces.
+        """
+        super().__init__(None, scene)
+        self._latches: dict[str, LatchedBodies] = {}
+        self._others = tuple(others)
+        self._projection = StateProjection(scene)
+        self._exchanged = LoopExchange(scene)
+        self._projected: Exchange | None = None
+
+    @property
+    def closed(self) -> tuple[str, ...]:
+        """Names of the closed latches, in the order in which they closed."""
+        return tuple(self._latches)
+
+    def bind(self, motion: Motion) -> None:
+        """Use another motion: the latches stay closed."""
+        if hasattr(self, "motion"):
+            self.motion.loops = None
+        super().bind(motion)
+        self._smooth = fastest(Smooth)(motion, self.scene.data)
+        self._update()
+
+    def _update(self) -> None:
+        """Let the motion know the closed latches; nothing is chosen yet of what depends on the state."""
+        motion, latches = self.motion, tuple(self._latches.values())
+        motion.loops = ClosedLoops(motion.model, motion.data, latches, motion.bodies) if latches else None
+        self.active, self._projected = bool(latches), None
+        self._exchanged.bind(motion, latches)
+
+    def close(self, name: str, latch: LatchedBodies) -> LoopClosing:
+        """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.
+
+        The velocities of the motion are set, and the logged system follows. The result does not depend on the order in which
+        latches close at one instant. A restart must follow, as after every event.
+
+        Args:
+            name: Its name.
+            latch: The latch, between bodies of the logged system; see
+                :func:`~ffsm_mj.contact_models.grasp.loop_latch.loop_latch`.
+        """
+        motion, loops = self.motion, self.motion.loops
+        rank = loops.weighted().rank if loops is not None else 0
+        self._latches[name] = latch
+        self._update()
+        assert motion.loops is not None
+        found = motion.loops.plastic()
+        wrenches = {each: self._wrench(i, found.impulses) for i, each in enumerate(self._latches)}
+        motion.data.qvel[:] += found.change
+        mujoco.mj_forward(motion.model, motion.data)
+        motion.path.on_event_located()
+        left = motion.model.nv - found.rank
+        return LoopClosing(wrenches, found.change, found.loss_J, found.rank - rank, latch.count, found.least_ratio, left)
+
+    def open(self, name: str) -> None:
+        """Open a latch; velocities are continuous. No effect if it is not closed. A restart must follow."""
+        if self._latches.pop(name, None) is not None:
+            self._update()
+
+    def set_closed(self, latches: Mapping[str, LatchedBodies] | Iterable[tuple[str, LatchedBodies]]) -> None:
+        """Set the closed latches without an impulse: a log replay begins here, or the motion changes with them closed."""
+        self._latches = dict(latches)
+        if hasattr(self, "motion"):
+            self._update()
+
+    def names(self) -> str:
+        """The closed latches."""
+        return ", ".join(self._latches) or self.kind
+
+    def restart(self) -> None:
+        """Discard the forces of the last step: the state or the efforts changed discontinuously."""
+        self._exchanged.clear()
+
+    def begin_step(self) -> None:
+        """Start a (sub-)step: project out drift, and find which rows are independent."""
+        self.continue_step()
+        loops = self.motion.loops
+        assert loops is not None
+        drift, rates = loops.errors(), loops.rows().J.dot(self.motion.data.qvel)
+        if needs_projection(float(np.abs(drift).max()), float(np.abs(rates).max()), 0.0):
+            nv, taken, outside = self.motion.model.nv, self._exchanged.taken, self._exchanged.outside
+            self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), taken, outside)
+        loops.choose()
+
+    def continue_step(self) -> None:
+        """Go on without projection."""
+        self._projected = None
+        self._exchanged.clear()
+
+    def snapshot(self) -> Callable[[], None]:
+        """Return a function that restores which rows are independent."""
+        assert self.motion.loops is not None
+        return self.motion.loops.snapshot()
+
+    def push(self, data: Any) -> None:
+        """Add the forces of the latches under all forces in ``data`` of the motion."""
+        loops, applied = self.motion.loops, data.qfrc_applied
+        assert loops is not None
+        forces, generalised = loops.stage(self._smooth.force(applied))
+        self._exchanged.add_stage(forces, generalised)
+        applied += generalised
+
+    def end_step(self, duration_s: float) -> Exchange | None:
+        """Energy and momentum that the latches exchange between the subsystems."""
+        return self._exchanged.over(duration_s, self._projected)
+
+    def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
+        """Forces of the latches on both bodies under the efforts in ``data``."""
+        loops = self.motion.loops
+        if loops is None:
+            return ()
+        forces, found = self._forces(), []
+        for i, latch in enumerate(loops.latches):
+            point, force, torque = loops.wrench(i, forces)
+            found += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
+        return found
+
+    def _forces(self) -> FloatArray:
+        """Forces of all rows at the state in ``data`` under its efforts, (n,)."""
+        loops, applied = self.motion.loops, np.zeros(self.motion.model.nv)
+        assert loops is not None
+        for each in self._others:
+            if each.active and each.pushes:
+                each.add_forces(applied)
+        return loops.stage(self._smooth.force(applied))[0]
+
+    def load(self, name: str) -> FloatArray:
+        """Force in N, and torque about the object's site in N m, of a latch on the object, world axes, (6,).
+
+        Under the efforts in ``data``; of least norm where rows depend on each other, see :meth:`is_unique`.
+
+        Raises:
+            KeyError: No such latch is closed.
+        """
+        return self._wrench([*self._latches].index(name) if name in self._latches else self._missing(name), self._forces())
+
+    def _missing(self, name: str) -> int:
+        raise KeyError(name)
+
+    def is_unique(self) -> bool:
+        """Whether the loads of the latches follow from the motion: no row depends on others."""
+        loops = self.motion.loops
+        return loops is None or loops.weighted().rank == loops.parts[-1].stop
+
+    def _wrench(self, which: int, forces: FloatArray) -> FloatArray:
+        assert self.motion.loops is not None
+        return np.concatenate(self.motion.loops.wrench(which, forces)[1:])

@@ -1,0 +1,73 @@
+"""Energy and momentum that a projection of the state exchanges between the subsystems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.event import Scene
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.projection import ClosedRows, project
+from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
+
+
+def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
+    """Sum of two exchanges."""
+    return other if one is None else Exchange(*(a + b for a, b in zip(one, other, strict=True)))
+
+
+class StateProjection:
+    """Projects the state of a scene onto closed contacts and loops, and accounts for what this changes."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Determine the momentum components that the joints leave free."""
+        self._scene = scene
+        self._free = np.all([free_components(scene.system, tree) for tree in scene.system.trees], axis=0)
+
+    def apply(self, motion: Motion, rows_now: Callable[[], ClosedRows], taken: FloatArray, outside: BoolArray) -> Exchange:
+        """Project the state in ``data`` of a motion; returns the energy and momentum this changed.
+
+        Args:
+            motion: The motion; the logged system follows.
+            rows_now: Returns the rows of the closed contacts at the current state.
+            taken: Unit wrenches of contacts and latches with fixed bodies; see :func:`~ffsm_mj.dynamics.projection.project`.
+            outside: Whether fixed bodies touch the robot, and whether they touch objects, (2,).
+        """
+        system, data = self._scene.system, self._scene.data
+        before, qpos = self._energy_and_momenta(motion), data.qpos.copy()
+        project(motion, rows_now, self._free, taken)
+        motion.path.on_event_located()
+        motion.flight.account(0.0)  # its energy and momentum are those of other velocities
+        now = self._energy_and_momenta(motion)
+        energy, impulse, total = (after - then for after, then in zip(now, before, strict=True))
+        # Only the sum of what fixed bodies absorb is known: it is entered for the robot if they touch it, else for the
+        # objects. A grasped object counts as part of the robot here; the balance separates the two.
+        from_outside = np.zeros((2, 6))
+        if outside[0]:
+            from_outside[0] = total
+        elif outside[1]:
+            from_outside[1] = total
+            impulse = impulse - total
+        # The balance computes actuator work from joint displacements; the displacement of a projection is not work.
+        displacement = np.empty(system.mj.nv)
+        mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
+        energy[:2] -= float(data.qfrc_actuator @ displacement)
+        return Exchange(energy, impulse, from_outside)
+
+    def _energy_and_momenta(self, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Kinetic energy of (total, robot with grasped object, other objects), momentum of other objects, total momentum."""
+        system, data, grasped = self._scene.system, self._scene.data, motion.grasped_object
+        momentum = np.empty(system.mj.nv)
+        mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
+        total = 0.5 * float(momentum @ data.qvel)
+        ours = system.robot, *([grasped] if grasped is not None else [])
+        own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
+        of_objects = (
+            momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects if tree is not grasped
+        )
+        energy, of_all = np.array((total, own, total - own)), momentum_matrix(system.mj, data, 0) @ data.qvel
+        return energy, sum(of_objects, np.zeros(6)), of_all
