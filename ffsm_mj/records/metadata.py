@@ -46,6 +46,11 @@ class LoggedTask:
         point[self.axes] = self.target_m
         return point
 
+    @staticmethod
+    def moving_columns(layout: Layout) -> list[int]:
+        """Columns of the target's position in world axes; none of one that stands still."""
+        return [layout.index[name] for name in TARGET] if TARGET[0] in layout.index else []
+
     def errors_m(self, layout: Layout, column: Callable[[str], FloatArray]) -> FloatArray:
         """Position of the tip less the target along the regulated axes, (n, number of axes), m.
 

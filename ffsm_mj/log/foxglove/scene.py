@@ -42,7 +42,7 @@ def frame_id(system: System, body: int) -> str:
 def bodies_update(
     system: System, drawn: Mapping[int, Sequence[DrawnShape]], target_m: FloatArray | None, scale: float, time_ns: int
 ) -> SceneUpdate:
-    """All drawn geoms, one entity per body, and a cross at the target of the tip, at a scale of markers."""
+    """All drawn geoms, one entity per body, and a cross at a target of the tip that stands still, at a scale of markers."""
     update = SceneUpdate()
     for body, shapes in drawn.items():
         name = frame_id(system, body)
@@ -50,12 +50,23 @@ def bodies_update(
         for shape in shapes:
             _add_shape(entity, shape)
     if target_m is not None:
-        cross = _entity(update, "target", ROOT_FRAME, time_ns)
-        for axis in range(3):
-            size = np.full(3, 0.024 * scale)
-            size[axis] = 0.3 * scale
-            cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_TARGET))
+        _add_cross(update, target_m, scale, time_ns)
     return update
+
+
+def target_update(target_m: FloatArray, scale: float, time_ns: int) -> SceneUpdate:
+    """A cross at a target that moves."""
+    update = SceneUpdate()
+    _add_cross(update, target_m, scale, time_ns)
+    return update
+
+
+def _add_cross(update: SceneUpdate, target_m: FloatArray, scale: float, time_ns: int) -> None:
+    cross = _entity(update, "target", ROOT_FRAME, time_ns)
+    for axis in range(3):
+        size = np.full(3, 0.024 * scale)
+        size[axis] = 0.3 * scale
+        cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_TARGET))
 
 
 def marks_update(marks: Sequence[tuple[str, DrawnMark]], scale: float, time_ns: int) -> SceneUpdate:

@@ -17,7 +17,7 @@ from ffsm_mj.log.arrows import arrow_series, declared_arrows
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies, shapes_by_body
 from ffsm_mj.log.foxglove.messages import TransformsCodec, timestamp
 from ffsm_mj.log.foxglove.outline import outline_cloud
-from ffsm_mj.log.foxglove.scene import arrows_update, bodies_update, frame_id, marks_update, plumes_update
+from ffsm_mj.log.foxglove.scene import arrows_update, bodies_update, frame_id, marks_update, plumes_update, target_update
 from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.marks import MarkSequence, marks_topic
 from ffsm_mj.log.mcap.format import nanoseconds
@@ -30,6 +30,7 @@ from ffsm_mj.records.metadata import logged_task
 
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
+TARGET_TOPIC = "/scene/target"
 PLUMES_TOPIC = "/scene/plumes"
 ARROWS_TOPIC = "/scene/contacts"
 OUTLINE_TOPIC = "/outline"
@@ -73,13 +74,15 @@ class ViewerTopics:
     @property
     def topics(self) -> dict[str, Any]:
         """Message class of every topic; valid after :meth:`open`."""
-        return viewer_topics(self._kinds) | {outline_topic(self._system, body): PointCloud for body in self._drawn}
+        moving = {TARGET_TOPIC: SceneUpdate} if self._target_columns else {}
+        return viewer_topics(self._kinds) | moving | {outline_topic(self._system, body): PointCloud for body in self._drawn}
 
     def open(self, header: RunHeader) -> None:
         """Take the columns of the rows, the kinds of records and the task from the header of the run."""
         task = logged_task(header.metadata)
         self._kinds = kinds_of(header.kinds)
-        self._target = task.point_m if task is not None else None
+        self._target_columns = task.moving_columns(header.layout) if task is not None else []
+        self._target = task.point_m if task is not None and not self._target_columns else None
         self._picker = FramePicker(self._system, header.layout, self._view_rate_hz)
         self._arrows = declared_arrows(header)
         self._thrusters = thrusters(self._system, header.layout)
@@ -98,6 +101,9 @@ class ViewerTopics:
             first = int(times[0])
             yield _packet(SCENE_TOPIC, first, bodies_update(self._system, self._drawn, self._target, self._scale, first))
             yield from self._outlines(first)
+        if self._target_columns:
+            for time, place in zip(times.tolist(), frames.rows[:, self._target_columns], strict=True):
+                yield _packet(TARGET_TOPIC, time, target_update(place, self._scale, time))
         yield from self._arrow_updates(frames, times)
         if self._thrusters:
             yield from self._plume_updates(frames, times)

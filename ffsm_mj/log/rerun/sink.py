@@ -20,7 +20,6 @@ from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
 from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.palette import (
-    ORANGE,
     PLUME,
     PLUME_OPACITY,
     ROBOT_ON_DARK,
@@ -36,7 +35,7 @@ from ffsm_mj.log.rerun.ghosts import Ghosts
 from ffsm_mj.log.rerun.marks import Marks
 from ffsm_mj.log.rerun.opening import Opening
 from ffsm_mj.log.rerun.plots import plots
-from ffsm_mj.log.rerun.scene import body_path, log_shapes, target_cross
+from ffsm_mj.log.rerun.scene import body_path, log_shapes
 from ffsm_mj.log.rerun.sensing import sensing_tabs
 from ffsm_mj.log.rerun.states import (
     FIRING,
@@ -47,6 +46,7 @@ from ffsm_mj.log.rerun.states import (
     phase_looks,
     thruster_looks,
 )
+from ffsm_mj.log.rerun.target import Target
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
@@ -84,7 +84,8 @@ class RerunSink:
         self._connect()
         self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._base = log_shapes(self._recording, self._system).get(self._system.robot.root, "")
-        self._target(header)
+        task = logged_task(header.metadata)
+        self._target = Target(self._recording, header, task, self._scale) if task is not None else None
         self._plots = plots(layout, self._system, header.metadata)
         self._sensing = sensing_tabs(layout, self._system)
         self._ghosts = Ghosts(self._recording, self._system, layout)
@@ -119,15 +120,6 @@ class RerunSink:
         except OSError as error:
             raise LogWriteError(self._path, error) from error
 
-    def _target(self, header: RunHeader) -> None:
-        """Draw the target of the tip."""
-        self._task = task = logged_task(header.metadata)
-        if task is None:
-            return
-        line = rr.SeriesLines(names=["tip error"], colors=[ORANGE], widths=[1.5])
-        self._recording.log("plots/tip_error", line, static=True)
-        self._recording.log("world/target", target_cross(task.point_m, "target", self._scale), static=True)
-
     def _trail_colours(self) -> None:
         objects = {tree.name: object_colour(i) for i, tree in enumerate(self._system.objects)}
         self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}
@@ -158,6 +150,8 @@ class RerunSink:
             poses = rr.Transform3D.columns(translation=frames.positions[:, body], quaternion=turned)
             self._send(body_path(self._system, body), index, poses)
         self._ghosts.send(frames.rows, lambda path, columns: self._send(path, index, columns))
+        if self._target is not None:
+            self._target.send(frames, lambda path, columns: self._send(path, index, columns))
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
@@ -181,14 +175,14 @@ class RerunSink:
     def _arrange(self, acting: Callable[..., Sequence[str]]) -> None:
         """Send the layout, with the ground and the axes; ``acting`` gives the names of the forces or torques to plot."""
         self._framed = True
-        targets = np.empty((0, 3)) if self._task is None else self._task.point_m[None]
+        targets = np.empty((0, 3)) if self._target is None else self._target.points
         framing = self._framing(self._opening.points(targets))
         contents = Contents(
             framing=framing,
             plots=self._plots,
             sensing=self._sensing,
             trails=list(self._colours),
-            tip=self._task is not None,
+            tip=self._target is not None,
             forces=acting(torques=False),
             torques=acting(torques=True),
             thrusters=len(self._thrusters if self._streams else self._firing.begun),
@@ -232,10 +226,6 @@ class RerunSink:
             self._send(f"world/plumes/{name}", index, plume)
 
     def _lines(self, frames: Frames, index: Any) -> None:
-        if self._task is not None:
-            rows, layout = frames.rows, self._layout
-            error = np.linalg.norm(self._task.errors_m(layout, lambda key: rows[:, layout.index[key]]), axis=1)
-            self._send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
         for plot in self._curves:
             values = plot.values(frames.rows)
             flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(plot.columns)))

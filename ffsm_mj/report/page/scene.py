@@ -21,7 +21,7 @@ from ffsm_mj.log.following import camera_path, robot_boxes
 from ffsm_mj.log.marker_scale import marker_scale
 from ffsm_mj.log.marks import DrawnMark, drawn_marks
 from ffsm_mj.log.palette import packed
-from ffsm_mj.records.metadata import logged_task
+from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.report.page.moving import FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import arrow_solid, joined, triangles
@@ -93,14 +93,25 @@ def _others(subject: Subject, poses: Poses, marks: list[DrawnMark], scale: float
     yield from _paths(subject, marks, scale)
     task = logged_task(subject.run.log.header.metadata)
     if task is not None:
-        arms = [task.point_m + sign * 0.2 * scale * axis for axis in np.eye(3) for sign in (-1, 1)]
-        yield k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03 * scale, color=TARGET)
+        yield _target(task, subject, poses, scale)
     for drawn in marks:
         ahead = min((other.time_s for other in marks if other.time_s > drawn.time_s), default=np.inf)
         yield from _mark(drawn, min(drawn.end_s, ahead - 2.0 * SWITCH_S), scale)
     header = subject.run.log.header
     yield from forces(header, poses, scale)
     yield from plumes(header.layout, subject.system, poses, scale)
+
+
+def _target(task: LoggedTask, subject: Subject, poses: Poses, scale: float) -> Any:
+    """A cross at the target; one that moves has a pose at each time."""
+    columns = task.moving_columns(subject.run.log.header.layout)
+    arms = [sign * 0.2 * scale * axis for axis in np.eye(3) for sign in (-1, 1)]
+    cross = k3d.lines(single(arms), [[0, 1], [2, 3], [4, 5]], indices_type="segment", width=0.03 * scale, color=TARGET)
+    places = poses.rows[:, columns] if columns else task.point_m[None]
+    matrices = np.tile(np.eye(4), (len(places), 1, 1))
+    matrices[:, :3, 3] = places
+    cross.model_matrix = _over_time(poses, single(matrices))
+    return cross
 
 
 def _bodies(subject: Subject, poses: Poses) -> Iterator[Any]:
@@ -126,7 +137,11 @@ def _matrices(poses: Poses, body: int) -> Any:
         mujoco.mju_quat2Mat(turn, quaternion)
         matrix[:3, :3] = turn.reshape(3, 3)
     matrices[:, :3, 3] = poses.positions[:, body]
-    matrices = single(matrices)
+    return _over_time(poses, single(matrices))
+
+
+def _over_time(poses: Poses, matrices: Any) -> Any:
+    """Poses at the times of the page, or one that is constant."""
     if np.array_equal(matrices, np.broadcast_to(matrices[0], matrices.shape)):
         return matrices[0]
     return dict(zip(map(tick, poses.times.tolist()), matrices, strict=True))

@@ -93,8 +93,14 @@ def draw_plane(axes: Axes, subject: Subject, plane: Plane, box: tuple[float, flo
     axes.set_ylabel(f"${plane.names[1]}$, m")
     task = logged_task(subject.run.log.header.metadata)
     if task is not None and set(plane.axes) <= set(task.axes):
+        moving = task.moving_columns(subject.run.log.header.layout)
+        place = task.point_m
+        if moving:  # the cross is where it ends
+            path = np.asarray(subject.run.log.rows[subject.chosen])[:, moving]
+            axes.plot(path[:, plane.axes[0]], path[:, plane.axes[1]], color=TARGET, linewidth=0.9, linestyle=":", zorder=29)
+            place = path[-1]
         axes.plot(
-            *task.point_m[plane.axes],
+            *place[plane.axes],
             marker="+",
             markersize=10,
             markeredgewidth=1.6,
