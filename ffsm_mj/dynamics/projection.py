@@ -2,7 +2,7 @@
 
 Positions: q <- q - M^-1 J^T G^-1 gap, repeated (Newton's method). Velocities: the nearest in the metric of M (the kinetic
 energy norm) with gap' = 0, no slip of sticking points and unchanged momenta, except for components that fixed bodies in
-contact can absorb. Rows of closed loops are joined to those of the contacts.
+contact can absorb. Independent rows of closed loops are joined to those of the contacts.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
         rows = rows_now()
         gaps, normals = np.array(rows.gaps), rows.normals
         if motion.loops is not None:
-            gaps = np.concatenate((gaps, motion.loops.errors()))
-            normals = np.vstack((normals, motion.loops.rows().J))
+            held, errors = motion.loops.independent()
+            gaps, normals = np.concatenate((gaps, errors)), np.vstack((normals, held))
         if np.abs(gaps).max() <= 0.01 * PROJECTED_GAP_M:
             break
         mujoco.mj_integratePos(model, data.qpos, _least_change(model, data, normals, -gaps), 1.0)
@@ -79,7 +79,7 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
     rows = rows_now()
     constraints = np.vstack((rows.normals, rows.sticking))
     if motion.loops is not None:
-        constraints = np.vstack((constraints, motion.loops.rows().J))
+        constraints = np.vstack((constraints, motion.loops.independent()[0]))
     wanted = np.zeros(len(constraints))
     kept = _conserved_directions(free, taken)
     if len(kept):

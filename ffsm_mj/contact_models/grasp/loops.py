@@ -149,11 +149,12 @@ class LoopForces(ForceSource):
         self.continue_step()
         loops = self.motion.loops
         assert loops is not None
-        drift, rates = loops.errors(), loops.rows().J.dot(self.motion.data.qvel)
-        if needs_projection(float(np.abs(drift).max()), float(np.abs(rates).max()), 0.0):
-            nv, taken, outside = self.motion.model.nv, self._exchanged.taken, self._exchanged.outside
-            self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), taken, outside)
         loops.choose()
+        (rows, drift), nv = loops.independent(), self.motion.model.nv
+        rates = rows.dot(self.motion.data.qvel)
+        if needs_projection(float(np.abs(drift).max(initial=0.0)), float(np.abs(rates).max(initial=0.0)), 0.0):
+            taken, outside = self._exchanged.taken, self._exchanged.outside
+            self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), taken, outside)
 
     def continue_step(self) -> None:
         """Go on without projection."""

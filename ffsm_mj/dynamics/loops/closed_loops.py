@@ -82,6 +82,12 @@ class ClosedLoops:
         """Errors in position of all rows, m, (n,)."""
         return self._evaluator.errors()
 
+    def independent(self) -> tuple[FloatArray, FloatArray]:
+        """Independent combinations of the rows, (r, nv), and their errors in position, (r,): those that motions change."""
+        R = self._reduced().R
+        assert self._T is not None
+        return R, self._T.dot(self._evaluator.errors())
+
     def weighted(self) -> MassWeightedRows:
         """The rows in mass-weighted coordinates, with their rank at this state."""
         return MassWeightedRows(mass_matrix(self._model, self._data), self.rows().J)
