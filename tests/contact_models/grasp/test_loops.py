@@ -40,7 +40,7 @@ def test_two_closings_at_one_instant_in_either_order(tmp_path, axes, rank, loss_
             np.testing.assert_allclose(bench.momentum(), momentum, rtol=0, atol=1e-6 if step_s > 3e-3 else 1e-7)
     coarse, fine = (relative(benches["lr", h], benches["rl", h]) for h in (4e-3, 2e-3))
     assert coarse < 1e-6
-    assert coarse / fine > 10.0
+    assert coarse / fine > 10.0 or coarse < 1e-12  # slow motions agree to rounding
 
 
 def test_without_torques_energy_is_constant_and_loops_stay_closed(tmp_path):
