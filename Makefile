@@ -15,6 +15,7 @@ contracts:
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
+	uv run ffsm schema --study > scenarios/ffsm-study.schema.json
 figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/probe-and-cone.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md and docs/sensitivity.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline

@@ -3,9 +3,9 @@
 ``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``Simulator(scenario)`` does so step by step,
 in a loop of the caller's own; ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart;
 ``prepare(scenario)`` gives a recipe that runs again and again; ``Campaign`` and ``sweep`` run a scenario many times into one
-table; ``impact_map`` maps one contact over the configurations of the arm; ``impact`` resolves single collisions on any
-MuJoCo model. Everything is imported on first use, so that
-``import ffsm_mj`` and ``ffsm --help`` cost nothing.
+table; ``run_study`` compares variants of a scenario over the same samples; ``impact_map`` maps one contact over the
+configurations of the arm; ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so
+that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from ffsm_mj.impact_maps.impact_map import impact_map as impact_map
     from ffsm_mj.report.run import Run as Run
     from ffsm_mj.report.run import load_run as load_run
+    from ffsm_mj.studies.script import run_study as run_study
+    from ffsm_mj.studies.study import Study as Study
 
 _LAZY = {
     "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
@@ -37,6 +39,8 @@ _LAZY = {
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
     "load_run": ("ffsm_mj.report.run", "load_run"),
+    "run_study": ("ffsm_mj.studies.script", "run_study"),
+    "Study": ("ffsm_mj.studies.study", "Study"),
     "Run": ("ffsm_mj.report.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
     "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
@@ -46,6 +50,7 @@ __all__ = [
     "Campaign",
     "Run",
     "Simulator",
+    "Study",
     "compare",
     "compare_campaigns",
     "go_on",
@@ -54,6 +59,7 @@ __all__ = [
     "load_run",
     "prepare",
     "run",
+    "run_study",
     "sweep",
 ]
 

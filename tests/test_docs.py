@@ -120,6 +120,7 @@ def test_the_log_reference_is_current():
         "docs/capture.md",
         "docs/probe-and-cone.md",
         "docs/campaigns.md",
+        "docs/studies.md",
         "docs/accuracy.md",
         "docs/architecture.md",
     ],

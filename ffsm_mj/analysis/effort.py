@@ -24,6 +24,8 @@ MEASURES = {
     "at_bound": "share of the ticks at which the applied effort is at the least or greatest possible one",
 }
 """Statistics of each actuator, by name."""
+SUMMED = ("integral_u2", "work_J")
+"""Those whose value of several actuators is a sum; of the others it is the greatest."""
 
 
 class Effort:

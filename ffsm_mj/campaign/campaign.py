@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsm_mj.campaign.evaluation.kept_logs import runs_to_keep
 from ffsm_mj.campaign.execution.driver import Driver
-from ffsm_mj.campaign.execution.engines import choose_engine
+from ffsm_mj.campaign.execution.engines import choose_engine, dask_address
 from ffsm_mj.campaign.execution.rerun import Rerun, rerun
 from ffsm_mj.campaign.execution.stopping import FIRST, StoppingRule
 from ffsm_mj.campaign.execution.worker import Job
@@ -66,7 +66,7 @@ class Campaign(StoredCampaign):
                 base = plan.base
                 files = base.logged_files
                 folder.write(plan.config.model_dump(mode="json", exclude_none=True), base.scenario_yaml, files, design)
-            found = cls.open(out, own.controllers, own.estimators)
+            found = cls.open_with(out, own)
             found._adopt(plan)
         return found
 
@@ -82,7 +82,12 @@ class Campaign(StoredCampaign):
         Raises:
             InputError: The folder holds no campaign.
         """
-        folder, own = CampaignFolder(Path(out)), ScriptClasses(dict(controllers), dict(estimators))
+        return cls.open_with(Path(out), ScriptClasses(dict(controllers), dict(estimators)))
+
+    @classmethod
+    def open_with(cls, out: Path, own: ScriptClasses) -> Campaign:
+        """Open the campaign in a folder with classes and metrics of a script; see :meth:`open`."""
+        folder = CampaignFolder(out)
         design = folder.design()
         return cls(load_campaign(folder.path / CAMPAIGN, (), own), design, folder, own)
 
@@ -93,10 +98,10 @@ class Campaign(StoredCampaign):
             InputError: The settings or the number of samples differ.
         """
         other = campaign_settings(plan, self._own)
-        if other != self._settings:
-            raise InputError(
-                f"{self.folder.path}: holds a campaign with other settings: {differences(self._settings, other)}"
-            )
+        with self._table() as store:
+            stored = store.settings or self._settings  # classes and functions of a script are known from the rows only
+        if other != stored:
+            raise InputError(f"{self.folder.path}: holds a campaign with other settings: {differences(stored, other)}")
         if plan.config.samples.n not in (None, self.design.n):
             larger = plan.config.samples.n > self.design.n
             how = "extend(n) enlarges it" if larger else "Campaign.open continues it"
@@ -137,7 +142,7 @@ class Campaign(StoredCampaign):
         Args:
             executor: Executor for the runs; None: processes on this machine.
             workers: Number of processes; None: that of the campaign file, else one per processor.
-            dask: Address of a Dask scheduler to use instead.
+            dask: Address of a Dask scheduler to use instead, or ``local`` for a cluster on this machine.
             retry: Outcomes of :data:`ffsm_mj.campaign.storage.outcomes.RETRIED` whose runs are repeated.
             report: Called with (number of rows, number of runs) after every batch.
 
@@ -149,8 +154,8 @@ class Campaign(StoredCampaign):
             EngineLostError: The workers are lost; the rows so far are kept.
             LogWriteError: The table cannot be written (full disk); earlier rows are kept.
         """
-        engine = choose_engine(executor, workers, dask, self._own.every.values(), self.config.limits.workers)
-        with self.folder.locked(), self._writable_table() as store:
+        with self.folder.locked(), self._writable_table() as store, dask_address(dask, workers) as address:
+            engine = choose_engine(executor, workers, address, self._own.every.values(), self.config.limits.workers)
             self.design = self.folder.design()  # another process may have extended it
             if retry:
                 store.drop(retry)

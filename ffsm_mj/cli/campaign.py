@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.driver import EngineLostError
 from ffsm_mj.campaign.storage.status import Status
+from ffsm_mj.cli.batch_progress import BatchProgress
 from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
 from ffsm_mj.invocation import command
-
-_LINE_EVERY_S = 30.0
+from ffsm_mj.report.text_table import listed
 
 
 def campaign(options: argparse.Namespace, output: Output) -> int:
@@ -48,13 +47,9 @@ def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 
 def _list(say: Say) -> int:
-    from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path
-    from ffsm_mj.yaml.parser import read_node
+    from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
 
-    names = campaign_names()
-    width = max(map(len, names), default=0)
-    for name in names:
-        say(f"{name:{width}}  {read_node(campaign_path(name)).plain().get('description', '')}")
+    say(listed(CAMPAIGNS.described()))
     return OK
 
 
@@ -71,7 +66,7 @@ def _extend(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) -> int:
     """Execute the remaining runs, then write the logs that the campaign file asks for."""
     name, folder = found.config.campaign, found.folder.path
-    report = stage(name, "runs") or _Lines(name)
+    report = stage(name, "runs") or BatchProgress(name)
     try:
         status = found.run(
             workers=options.workers, dask=options.dask or "", retry=getattr(options, "retry", ()), report=report
@@ -80,10 +75,10 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
         complain(str(error))
         return RUN_FAILED
     except KeyboardInterrupt:
-        _say_status(found.status(), say)
+        say_status(found.status(), say)
         say(f"continue: {command('campaign', 'resume', folder)}")
         raise
-    _say_status(status, say)
+    say_status(status, say)
     if status.stopped:
         complain(
             f"{status.stopped}; to continue anyway, raise the limit: {command('campaign', 'run')} -s limits.max_failed=1 ..."
@@ -107,11 +102,12 @@ def _keep(found: Campaign, say: Say, stage: Stage) -> None:
 
 
 def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
-    _say_status(Campaign.open(options.folder).status(), say)
+    say_status(Campaign.open(options.folder).status(), say)
     return OK
 
 
-def _say_status(status: Status, say: Say) -> None:
+def say_status(status: Status, say: Say) -> None:
+    """Print the progress of a campaign."""
     outcomes = ", ".join(f"{count} {one_line(name)}" for name, count in status.outcomes.items())
     say(f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed")
     for message in status.messages:
@@ -144,24 +140,6 @@ def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     for path in write_report(found, Path(options.page) if options.page else None):
         say(str(path))
     return OK
-
-
-class _Lines:
-    """Progress as lines on stderr, if it is not a terminal."""
-
-    def __init__(self, name: str) -> None:
-        self._name, self._begun, self._first = name, time.monotonic(), -1.0
-        self._next = self._begun + _LINE_EVERY_S
-
-    def __call__(self, done: float, total: float) -> None:
-        now = time.monotonic()
-        self._first = done if self._first < 0.0 else self._first
-        if now < self._next or done >= total:
-            return
-        self._next = now + _LINE_EVERY_S
-        per_s = (done - self._first) / (now - self._begun)
-        left = f", {(total - done) / per_s / 60.0:.0f} min left" if per_s > 0.0 else ""
-        complain(f"{self._name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}")
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {

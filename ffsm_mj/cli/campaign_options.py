@@ -16,13 +16,13 @@ _ACTIONS = {
     "report": "write tables, figures and a page for a campaign",
     "rerun": "repeat runs of a campaign, write their logs and compare them with the recorded results",
 }
-_EXECUTED = {
+EXECUTED = {
     OK: "every run has a result",
     BAD_INPUT: "bad input, changed settings, or already running elsewhere",
     RUN_FAILED: "stopped early (limits.max_failed, workers lost, full disk)",
     INTERRUPTED: "interrupted (results kept)",
 }
-_EXIT_CODES = dict.fromkeys(("run", "resume", "extend"), _EXECUTED) | {
+_EXIT_CODES = dict.fromkeys(("run", "resume", "extend"), EXECUTED) | {
     "rerun": {RUN_FAILED: "a rerun differs from its result, or output was lost (full disk)"}
 }
 """Meanings that are not general, by action."""
@@ -49,19 +49,33 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
     parsers["report"].add_argument(
         "--page", metavar="FILE", help="Markdown file; figures go to figures/ beside it (default: report.md in DIR)"
     )
-    parsers["resume"].add_argument(
+    add_retry(parsers["resume"])
+    for name in ("run", "resume", "extend"):
+        add_engine(parsers[name])
+
+
+def add_retry(to: argparse.ArgumentParser) -> None:
+    """Add the option of outcomes whose runs are repeated."""
+    to.add_argument(
         "--retry",
         type=_outcomes,
         default=(),
         metavar="OUTCOMES",
         help=f"also repeat runs with these outcomes: {', '.join(RETRIED)}; separate several by commas",
     )
-    for name in ("run", "resume", "extend"):
-        where = parsers[name].add_mutually_exclusive_group()
-        where.add_argument(
-            "--workers", type=_positive, metavar="N", help="number of worker processes (default: one per processor)"
-        )
-        where.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, e.g. tcp://host:8786")
+
+
+def add_engine(to: argparse.ArgumentParser) -> None:
+    """Add the options of where runs are executed."""
+    where = to.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=_positive, metavar="N", help="number of worker processes (default: one per processor)"
+    )
+    where.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler, e.g. tcp://host:8786; local: a cluster on this machine, one worker per processor",
+    )
 
 
 def _whole(text: str) -> int:

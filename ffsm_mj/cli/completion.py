@@ -7,12 +7,13 @@ from collections.abc import Iterator, Sequence
 
 import shtab
 
-from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path
+from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
 from ffsm_mj.cli.command_line import parser
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
+from ffsm_mj.studies.shipped import STUDIES
 
 _PLACES = ("--out", "--save", "--plots", "--robot", "--package-path")
 _TABLES = ("samples", "checks", "contacts", "captures")
@@ -28,8 +29,12 @@ _ffsm_campaign_or_file() {{
   compgen -W "{campaigns}" -- "$1"
   compgen -f -- "$1"
 }}
-_ffsm_either_or_file() {{
-  compgen -W "{scenarios} {campaigns}" -- "$1"
+_ffsm_study_or_file() {{
+  compgen -W "{studies}" -- "$1"
+  compgen -f -- "$1"
+}}
+_ffsm_any_or_file() {{
+  compgen -W "{scenarios} {campaigns} {studies}" -- "$1"
   compgen -f -- "$1"
 }}
 _ffsm_table() {{
@@ -45,8 +50,11 @@ _ffsm_scenario_or_file() {{
 _ffsm_campaign_or_file() {{
   _alternative 'campaigns:shipped campaign:({campaigns})' 'files:file:_files'
 }}
-_ffsm_either_or_file() {{
-  _alternative 'shipped:shipped scenario or campaign:({scenarios} {campaigns})' 'files:file:_files'
+_ffsm_study_or_file() {{
+  _alternative 'studies:shipped study:({studies})' 'files:file:_files'
+}}
+_ffsm_any_or_file() {{
+  _alternative 'shipped:shipped scenario, campaign or study:({scenarios} {campaigns} {studies})' 'files:file:_files'
 }}
 _ffsm_table() {{
   compadd {tables}
@@ -63,8 +71,12 @@ function _ffsm_campaign_or_file
   string split ' ' -- "{campaigns}"
   __fish_complete_path (commandline -ct)
 end
-function _ffsm_either_or_file
-  string split ' ' -- "{scenarios} {campaigns}"
+function _ffsm_study_or_file
+  string split ' ' -- "{studies}"
+  __fish_complete_path (commandline -ct)
+end
+function _ffsm_any_or_file
+  string split ' ' -- "{scenarios} {campaigns} {studies}"
   __fish_complete_path (commandline -ct)
 end
 function _ffsm_table
@@ -101,7 +113,8 @@ def _script(shell: str) -> str:
         _set_completion(command, option)
     preamble = _FUNCTIONS[shell].format(
         scenarios=" ".join(scenario_names()),
-        campaigns=" ".join(campaign_names()),
+        campaigns=" ".join(CAMPAIGNS.names()),
+        studies=" ".join(STUDIES.names()),
         tables=" ".join([*_TABLES, *(kind.plural for kind in BUILT_IN if kind.name != "outcome")]),
     )
     return shtab.complete(whole, shell=shell, preamble=preamble).rstrip()
@@ -120,16 +133,16 @@ def _options(of: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[s
 def _set_completion(command: str, option: argparse.Action) -> None:
     """Set what completes an option; other values cannot be completed."""
     if option.dest in ("scenario", "scene"):
-        _complete_by(option, "_ffsm_either_or_file" if command == "check" else "_ffsm_scenario_or_file")
-    elif option.dest == "campaign" and not option.option_strings:
-        _complete_by(option, "_ffsm_campaign_or_file")
+        _complete_by(option, "_ffsm_any_or_file" if command == "check" else "_ffsm_scenario_or_file")
+    elif option.dest in ("campaign", "study") and not option.option_strings:
+        _complete_by(option, f"_ffsm_{option.dest}_or_file")
     elif option.dest == "overrides":
         _complete_by(option, "_ffsm_key")
     elif option.dest == "table":
         _complete_by(option, "_ffsm_table")
     elif option.dest in ("run", "runs"):
         option.complete = shtab.FILE  # type: ignore[attr-defined]
-    elif option.dest == "folder" or set(option.option_strings) & set(_PLACES):
+    elif option.dest == "folder" or set(option.option_strings) & {*_PLACES, "--metrics"}:
         option.complete = shtab.FILE if option.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
 
 
@@ -138,18 +151,20 @@ def _complete_by(option: argparse.Action, function: str) -> None:
 
 
 def _keys(words: Sequence[str]) -> list[str]:
-    """Keys that ``-s`` can set, dotted: of the scenario or campaign that a command line names, else of any scenario."""
+    """Keys that ``-s`` can set, dotted: of the file that a command line names, else of any scenario."""
     from ffsm_mj.campaign.plan.schema import campaign_schema
     from ffsm_mj.scenario.key_paths import ANY, key_paths
     from ffsm_mj.scenario.scenario import Scenario
     from ffsm_mj.scenario.source import read_yaml
+    from ffsm_mj.studies.schema import study_schema
     from ffsm_mj.yaml.parser import read_node
 
     for word in words[1:]:
         try:
-            if words[0] == "campaign":
-                data = read_node(campaign_path(word)).plain()
-                return [".".join(path) for path in key_paths(campaign_schema(), data)]
+            if words[0] in (CAMPAIGNS.kind, STUDIES.kind):
+                files, schema = (CAMPAIGNS, campaign_schema) if words[0] == CAMPAIGNS.kind else (STUDIES, study_schema)
+                data = read_node(files.path(word)).plain()
+                return [".".join(path) for path in key_paths(schema(), data)]
             data = read_yaml(scenario_path(word)).data
             return [".".join(path) for path in key_paths(Scenario.model_json_schema(), data)]
         except (InputError, OSError):

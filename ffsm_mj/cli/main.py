@@ -25,6 +25,7 @@ _COMMANDS = {
     "impact-map": "impact_map:impact_map",
     "sensitivity": "sensitivity:sensitivity",
     "campaign": "campaign:campaign",
+    "study": "study:study",
     "reproduce": "reproduce:reproduce",
     "validate": "validate:validate",
     "schema": "check:schema",
@@ -35,7 +36,7 @@ _COMMANDS = {
 """Module and function of each command; a module is imported when its command is performed."""
 _SHOW_TRACEBACK = "FFSM_TRACEBACK"
 """Environment variable: unhandled exceptions are raised instead of reported in one line."""
-_READERS = ("analyze", "export", "view", "campaign", "new")
+_READERS = ("analyze", "export", "view", "campaign", "study", "new")
 """Commands that read files of unknown origin."""
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from textwrap import fill
 from typing import TYPE_CHECKING
 
 from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, INTERRUPTED, OK, RUN_FAILED, TRUNCATED
@@ -37,14 +36,15 @@ def run(options: argparse.Namespace, output: Output) -> int:
         return BAD_INPUT
     from ffsm_mj.assembly.go_on import prepare_from
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
-    from ffsm_mj.campaign.plan.shipped import is_campaign
+    from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
     from ffsm_mj.log.run_folder import RunFolder
     from ffsm_mj.sensitivity.of_run import checked_parameters
+    from ffsm_mj.studies.shipped import STUDIES
 
-    if is_campaign(options.scenario):
-        raise InputError(
-            f"{options.scenario}: is a campaign, not a scenario; use '{command('campaign', 'run', options.scenario)}'"
-        )
+    for each in (CAMPAIGNS, STUDIES):
+        if each.has(options.scenario):
+            use = command(each.kind, "run", options.scenario)
+            raise InputError(f"{options.scenario}: is a {each.kind}, not a scenario; use '{use}'")
     if options.out == "":
         complain("--out: an empty name; leave --out away for a folder in logs/")
         return BAD_INPUT
@@ -127,13 +127,9 @@ def _summarise(
 
 
 def _list(output: Output) -> int:
-    from ffsm_mj.report.text_table import terminal_width
+    from ffsm_mj.report.text_table import listed
     from ffsm_mj.scenario.shipped import scenario_names, scenario_path
     from ffsm_mj.scenario.source import read_yaml
 
-    names = scenario_names()
-    width, room = max(map(len, names)), terminal_width()
-    for name in names:
-        text = f"{name:{width}}  {read_yaml(scenario_path(name)).data.get('description', '')}"
-        output.say(text if room is None else fill(text, max(room, width + 22), subsequent_indent=(width + 2) * " "))
+    output.say(listed({name: read_yaml(scenario_path(name)).data.get("description", "") for name in scenario_names()}))
     return OK

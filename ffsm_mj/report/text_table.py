@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from textwrap import fill
 
 from ffsm_mj.errors import one_line
@@ -105,6 +105,15 @@ def _parts(widths: Sequence[int], room: int | None, keys: int) -> Iterator[list[
             part = first
         part = [*part, i]
     yield part
+
+
+def listed(descriptions: Mapping[str, str]) -> str:
+    """Names with their descriptions, one entry per line, wrapped at the width of the terminal."""
+    width, room = max(map(len, descriptions), default=0), terminal_width()
+    lines = [f"{name:{width}}  {text}" for name, text in descriptions.items()]
+    if room is None:
+        return "\n".join(lines)
+    return "\n".join(fill(line, max(room, width + 22), subsequent_indent=(width + 2) * " ") for line in lines)
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 
 from ffsm_mj.campaign.plan.loading import load_campaign
-from ffsm_mj.campaign.plan.shipped import campaign_names, campaign_path, is_campaign
+from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
 from ffsm_mj.cli.main import main
 from ffsm_mj.conditions import conditions
 from ffsm_mj.errors import InputError
@@ -329,7 +329,7 @@ def test_success(text, metrics, holds):
     assert all(condition.holds(metrics) for condition in conditions(text)) == holds
 
 
-@pytest.mark.parametrize("name", campaign_names())
+@pytest.mark.parametrize("name", CAMPAIGNS.names())
 def test_shipped_campaigns_are_valid(name):
     plan = load_campaign(name)
     assert plan.config.campaign == name
@@ -337,12 +337,12 @@ def test_shipped_campaigns_are_valid(name):
     plan.design()
 
 
-@pytest.mark.parametrize("name", campaign_names())
+@pytest.mark.parametrize("name", CAMPAIGNS.names())
 def test_the_committed_schema_is_current_and_takes_the_shipped_campaigns(name, capsys):
     assert main(["schema", "--campaign"]) == 0
     schema = json.loads(capsys.readouterr().out)
     assert schema == json.loads((scenarios_dir() / "ffsm-campaign.schema.json").read_text())
-    data = read_node(campaign_path(name)).plain()
+    data = read_node(CAMPAIGNS.path(name)).plain()
     jsonschema.validate(data, schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(data | {"sample": 3}, schema)
@@ -375,5 +375,5 @@ def test_a_campaign_is_told_from_a_scenario(tmp_path, capsys):
         f"{campaign}: is a campaign, not a scenario; use 'ffsm campaign run {campaign}'",
         f"{scenario}: is a scenario, not a campaign; use 'ffsm run {scenario}'",
     ]
-    assert is_campaign(campaign_file(tmp_path, GOOD))
-    assert not any(map(is_campaign, (scenario, tmp_path, "baseline", "nothing", tmp_path / "nothing.yaml")))
+    assert CAMPAIGNS.has(campaign_file(tmp_path, GOOD))
+    assert not any(map(CAMPAIGNS.has, (scenario, tmp_path, "baseline", "nothing", tmp_path / "nothing.yaml")))

@@ -89,7 +89,7 @@ def test_campaigns_of_folders_are_compared(tmp_path):
         (tmp_path / name).mkdir()
         two_balls(tmp_path / name, restitution=restitution, duration_s=0.4)
         dispersed = {"initial.rates.robot/x": {"uniform": [0.9, 1.1]}}
-        samples = {"kind": "random", "n": 4, "seed": 1}
+        samples = {"kind": "random", "n": 8, "seed": 1}
         path = campaign_file(tmp_path / name, dispersed, samples, metrics=["impacts.0.impulse_N_s"])
         campaign = Campaign.load(path, tmp_path / name / "runs")
         campaign.run(loop().open())
@@ -98,7 +98,7 @@ def test_campaigns_of_folders_are_compared(tmp_path):
     impulse = found["impacts.0.impulse_N_s"]
     speeds = [speed for (speed,) in folders[0].design.rows]
     assert impulse.mean == pytest.approx(-0.6 * np.mean(speeds), rel=1e-12)
-    assert (impulse.sign, impulse.lower, impulse.n) == (-1, 4, 4)
-    assert found.good == (4, 0, 0, 0)
-    assert found.lines()[0] == "elastic/runs and half/runs: 4 runs with the same samples"
+    assert (impulse.sign, impulse.lower, impulse.n) == (-1, 8, 8)
+    assert found.good == (8, 0, 0, 0)
+    assert found.lines()[0] == "elastic/runs and half/runs: 8 runs with the same samples"
     assert "less in half/runs" in found.lines()[-1]

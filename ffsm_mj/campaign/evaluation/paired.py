@@ -13,6 +13,9 @@ from ffsm_mj.campaign.evaluation.results import Results, TableRow, is_good, numb
 from ffsm_mj.campaign.evaluation.statistics import CONFIDENCE
 from ffsm_mj.errors import InputError
 
+LEAST_RUNS = 6
+"""Number of runs from which a difference can be shown: even if all differences of fewer runs have one sign, the p-value of
+the sign test, 2^(1 - n), is above 1 - CONFIDENCE."""
 _RESAMPLES = 10_000
 _BLOCK = 500
 _ROUNDING = 1e-12
@@ -46,8 +49,16 @@ class PairedDifference:
 
     @property
     def sign(self) -> int:
-        """-1 or 1 where the second campaign certainly has less or more; 0 where the interval contains zero."""
-        return int(self.low > 0.0) - int(self.high < 0.0)
+        """-1 or 1 where the second campaign is shown to have less or more; 0 where the interval contains zero.
+
+        With fewer than :data:`LEAST_RUNS` runs nothing is shown, whatever the interval.
+        """
+        return int(self.low > 0.0) - int(self.high < 0.0) if self.n >= LEAST_RUNS else 0
+
+    def reversed(self) -> PairedDifference:
+        """The same difference, first campaign less second."""
+        mean, low, high = (0.0 - value for value in (self.mean, self.high, self.low))
+        return PairedDifference(self.metric, self.n, self.second, self.first, mean, low, high, self.higher, self.lower)
 
     def sentence(self, names: tuple[str, str]) -> str:
         """What the numbers say; no campaign has less or more where the interval contains zero."""
@@ -121,7 +132,7 @@ def paired_comparison(one: Results, other: Results, names: tuple[str, str]) -> C
     first, second = ([pair[i] for pair in pairs] for i in (0, 1))
     good = [(is_good(a), is_good(b)) for a, b in pairs]
     both = [name for name in one.metrics if name in other.metrics]
-    found = (_difference(name, numbers(first, name), numbers(second, name)) for name in both)
+    found = (paired_difference(name, numbers(first, name), numbers(second, name)) for name in both)
     return CampaignComparison(
         names,
         len(pairs),
@@ -157,8 +168,14 @@ def _outcomes(rows: Sequence[TableRow]) -> dict[str, int]:
     return {name: texts.count(name) for name in sorted(set(texts), key=lambda text: (-texts.count(text), text))}
 
 
-def _difference(metric: str, first: FloatArray, second: FloatArray) -> PairedDifference | None:
-    """The difference of a metric; None if no run has a number in both."""
+def paired_difference(metric: str, first: FloatArray, second: FloatArray) -> PairedDifference | None:
+    """The difference of a metric; None if no run has a number in both.
+
+    Args:
+        metric: Name of the metric.
+        first: Its values in the first campaign, NaN where a run has none.
+        second: Those of the same runs in the second one.
+    """
     known = np.isfinite(first) & np.isfinite(second)
     first, second = first[known], second[known]
     if not len(first):

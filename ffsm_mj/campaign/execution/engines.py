@@ -16,11 +16,14 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 from typing import Any, TypeVar
 
+from ffsm_mj.campaign.execution.file_metrics import FileMetric
 from ffsm_mj.errors import InputError, MissingPackageError
 from ffsm_mj.invocation import on_command_line
 
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+LOCAL = "local"
+"""In place of the address of a Dask scheduler: a cluster on this machine."""
 _ANSWER_S = 10
 """Timeout of the connection to a Dask scheduler, s."""
 
@@ -112,9 +115,11 @@ def usable_processors() -> int:
 
 
 def importable(law: Any) -> bool:
-    """Whether another process can import a class; it cannot if the class is defined in a script or a function."""
-    module = getattr(law, "__module__", "__main__")
-    return module != "__main__" and "<locals>" not in law.__qualname__ and find_spec(module) is not None
+    """Whether another process can import a class or function; not if it is defined in a script or inside a function."""
+    if isinstance(law, FileMetric):
+        return True
+    module, name = getattr(law, "__module__", "__main__"), getattr(law, "__qualname__", "<object>")
+    return module != "__main__" and "<" not in name and find_spec(module) is not None
 
 
 def executor(workers: int | None = None) -> Any:
@@ -146,10 +151,7 @@ def dask(address: str) -> Engine:
         InputError: The scheduler does not answer, it has no workers, or a worker has several threads.
     """
     where = f"--dask {address}" if on_command_line() else f"dask={address!r}"
-    try:
-        import distributed
-    except ImportError as error:
-        raise MissingPackageError("a campaign on a Dask cluster", "distributed", "cluster") from error
+    distributed = _distributed()
 
     def client() -> Any:
         try:
@@ -172,6 +174,37 @@ def dask(address: str) -> Engine:
     if several:
         raise InputError(f"{where}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1")
     return Engine(f"{len(threads)} Dask workers", len(threads), connected)
+
+
+@contextmanager
+def dask_address(where: str, workers: int | None = None) -> Iterator[str]:
+    """Context with the address of a Dask scheduler: the given one, or that of a cluster on this machine for ``local``.
+
+    Args:
+        where: Address of a scheduler, ``local``, or empty.
+        workers: Number of processes of a local cluster; None: one per processor.
+
+    Raises:
+        MissingPackageError: ``distributed`` is not installed.
+        InputError: The number of workers is less than 1.
+    """
+    if where != LOCAL:
+        yield where
+        return
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: {workers} is less than 1")
+    make: Any = _distributed().LocalCluster
+    count = workers or usable_processors()
+    with make(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingPackageError("a campaign on a Dask cluster", "distributed", "cluster") from error
+    return distributed
 
 
 @contextmanager

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
 from functools import cache
 from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.analysis.contact_intervals import ContactInterval
-from ffsm_mj.analysis.effort import MEASURES
+from ffsm_mj.analysis.effort import MEASURES, SUMMED
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.errors import described, one_line, unknown_name
+from ffsm_mj.errors import described, one_line, raised_at, unknown_name
 from ffsm_mj.records.kinds import kinds
 from ffsm_mj.report.run import Run
 from ffsm_mj.verification.check_result import Check
@@ -24,6 +26,8 @@ GROUP = "ffsm_mj.metrics"
 :class:`~ffsm_mj.report.run.Run`. An optional attribute ``columns`` lists the columns it needs; only these are stored during
 the run."""
 
+FAULT = "fault."
+"""Prefix of entries that say why a metric of the caller has no value."""
 _EXACT = 1 << 53
 """Integers up to this magnitude are exact as doubles."""
 
@@ -82,13 +86,20 @@ def _excess(check: Check) -> float:
     return check.residual / check.tolerance if check.residual > 0.0 and check.tolerance > 0.0 else math.inf
 
 
-def metric_values(run: Run, names: Sequence[str], checks: Mapping[str, Scalar] | None = None) -> dict[str, Scalar]:
+def metric_values(
+    run: Run,
+    names: Sequence[str],
+    checks: Mapping[str, Scalar] | None = None,
+    own: Mapping[str, Callable[[Run], Any]] = MappingProxyType({}),
+) -> dict[str, Scalar]:
     """Values of metrics of a run.
 
     Args:
         run: The run.
         names: Names of the metrics, in the order of the result.
         checks: Result of :func:`check_metrics`; None: computed from the checks of the run, with ``count``.
+        own: Metrics of the caller; one that raises, or gives no valid number, has no value and an entry
+            :data:`FAULT` that says why.
 
     Raises:
         ValueError: A metric is not a scalar of the run; the message names it.
@@ -100,11 +111,37 @@ def metric_values(run: Run, names: Sequence[str], checks: Mapping[str, Scalar] |
     for name in names:
         if name in of_checks:
             found[name] = of_checks[name]
+        elif name in own:
+            found |= _own_value(name, own[name], run)
         elif name in plugins:
             found[name] = _scalar(name, plugins[name](run))
+        elif name.startswith("effort.") and "*" in name:
+            found[name] = _scalar(name, _effort_of_several(run.effort or {}, name))
         else:
             found[name] = _scalar(name, value_at(summary, name))
     return of_checks | {"impacts.count": len(summary["impacts"])} | found
+
+
+def _own_value(name: str, function: Callable[[Run], Any], run: Run) -> dict[str, Scalar]:
+    """Value of a metric of the caller; None with a description of its fault if it has none."""
+    try:
+        value = function(run)
+        scalar = _scalar(name, value)
+    except (Exception, SystemExit) as error:  # noqa: BLE001 (code of the caller may raise anything)
+        return {name: None, FAULT + name: described(error) + raised_at(error)}
+    if scalar is None and value is not None:
+        return {name: None, FAULT + name: one_line(f"not a finite number: {value}")}
+    return {name: scalar}
+
+
+def _effort_of_several(effort: Mapping[str, Mapping[str, float | None]], name: str) -> float | None:
+    """Sum of the integrals or works of the actuators that match a pattern, or their largest peak or share at a bound."""
+    actuators, _, measure = name.removeprefix("effort.").rpartition(".")
+    values = [effort[each][measure] for each in fnmatch.filter(effort, actuators)]
+    known = [value for value in values if value is not None]
+    if not known or len(known) < len(values):
+        return None
+    return sum(known) if measure in SUMMED else max(known)
 
 
 def value_at(summary: Any, name: str) -> Any:
@@ -140,13 +177,15 @@ def _scalar(name: str, value: Any) -> Scalar:
     raise ValueError(f"metric {name!r} is no number, text or flag but a {type(value).__name__}")
 
 
-def columns_of(names: Sequence[str]) -> tuple[str, ...] | None:
+def columns_of(
+    names: Sequence[str], own: Mapping[str, Callable[[Run], Any]] = MappingProxyType({})
+) -> tuple[str, ...] | None:
     """Columns that metrics need; None: all, because one of them does not declare its columns."""
     needed: list[str] = []
     for name in names:
-        plugin = plugin_metrics().get(name)
-        if plugin is not None:
-            columns = getattr(plugin, "columns", None)
+        function = own.get(name) or plugin_metrics().get(name)
+        if function is not None:
+            columns = getattr(function, "columns", None)
             if columns is None:
                 return None
             needed += columns
@@ -171,25 +210,30 @@ def _loaded(point: Any) -> Callable[[Run], Any]:
         return broken
 
 
-def fault_of(name: str, actuators: Sequence[str]) -> str | None:
+def fault_of(name: str, actuators: Sequence[str], own: Iterable[str] = ()) -> str | None:
     """Why a name is not a metric; None if it may be one.
 
     Args:
         name: Name to check.
         actuators: Names of the scenario's actuators in the columns of a log.
+        own: Names of the caller's own metrics.
     """
+    if name in own:
+        return None
     head, _, rest = name.partition(".")
     lists = record_lists()
     if head in lists:
         return fault_in_list(head, rest, lists[head])
     if head == "effort":
         actuator, _, measure = rest.rpartition(".")
-        if actuator in actuators and measure in MEASURES:
+        if fnmatch.filter(actuators, actuator) and measure in MEASURES:
             return None
-        return unknown_name("metric", name, [f"effort.{each}.{measure}" for each in actuators for measure in MEASURES])
+        return unknown_name(
+            "metric", name, [f"effort.{each}.{measure}" for each in (*actuators, "*") for measure in MEASURES]
+        )
     if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
         return None
-    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics()]
+    known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics(), *own]
     known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
     known += ["base_rotation.final_rad", "base_rotation.largest_rad"]
     known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [

@@ -73,7 +73,8 @@ def rerun(
     exact = row.cpu == processor() and same_settings
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
-        metrics = metric_values(run, job.metrics, check_metrics(run.checks(), truncated=job.truncated))
+        checked = check_metrics(run.checks(), truncated=job.truncated)
+        metrics = metric_values(run, job.metrics, checked, job.own.metrics)
     except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR
     return Rerun(index, run, exact, tuple(_differences(row, outcome, metrics, job.metrics, exact=exact)))

@@ -44,7 +44,7 @@ class Job:
         versions: Package versions of the campaign.
         digest: Hash of the campaign's settings; it identifies the scenario and its models.
         timeout_s: Greatest wall time of a run, s; 0: no limit.
-        own: Control laws and estimators of a script.
+        own: Control laws, estimators and metrics of a script.
         own_process: Whether the process executes nothing else, so that it may be ended if a run is stuck.
         grace_s: Time after the timeout at which a run that has not stopped is stuck, s.
         truncated: Whether runs whose checks fail by the truncation of the step alone pass: ``count``, or not: ``fail``.
@@ -139,14 +139,14 @@ def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> 
             raise _TimeoutError
 
     with _StuckRunGuard(job):
-        run = simulate(assembly, columns=columns_of(job.metrics), report=check_time)
+        run = simulate(assembly, columns=columns_of(job.metrics, job.own.metrics), report=check_time)
         checks = run.checks()
         if _may_be_truncation(run, checks):
             # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
             log = simulate(prepared_run(job, index, overrides).assemble(), report=check_time).log
             checks = explained(checks, DEFAULT_TOLERANCE, lambda: refined(log, check_time))
         counted = check_metrics(checks, truncated=job.truncated)
-        metrics = metric_values(run, job.metrics, counted)
+        metrics = metric_values(run, job.metrics, counted, job.own.metrics)
     return {
         "outcome": run.outcome,
         "message": run.message,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, field_validator, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from ffsm_mj.campaign.plan.dispersions import Dispersion
 from ffsm_mj.conditions import Condition, conditions
@@ -12,6 +12,8 @@ from ffsm_mj.config import StrictModel
 
 Name = Annotated[str, Field(min_length=1)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+"""Names of campaigns, studies and variants, which are names of folders."""
 _MOST_RUNS = 10_000_000
 
 
@@ -69,37 +71,22 @@ class StopConfig(StrictModel):
     """Width of the 95 % interval at which the campaign ends."""
 
 
-class CampaignFile(StrictModel):
-    """A campaign: one scenario, run many times with dispersed keys."""
+class DispersedRuns(StrictModel):
+    """What a campaign and a study have in common: dispersed runs of a scenario, and what is recorded of each."""
 
-    campaign: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-    """Name of the campaign: letters, digits, '.', '_' and '-'."""
     description: str = ""
-    """One line for ``ffsm campaign run --list``."""
+    """One line for ``run --list``."""
     scenario: Name
-    """A scenario file, relative to the campaign file, or the name of a shipped scenario."""
+    """A scenario file, relative to this file, or the name of a shipped scenario."""
     overrides: dict[Name, Any] = {}
     """Overrides of the scenario for all runs, by dotted key."""
     samples: SamplesConfig
     dispersions: Annotated[dict[Name, Dispersion], Field(min_length=1)]
     """Dispersions by key of the scenario, or by a free name with ``keys``."""
-    metrics: tuple[Name, ...] = ()
-    """Metrics of each run: paths into ``summary.json``, and those listed in docs/campaigns.md."""
     success: str | None = None
     """Condition for the success of a completed run: ``METRIC < NUMBER``, several joined by ``and``."""
     truncated: Literal["count", "fail"] = "count"
     """Whether runs whose checks fail by the truncation of the step alone pass (``count``) or fail (``fail``)."""
-    keep: KeepConfig = KeepConfig()
-    limits: LimitsConfig = LimitsConfig()
-    stop: StopConfig | None = None
-
-    @field_validator("metrics")
-    @classmethod
-    def _refuse_duplicates(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        twice = next((name for name in value if value.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"{twice} is listed twice")
-        return value
 
     @field_validator("success")
     @classmethod
@@ -112,6 +99,30 @@ class CampaignFile(StrictModel):
     def conditions(self) -> tuple[Condition, ...]:
         """Conditions for the success of a run; empty if there are none."""
         return conditions(self.success) if self.success is not None else ()
+
+
+def without_duplicates(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The names as given.
+
+    Raises:
+        ValueError: A name is listed twice.
+    """
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ValueError(f"{twice} is listed twice")
+    return names
+
+
+class CampaignFile(DispersedRuns):
+    """A campaign: one scenario, run many times with dispersed keys."""
+
+    campaign: Annotated[str, Field(pattern=NAME_PATTERN)]
+    """Name of the campaign: letters, digits, '.', '_' and '-'."""
+    metrics: Annotated[tuple[Name, ...], AfterValidator(without_duplicates)] = ()
+    """Metrics of each run: paths into ``summary.json``, and those listed in docs/campaigns.md."""
+    keep: KeepConfig = KeepConfig()
+    limits: LimitsConfig = LimitsConfig()
+    stop: StopConfig | None = None
 
     @property
     def kept_metrics(self) -> tuple[str, ...]:

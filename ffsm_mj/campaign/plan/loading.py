@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -18,7 +18,7 @@ from ffsm_mj.campaign.plan.dispersions import SampledScalar
 from ffsm_mj.campaign.plan.metric_names import refuse_metrics
 from ffsm_mj.campaign.plan.row_check import refuse_wrong_rows
 from ffsm_mj.campaign.plan.sampler import EXTENDABLE
-from ffsm_mj.campaign.plan.shipped import campaign_path
+from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
 from ffsm_mj.campaign.plan.targets import Targets
 from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
@@ -27,6 +27,7 @@ from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.scenario import located
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
+from ffsm_mj.yaml.node import KeyPath
 from ffsm_mj.yaml.parser import read_node
 
 
@@ -110,7 +111,7 @@ def load_campaign(campaign: str | Path, overrides: Sequence[str] = (), own: Scri
     Raises:
         InputError: One line per fault, with file, line and column.
     """
-    path = campaign_path(campaign)
+    path = CAMPAIGNS.path(campaign)
     return make_plan(source_of(read_node(path, "campaign"), path).overridden(overrides), own)
 
 
@@ -130,14 +131,47 @@ def make_plan(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> Plan:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:
         raise InputError(source.lines(plain_faults(error, KindNames(CampaignFile, (), (), {})))) from error
-    scenario = _base_path(config, source)
+    return plan_of(config, source, own)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the keys of a campaign stand in the file that it was read from.
+
+    Attributes:
+        scenario: Place of the scenario.
+        overrides: Places of overrides by their keys; those that are not listed stand in ``overrides``.
+    """
+
+    scenario: KeyPath = ("scenario",)
+    overrides: Mapping[str, KeyPath] = field(default_factory=dict)
+
+    def override(self, key: str) -> KeyPath:
+        """Place of an override."""
+        return self.overrides.get(key, ("overrides", key))
+
+
+def plan_of(config: CampaignFile, source: YamlSource, own: ScriptClasses = NO_CLASSES, places: Places | None = None) -> Plan:
+    """Compile the base scenario of a campaign and bind its dispersions; no design is sampled.
+
+    Args:
+        config: The campaign.
+        source: Locations of its keys; paths are relative to the file.
+        own: Control laws, estimators and metrics of the caller.
+        places: Where its keys stand in the source.
+
+    Raises:
+        InputError: One line per fault, with file, line and column.
+    """
+    places = places or Places()
+    scenario = base_path(config.scenario, source, places)
     changes = {key: f"{key}={json.dumps(value)}" for key, value in config.overrides.items()}
-    base = _base(scenario, changes, source, own)
+    base = _base(scenario, changes, source, own, places)
     if base.origin is not None:
         message = "a campaign needs a scenario that begins at t = 0: each of its runs has a seed of its own"
         raise located(ScenarioFaults([Fault(message, ("initial", "from"))]), base.source)
     try:
-        refuse_metrics(config, base.system)
+        refuse_metrics(config, base.system, own.metrics)
         refuse_levels(config)
         scalars = columns(config.dispersions)
         bindings = bind_dispersions(config.dispersions, Targets(base))
@@ -150,16 +184,20 @@ def _to_run(scenario: Path) -> str:
     return f"'{command('run', scenario)}'" if on_command_line() else "ffsm_mj.run"
 
 
-def _base_path(config: CampaignFile, source: YamlSource) -> Path:
-    text = config.scenario
+def base_path(text: str, source: YamlSource, places: Places) -> Path:
+    """Path of the scenario that a file names.
+
+    Raises:
+        InputError: There is none.
+    """
     relative = text.endswith((".yaml", ".yml")) or "/" in text
     try:
-        return scenario_path(source.folder(("scenario",)) / text if relative else text)
+        return scenario_path(source.folder(places.scenario) / text if relative else text)
     except InputError as error:
-        raise InputError([source.line(Fault(line, ("scenario",))) for line in error.lines]) from error
+        raise InputError([source.line(Fault(line, places.scenario)) for line in error.lines]) from error
 
 
-def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, own: ScriptClasses) -> PreparedRun:
+def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, own: ScriptClasses, places: Places) -> PreparedRun:
     try:
         return prepare(scenario, list(changes.values()), controllers=own.controllers, estimators=own.estimators)
     except InputError as error:
@@ -167,5 +205,5 @@ def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, own: S
         for line in error.lines:
             begins = {key: one_line(f"{override(change)}: ") for key, change in changes.items()}
             key = next((key for key, begin in begins.items() if line.startswith(begin)), None)
-            lines.append(line if key is None else source.line(Fault(line.removeprefix(begins[key]), ("overrides", key))))
+            lines.append(line if key is None else source.line(Fault(line.removeprefix(begins[key]), places.override(key))))
         raise InputError(lines) from error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from ffsm_mj.campaign.execution.metrics import fault_of
 from ffsm_mj.campaign.plan.config import CampaignFile
@@ -11,14 +11,19 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import identifier
 
 
-def refuse_metrics(config: CampaignFile, system: System) -> None:
+def refuse_metrics(config: CampaignFile, system: System, own: Iterable[str] = ()) -> None:
     """Refuse names that are not metrics.
+
+    Args:
+        config: The campaign.
+        system: Robot and objects.
+        own: Names of the caller's own metrics.
 
     Raises:
         ScenarioFaults: One fault per name.
     """
     actuators = [identifier(name) for name in system.names("actuator")]
-    faults = [Fault(fault, path) for name, path in _named(config) if (fault := fault_of(name, actuators)) is not None]
+    faults = [Fault(fault, path) for name, path in _named(config) if (fault := fault_of(name, actuators, own)) is not None]
     if config.stop is not None and config.stop.metric == "success" and config.success is None:
         faults.append(Fault("the campaign has no success condition: set 'success', or name a metric", ("stop", "metric")))
     if faults:

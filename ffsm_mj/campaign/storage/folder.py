@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
 from ffsm_mj.campaign.plan.design import Design
-from ffsm_mj.errors import InputError, LogWriteError
+from ffsm_mj.campaign.storage.exclusive import LOCK, exclusive, is_unfinished, write_whole
+from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import option
 from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.records.events import Outcome
@@ -25,7 +23,6 @@ DESIGN = "design.json"
 TABLE = "rows.sqlite"
 SCENARIO = "scenario/scenario.yaml"
 RERUNS = "reruns"
-_LOCK = "driver.lock"
 
 
 class CampaignFolder:
@@ -72,7 +69,7 @@ class CampaignFolder:
         Raises:
             InputError: A file or folder of the campaign is a symbolic link.
         """
-        for name in (_LOCK, CAMPAIGN, DESIGN, TABLE, "scenario", RERUNS):
+        for name in (LOCK, CAMPAIGN, DESIGN, TABLE, "scenario", RERUNS):
             refuse_link(self.path / name)
 
     @contextmanager
@@ -83,18 +80,8 @@ class CampaignFolder:
             InputError: Another process runs this campaign, or the folder cannot be created.
         """
         self.refuse_links()
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.path / _LOCK)
-            lock.acquire(timeout=0)
-        except Timeout as error:
-            raise InputError(f"{self.path}: another process is running this campaign") from error
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be used as a campaign folder ({error.strerror})") from error
-        try:
+        with exclusive(self.path, "campaign"):
             yield
-        finally:
-            lock.release()
 
     def write(self, config: Mapping[str, Any], scenario_yaml: str, files: Mapping[str, bytes], design: Design) -> None:
         """Write all files of a new campaign; the design comes last and marks the folder as complete.
@@ -109,10 +96,11 @@ class CampaignFolder:
             InputError: The folder holds other files.
             LogWriteError: A file cannot be written (full disk).
         """
-        ours = (_LOCK, CAMPAIGN, TABLE, "scenario")
-        unfinished = (f".{CAMPAIGN}-", f".{DESIGN}-")  # of a process that was killed while it wrote them
+        ours = (LOCK, CAMPAIGN, TABLE, "scenario")
         others = [
-            each.name for each in self.path.iterdir() if each.name not in ours and not each.name.startswith(unfinished)
+            each.name
+            for each in self.path.iterdir()
+            if each.name not in ours and not is_unfinished(each.name, (CAMPAIGN, DESIGN))
         ]
         if others:
             raise InputError(f"{self.path}: holds {sorted(others)[0]} but no campaign; choose another {option('out')}")
@@ -120,17 +108,17 @@ class CampaignFolder:
             raise InputError(f"{self.path}: holds {CAMPAIGN}, which would be overwritten; choose another {option('out')}")
         models = {f"scenario/{name}": data for name, data in files.items()}
         for name, data in {SCENARIO: scenario_yaml.encode(), **models}.items():
-            self._put(name, data)
+            write_whole(self.path / name, data)
         self.write_config(config)
         self.write_design(design)
 
     def write_config(self, config: Mapping[str, Any]) -> None:
         """Write the campaign file; its scenario is the one in the folder."""
-        self._put(CAMPAIGN, _file_content(config))
+        write_whole(self.path / CAMPAIGN, _file_content(config))
 
     def write_design(self, design: Design) -> None:
         """Write the design, completely or not at all."""
-        self._put(DESIGN, design.to_json().encode())
+        write_whole(self.path / DESIGN, design.to_json().encode())
 
     def design(self) -> Design:
         """Read the design.
@@ -147,19 +135,6 @@ class CampaignFolder:
             raise InputError(f"{self.path}: {what}") from error
         except InputError as error:
             raise InputError(f"{file}: {error}") from error
-
-    def _put(self, name: str, data: bytes) -> None:
-        file = self.path / name
-        unfinished = file.with_name(f".{file.name}-{os.getpid()}")
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            unfinished.unlink(missing_ok=True)
-            with unfinished.open("xb") as stream:
-                stream.write(data)
-            os.replace(unfinished, file)
-        except OSError as error:
-            unfinished.unlink(missing_ok=True)
-            raise LogWriteError(file, error) from error
 
 
 def _file_content(config: Mapping[str, Any]) -> bytes:

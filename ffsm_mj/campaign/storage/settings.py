@@ -13,6 +13,7 @@ from ffsm_controllers import GROUP as LAWS
 from ffsm_controllers.estimators import GROUP as ESTIMATORS
 
 from ffsm_mj.assembly.recording import versions
+from ffsm_mj.campaign.execution.file_metrics import FileMetric
 from ffsm_mj.campaign.execution.metrics import COUNT
 from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
 from ffsm_mj.campaign.plan.loading import Plan
@@ -40,7 +41,7 @@ def campaign_settings(plan: Plan, own: ScriptClasses) -> str:
 
     Args:
         plan: Campaign file and base scenario.
-        own: Control laws and estimators of a script.
+        own: Control laws, estimators and metrics of a script.
     """
     config = plan.config
     sampling = {
@@ -67,7 +68,7 @@ def settings_of(
         files: Model files by name.
         sampling: Sampling and dispersions, without the number of samples.
         metrics: Names of the metrics.
-        own: Control laws and estimators of a script.
+        own: Control laws, estimators and metrics of a script.
     """
     content = {
         "scenario": scenario_yaml,
@@ -79,15 +80,19 @@ def settings_of(
     }
     if own.estimators:  # campaigns without have the same settings as before there were any
         content["estimators"] = {kind: source_of(each) for kind, each in own.estimators.items()}
+    if own.metrics:  # likewise; lines, so that differences name the first that changed
+        content["metric functions"] = {name: source_of(each).splitlines() for name, each in own.metrics.items()}
     return json.dumps(content, sort_keys=True, indent=1)
 
 
 def source_of(law: Any) -> str:
-    """Source code of a class; its full name if there is no source."""
+    """Source code of a class or function; its full name if there is no source."""
+    if isinstance(law, FileMetric):
+        return law.text
     try:
         return inspect.getsource(law)
     except (OSError, TypeError):
-        return f"{law.__module__}.{law.__qualname__}"
+        return f"{law.__module__}.{getattr(law, '__qualname__', type(law).__qualname__)}"
 
 
 def settings_hash(settings: str) -> str:
