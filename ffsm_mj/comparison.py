@@ -32,6 +32,7 @@ class Number:
         why: Where the tolerance comes from.
         at_most: The computed value is an error or a bound, which must not exceed the printed one.
         approximate: The source says "approximately": the tolerance is a whole unit of the last printed digit.
+        source: Where it comes from, if not from the source of its case.
         known: Why the computed value differs by more than the tolerance; empty: it must not.
     """
 
@@ -42,6 +43,7 @@ class Number:
     why: str = ""
     at_most: bool = False
     approximate: bool = False
+    source: str = ""
     known: str = ""
 
     @property

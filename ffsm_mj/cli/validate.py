@@ -15,7 +15,17 @@ from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.text_table import table, wrapped
 from ffsm_mj.validation.case import ComparedCase, ValidationCase, compare_case
 from ffsm_mj.validation.cases import CASES, case_names
-from ffsm_mj.validation.page import HEAD, PAGE, committed_page, rows, stale_cases, stale_page, total, validation_page
+from ffsm_mj.validation.page import (
+    HEAD,
+    PAGE,
+    committed_page,
+    reasons,
+    rows,
+    stale_cases,
+    stale_page,
+    total,
+    validation_page,
+)
 
 
 def validate(options: argparse.Namespace, output: Output) -> int:
@@ -32,10 +42,10 @@ def validate(options: argparse.Namespace, output: Output) -> int:
     committed = committed_page(Path(options.check)) if options.check is not None else ""
     compared = _computed(cases)
     for case in compared if options.cases else ():
-        output.say(f"{case.case.title}\n{wrapped(case.case.source)}\n\n{table(HEAD, rows(case), spare=('tolerance',))}\n")
+        output.say(_shown(case))
     if not options.cases:
-        output.say(table(("case", "verdict"), [(case.case.name, case.verdict) for case in compared]) + "\n")
-    output.say(total(compared))
+        output.say(_summary(compared))
+    output.say(wrapped(total(compared)))
     if options.page is not None:
         path = Path(options.page) / PAGE
         with new_file(path) as temporary:
@@ -46,6 +56,20 @@ def validate(options: argparse.Namespace, output: Output) -> int:
         complain(f"{Path(options.check) / PAGE}: {line}")
     differs = any(case.verdict is Verdict.DIFFERS for case in compared)
     return CHECK_FAILED if stale or differs else OK
+
+
+def _shown(case: ComparedCase) -> str:
+    """Everything about one case."""
+    texts = (case.case.title, f"Source: {case.case.source}.", case.case.setting, case.case.explanation)
+    head = "\n".join(wrapped(text, 2) for text in texts if text)
+    lines = "".join(f"  {wrapped(line, 4)}\n" for line in reasons(case))
+    return f"{head}\n\n{table(HEAD, rows(case), spare=('tolerance',))}\n{lines}"
+
+
+def _summary(compared: Sequence[ComparedCase]) -> str:
+    """A line for each case, by topic."""
+    cells = [(case.case.topic, case.case.name, f"{case.agreeing} of {len(case.numbers)}", case.verdict) for case in compared]
+    return table(("topic", "case", "agree", "verdict"), cells, spare=("topic",)) + "\n"
 
 
 def _chosen(names: Sequence[str]) -> Sequence[ValidationCase]:

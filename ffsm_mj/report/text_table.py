@@ -116,7 +116,8 @@ def listed(descriptions: Mapping[str, str]) -> str:
     return "\n".join(fill(line, max(room, width + 22), subsequent_indent=(width + 2) * " ") for line in lines)
 
 
-def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table with the first column left-aligned."""
-    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, texts: Sequence[str] = ()) -> str:
+    """A table with the first column and columns of texts, by their heads, to the left, and numbers to the right."""
+    marks = ["---" if i == 0 or name in texts else "---:" for i, name in enumerate(head)]
+    lines = ["| " + " | ".join(head) + " |", "|" + "|".join(marks) + "|"]
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])

@@ -18,13 +18,26 @@ class Origin(StrEnum):
     CLOSED_FORM = "closed form"
 
 
+class Topic(StrEnum):
+    """What a case is about, in the order of the page."""
+
+    SEED_PAPER = "Seed paper"
+    FREE_MOTION = "Free motion"
+    IMPACTS = "Impacts"
+    SEVERAL_CONTACTS = "Several contacts at one instant"
+    FRICTION = "Sliding, rolling and sticking"
+    GRIPS = "Grips by friction"
+    CAPTURES = "Captures and latches"
+
+
 @dataclass(frozen=True)
 class ValidationCase:
     """Numbers of one source beside ours.
 
     Attributes:
         name: Name on the command line.
-        title: What it is about.
+        title: What it computes.
+        topic: What it is about.
         origin: Whether the numbers are printed by the source or follow from its formula.
         source: Authors, year, title, and where in it.
         setting: Model, law and step, in a sentence or two.
@@ -35,6 +48,7 @@ class ValidationCase:
 
     name: str
     title: str
+    topic: Topic
     origin: Origin
     source: str
     setting: str
@@ -49,6 +63,11 @@ class ComparedCase:
 
     case: ValidationCase
     numbers: tuple[ComparedNumber, ...]
+
+    @property
+    def agreeing(self) -> int:
+        """How many of its numbers agree."""
+        return sum(number.verdict is Verdict.AGREES for number in self.numbers)
 
     @property
     def verdict(self) -> Verdict:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,8 @@ from ffsm_mj.validation.case import ComparedCase, Origin
 PAGE = "validation.md"
 _TEMPLATE = Path(__file__).parent / "templates" / PAGE
 HEAD = ("quantity", "source", "ours", "tolerance", "verdict")
-_SUMMARY_HEAD = ("case", "about", "compared with", "numbers", "verdict")
+_PAGE_HEAD = (*HEAD[:-1], "why this tolerance", HEAD[-1])
+_SUMMARY_HEAD = ("case", "computes", "compared with", "agree", "verdict")
 
 
 def committed_page(folder: Path) -> str:
@@ -39,7 +41,12 @@ def committed_page(folder: Path) -> str:
 
 def validation_page(compared: Sequence[ComparedCase]) -> str:
     """The page of all cases."""
-    parts = {"total": total(compared), "summary": _summary(compared), "cases": "\n\n".join(map(_section, compared))}
+    topics = {case.case.topic: [each for each in compared if each.case.topic is case.case.topic] for case in compared}
+    parts = {
+        "total": total(compared),
+        "summary": "\n\n".join(f"**{topic}**\n\n{_summary(cases)}" for topic, cases in topics.items()),
+        "cases": "\n\n".join("\n\n".join([f"## {topic}", *map(_section, cases)]) for topic, cases in topics.items()),
+    }
     return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(parts)
 
 
@@ -56,11 +63,20 @@ _ORIGINS = {Origin.PUBLISHED: "with published numbers", Origin.CLOSED_FORM: "wit
 
 
 def rows(case: ComparedCase) -> list[tuple[str, ...]]:
-    """Numbers of a case, as cells."""
+    """Numbers of a case, as cells of ``HEAD``."""
     return [
-        (number.number.quantity, _source(number.number), ours(number), _tolerance(number.number), number.verdict)
+        (number.number.quantity, _source(number.number), ours(number), _allowed(number.number), number.verdict)
         for number in case.numbers
     ]
+
+
+def reasons(case: ComparedCase) -> list[str]:
+    """Reasons of differences, each once, with the quantities that it is for."""
+    found: dict[str, list[str]] = {}
+    for number in case.numbers:
+        if number.verdict is Verdict.EXPLAINED:
+            found.setdefault(number.number.known, []).append(number.number.name)
+    return [f"{', '.join(names)}: differs, because {why}." for why, names in found.items()]
 
 
 def ours(compared: ComparedNumber) -> str:
@@ -81,10 +97,10 @@ def stale_page(committed: str, compared: Sequence[ComparedCase]) -> list[str]:
 
 def stale_cases(committed: str, compared: Sequence[ComparedCase]) -> list[str]:
     """What a committed page says of these cases that their numbers do not, one line each."""
-    sections = {part.partition("\n")[0]: part.strip() for part in committed.split("\n## ")}
+    sections = {part.partition("\n")[0]: part.strip() for part in re.split(r"\n##+ ", committed)}
     found = []
     for case in compared:
-        fresh = _section(case).removeprefix("## ")
+        fresh = _section(case).removeprefix("### ")
         title = fresh.partition("\n")[0]
         if title not in sections:
             found.append(f"{case.case.name}: no section {title!r}")
@@ -94,49 +110,49 @@ def stale_cases(committed: str, compared: Sequence[ComparedCase]) -> list[str]:
 
 
 def _summary(compared: Sequence[ComparedCase]) -> str:
-    cells = [(f"`{case.case.name}`", case.case.title, case.case.origin, _count(case), case.verdict) for case in compared]
-    return markdown_table(_SUMMARY_HEAD, cells)
-
-
-def _count(case: ComparedCase) -> str:
-    agree = sum(number.verdict is Verdict.AGREES for number in case.numbers)
-    return f"{agree} of {len(case.numbers)}"
+    cells = [
+        (f"`{case.case.name}`", case.case.title, case.case.origin, f"{case.agreeing} of {len(case.numbers)}", case.verdict)
+        for case in compared
+    ]
+    return markdown_table(_SUMMARY_HEAD, cells, texts=("case", "computes", "compared with", "verdict"))
 
 
 def _section(compared: ComparedCase) -> str:
     case = compared.case
-    reasons = _reasons(compared)
+    found = reasons(compared)
     parts = [
-        f"## {case.title}",
+        f"### {case.title}",
         f"`ffsm validate {case.name}`. {case.setting}",
         f"Source: {case.source}.",
-        markdown_table(
-            HEAD, [(*row[:-1], f"**{row[-1]}**" if row[-1] != Verdict.AGREES else row[-1]) for row in rows(compared)]
-        ),
-        *([reasons] if reasons else []),
+        markdown_table(_PAGE_HEAD, _page_rows(compared), texts=("quantity", "why this tolerance", "verdict")),
+        *(["\n".join(f"- {line}" for line in found)] if found else []),
         *([case.explanation] if case.explanation else []),
     ]
     return "\n\n".join(parts)
 
 
-def _reasons(compared: ComparedCase) -> str:
-    """Reasons of tolerances and of differences, each once with the quantities that it is for."""
-    reasons: dict[str, list[str]] = {}
-    for number in compared.numbers:
-        if number.verdict is Verdict.EXPLAINED:
-            reasons.setdefault(f"Differs: {number.number.known}.", []).append(number.number.name)
-    return "\n".join(f"- {', '.join(names)}. {why}" for why, names in reasons.items())
+def _page_rows(compared: ComparedCase) -> list[tuple[str, ...]]:
+    return [
+        (*cells, _why(number.number), verdict if verdict == Verdict.AGREES else f"**{verdict}**")
+        for (*cells, verdict), number in zip(rows(compared), compared.numbers, strict=True)
+    ]
 
 
 def _source(number: Number) -> str:
-    return f"at most {number.text}" if number.at_most else number.text
+    text = f"at most {number.text}" if number.at_most else number.text
+    return f"{text} ({number.source})" if number.source else text
 
 
-def _tolerance(number: Number) -> str:
+def _allowed(number: Number) -> str:
+    return "" if number.at_most else f"{number.allowed:.1g}".replace("e-0", "e-")
+
+
+def _why(number: Number) -> str:
     if number.at_most:
-        return ""
-    size = f"{number.allowed:.1g}".replace("e-0", "e-")
-    return f"{size}: {number.why}" if number.why else size
+        return "a bound, not to be exceeded"
+    if number.why:
+        return number.why
+    return "a unit of the last digit: approximate in the source" if number.approximate else "half a unit of the last digit"
 
 
 def _decimals(number: Number) -> int:

@@ -16,13 +16,34 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 
+FAR = 1e12
+"""A spring towards a target so far away is a constant force."""
 
-def run_scene(robot: str, objects: Mapping[str, str] | None = None, **scenario: Any) -> Run:
+
+def constant(joint: str, effort: float) -> dict[str, Any]:
+    """Control law of a constant effort at a joint, N or N m."""
+    return {"kind": "pd", "joints": [joint], "kp": abs(effort) / FAR, "kd": 0.0, "target": [math.copysign(FAR, effort)]}
+
+
+def growing(actuator: str, rate: float, step_s: float, duration_s: float) -> tuple[dict[str, Any], dict[str, str]]:
+    """Control law of an effort that grows evenly from zero, in N/s or N m/s, and the file that it plays.
+
+    Efforts are held from tick to tick, each at its mean over the tick: velocities at ticks are those of the ramp.
+    """
+    rows = "\n".join(f"{k * step_s!r},{rate * (k + 0.5) * step_s!r}" for k in range(round(duration_s / step_s) + 1))
+    law = {"kind": "playback", "file": "ramp.csv", "columns": {actuator: 2}, "time": {"column": 1, "unit": "s"}, "unit": "N"}
+    return law, {"ramp.csv": rows + "\n"}
+
+
+def run_scene(
+    robot: str, objects: Mapping[str, str] | None = None, files: Mapping[str, str] | None = None, **scenario: Any
+) -> Run:
     """Run a scene and keep its log in memory.
 
     Args:
         robot: MJCF of the robot.
         objects: MJCF by name; an object without a joint does not move.
+        files: Text of other files that the scenario names.
         scenario: Keys of the scenario beside its models. Default: no contacts, actuators off.
     """
     models = {"robot": robot, **(objects or {})}
@@ -38,8 +59,8 @@ def run_scene(robot: str, objects: Mapping[str, str] | None = None, **scenario: 
     }
     with TemporaryDirectory() as name:
         folder = Path(name)
-        for each, mjcf in models.items():
-            (folder / f"{each}.xml").write_text(mjcf, encoding="utf-8")
+        for each, text in {f"{name}.xml": mjcf for name, mjcf in models.items()}.items() | (files or {}).items():
+            (folder / each).write_text(text, encoding="utf-8")
         path = folder / "scene.yaml"
         path.write_text(json.dumps(data | scenario), encoding="utf-8")  # JSON is YAML
         return uninterrupted(prepare(path).run())
@@ -102,7 +123,7 @@ def slide(name: str, axis: str) -> str:
     return f'<joint name="{name}" type="slide" axis="{axis}"/>'
 
 
-def times(step_s: float, duration_s: float) -> dict[str, float]:
+def times(step_s: float, duration_s: float) -> dict[str, Any]:
     """Keys of a scenario with a control tick at every step."""
     return {"time_step_s": step_s, "control_period_s": step_s, "duration_s": duration_s}
 

@@ -13,7 +13,7 @@ from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.cli.main import main
 from ffsm_mj.comparison import ComparedNumber, Number, Verdict
 from ffsm_mj.reproduction.printed import PRINTED
-from ffsm_mj.validation.case import ComparedCase, Origin, ValidationCase, compare_case
+from ffsm_mj.validation.case import ComparedCase, Origin, Topic, ValidationCase, compare_case
 from ffsm_mj.validation.cases import CASES, case_names, single_impacts
 from ffsm_mj.validation.page import committed_page, ours, stale_cases, stale_page, total, validation_page
 
@@ -54,7 +54,7 @@ def test_digits_are_those_of_the_tolerance(number, value, text):
 def case(*values, known=""):
     """A compared case whose numbers are 1 to 1e-3."""
     numbers = tuple(Number(f"x{i}", f"x{i}, m", "1", 1e-3, known=known) for i in range(len(values)))
-    stated = ValidationCase("name", "Title", Origin.PUBLISHED, "Source", "Setting.", numbers, dict)
+    stated = ValidationCase("name", "Title", Topic.IMPACTS, Origin.PUBLISHED, "Source", "Setting.", numbers, dict)
     return ComparedCase(stated, tuple(ComparedNumber(*each) for each in zip(numbers, values, strict=True)))
 
 

@@ -2,34 +2,48 @@
 
 from __future__ import annotations
 
-from ffsm_mj.validation.case import ValidationCase
+from ffsm_mj.validation.case import Topic, ValidationCase
 from ffsm_mj.validation.cases import (
     anymal,
     bouncing,
+    breakaway,
     captures,
     chains,
+    compass,
+    detumbling,
     free_motion,
     friction,
+    grips,
     panels,
+    rolling,
     seed_paper,
+    servicer,
     single_impacts,
     sliding,
     walker,
 )
 
-CASES: tuple[ValidationCase, ...] = (
+_ALL: tuple[ValidationCase, ...] = (
     *seed_paper.CASES,
-    *anymal.CASES,
-    *bouncing.CASES,
-    *friction.CASES,
-    *sliding.CASES,
-    *single_impacts.CASES,
-    *chains.CASES,
-    *walker.CASES,
     *free_motion.CASES,
     *panels.CASES,
+    *single_impacts.CASES,
+    *anymal.CASES,
+    *bouncing.CASES,
+    *detumbling.CASES,
+    *chains.CASES,
+    *walker.CASES,
+    *compass.CASES,
+    *friction.CASES,
+    *sliding.CASES,
+    *breakaway.CASES,
+    *rolling.CASES,
+    *grips.CASES,
     *captures.CASES,
+    *servicer.CASES,
 )
+
+CASES: tuple[ValidationCase, ...] = tuple(case for topic in Topic for case in _ALL if case.topic is topic)
 
 
 def case_names() -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, model, run_scene, slide, times
 
 _LEGS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
@@ -159,6 +159,7 @@ CASES = (
     ValidationCase(
         "simbenchmark-momentum",
         "SimBenchmark: ANYmal is hit by a ball in free flight, momentum over 10 s",
+        Topic.IMPACTS,
         Origin.PUBLISHED,
         _SOURCE.format("momentum test") + "; first impact: Pinocchio 4.1, `impulseDynamics` on the same model",
         "ANYmal of 33.95 kg with 12 free joints, zero gravity, ball of 10 kg at 5 m/s, e = 0, no friction; mean"
@@ -171,9 +172,30 @@ CASES = (
                 for text, best in _MOMENTUM.items()
             ),
             Number("4e-3", "the same at 4 ms beside ODE's, (N s)^2", "1.21657e-27", at_most=True, known=_ODE),
-            Number("time", "first impact, s", "0.9368", 1e-12, "4.684 m at 5 m/s: event localisation to 1e-13 s"),
-            Number("impulse", "its impulse, N s", "37.05451872138856", 2e-10, "inertias are printed to 12 digits"),
-            Number("loss", "its loss of energy, J", "92.6362968034714", 1e-9, "as above"),
+            Number(
+                "time",
+                "first impact, s",
+                "0.9368",
+                1e-12,
+                "4.684 m at 5 m/s: event localisation to 1e-13 s",
+                source="closed form",
+            ),
+            Number(
+                "impulse",
+                "its impulse, N s",
+                "37.05451872138856",
+                2e-10,
+                "inertias are printed to 12 digits",
+                source="Pinocchio 4.1",
+            ),
+            Number(
+                "loss",
+                "its loss of energy, J",
+                "92.6362968034714",
+                1e-9,
+                "inertias are printed to 12 digits",
+                source="Pinocchio 4.1",
+            ),
         ),
         _momentum,
         "Overlaps of legs with legs are reported by the run, not resolved.",
@@ -181,12 +203,12 @@ CASES = (
     ValidationCase(
         "simbenchmark-energy",
         "SimBenchmark: ANYmal is thrown up and falls, energy over 2 s",
+        Topic.FREE_MOTION,
         Origin.PUBLISHED,
         _SOURCE.format("energy test"),
         "Lifted by twice its weight for 1 s, then free for 2 s, no contacts; mean over the steps of (E - E0)^2."
-        " Printed: MuJoCo"
-        " with RK4, which is our integrator too. At 1 ms RaiSim has 1.2e-2, MuJoCo with Euler 3.5, Bullet 3.7, ODE 3.9, DART"
-        " 237 J^2.",
+        " Printed: MuJoCo with RK4, which is our integrator too. At 1 ms RaiSim has 1.2e-2, MuJoCo with Euler 3.5,"
+        " Bullet 3.7, ODE 3.9, DART 237 J^2.",
         (
             *(
                 Number(text, f"mean squared error of the energy at {1e3 * float(text):g} ms, J^2", best, at_most=True)

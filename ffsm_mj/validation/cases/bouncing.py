@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, ground, model, run_scene, slide, states, text_of, times
 
 _GRAVITY = (0.0, 0.0, -9.81)
@@ -66,6 +66,7 @@ CASES = (
     ValidationCase(
         "bouncing-ball",
         "A ball bounces to rest",
+        Topic.IMPACTS,
         Origin.CLOSED_FORM,
         "Geometric series of the flights: t = sqrt(2 h / g) (1 + e) / (1 - e); Brogliato, Nonsmooth Mechanics, ch. 1",
         "h = 1 m, e = 0.9, g = 9.81 m/s^2, RK4 at 1 ms.",
@@ -92,6 +93,7 @@ CASES = (
     ValidationCase(
         "simbenchmark-bouncing",
         "SimBenchmark: 49 elastic balls, energy over 20 s",
+        Topic.IMPACTS,
         Origin.PUBLISHED,
         "Kang & Hwangbo 2018, SimBenchmark (leggedrobotics/SimBenchmark, commit 3fd1764), bouncing test",
         "Mean over the steps of (E - E0)^2 of 49 balls of 10 kg from 5 m, e = 1; all do the same, one is simulated."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, final, model, run_scene, slide, text_of, times
 
 _RADIUS_M = 0.5
@@ -47,9 +47,11 @@ CASES = (
     ValidationCase(
         "newtons-cradle",
         "Newton's cradle: equal balls in contact",
+        Topic.SEVERAL_CONTACTS,
         Origin.PUBLISHED,
-        "Smith, Kaufman, Vouga, Tamstorf & Grinspun 2012, Reflections on Simultaneous Impact, ACM TOG 31(4):106: generalised"
-        " reflections give the textbook cradle (0, 0, 1); Newton's law for all contacts at once gives (-1/3, 2/3, 2/3)",
+        "Smith, Kaufman, Vouga, Tamstorf & Grinspun 2012, Reflections on Simultaneous Impact, ACM TOG 31(4):106:"
+        " generalised reflections give the textbook cradle (0, 0, 1); Newton's law for all contacts at once gives (-1/3,"
+        " 2/3, 2/3)",
         "Impact law `blend`. Equal balls of 1 kg at 1 m/s, e = 1; and e = 0.5, where the law is the mean of"
         " plastic (1/3 each)"
         " and elastic.",

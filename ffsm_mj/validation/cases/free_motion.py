@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import final, model, run_scene, states, text_of, times
 
 _INERTIA = (2.0, 3.0, 1.5)
@@ -115,25 +115,29 @@ def _wheel() -> Values:
     }
 
 
+_DETEST_WHY = "RK4 at 5 ms: 20 s (h omega)^4 / 120 of a rate of 5 rad/s"
+
 CASES = (
     ValidationCase(
         "detest-b5",
         "Euler's equations of a free rigid body",
+        Topic.FREE_MOTION,
         Origin.PUBLISHED,
         "DETEST problem B5: Hull, Enright, Fellen & Sedgwick 1972, SIAM J. Numer. Anal. 9; reference solution at t = 20 as"
         " distributed with the test set (Enright & Pryce 1987, ACM TOMS 13)",
-        "A free body of inertia (2, 3, 1.5) kg m^2 in MuJoCo, scaled to y' = (y2 y3, -y1 y3, -0.51 y1 y2), y(0) = (0, 1, 1);"
-        " RK4 at 5 ms.",
+        "A free body of inertia (2, 3, 1.5) kg m^2 in MuJoCo, scaled to y' = (y2 y3, -y1 y3, -0.51 y1 y2), y(0) = (0,"
+        " 1, 1); RK4 at 5 ms.",
         (
-            Number("y1", "y1(20)", "-0.9396570798729192", 1e-8, "RK4 at 5 ms: 20 s (h omega)^4 / 120 of a rate of 5 rad/s"),
-            Number("y2", "y2(20)", "-0.3421177754000779", 1e-8, "as above"),
-            Number("y3", "y3(20)", "0.7414126596199957", 1e-8, "as above"),
+            Number("y1", "y1(20)", "-0.9396570798729192", 1e-8, _DETEST_WHY),
+            Number("y2", "y2(20)", "-0.3421177754000779", 1e-8, _DETEST_WHY),
+            Number("y3", "y3(20)", "0.7414126596199957", 1e-8, _DETEST_WHY),
         ),
         _detest,
     ),
     ValidationCase(
         "precession",
         "Precession of an axisymmetric body",
+        Topic.FREE_MOTION,
         Origin.CLOSED_FORM,
         "Rate |L| / I_t about the angular momentum, constant nutation; Poinsot 1834; Goldstein, Classical Mechanics, 5.6",
         "I = (2, 2, 1) kg m^2, omega = (0.5, 0, 3) rad/s; RK4 at 1 ms over a quarter of a turn.",
@@ -145,13 +149,14 @@ CASES = (
                 1e-10,
                 "RK4 at 1 ms: (h omega)^4 of 3 rad/s",
             ),
-            Number("nutation", "change of the cosine of the nutation", "0", 1e-11, "RK4, as above"),
+            Number("nutation", "change of the cosine of the nutation", "0", 1e-11, "RK4 at 1 ms: (h omega)^4 of 3 rad/s"),
         ),
         _precession,
     ),
     ValidationCase(
         "zero-momentum-arm",
         "A base turns against its arm",
+        Topic.FREE_MOTION,
         Origin.CLOSED_FORM,
         "Zero angular momentum of two bodies; Umetani & Yoshida 1989, Resolved motion rate control of space"
         " manipulators with"
@@ -168,6 +173,7 @@ CASES = (
     ValidationCase(
         "wheel-dumping",
         "A reaction wheel takes up the spin of a bus",
+        Topic.FREE_MOTION,
         Origin.CLOSED_FORM,
         "I_b d(omega)/dt = -tau, angular momentum of the whole constant; Wertz 1978, Spacecraft Attitude Determination and"
         " Control, 18",
@@ -179,7 +185,7 @@ CASES = (
                 "rate of the wheel relative to the bus, rad/s",
                 text_of(_START + _BUS_I * _START / _WHEEL_I),
                 1e-7,
-                "as above, times 200",
+                "the error of the bus, times I_b / I_w = 200",
             ),
             Number("momentum", "change of the angular momentum, N m s", "0", 1e-14, "rounding of 0.1 N m s"),
         ),

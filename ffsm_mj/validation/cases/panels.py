@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, final, model, run_scene, times
 
 _HUB_KG, _PANEL_KG, _ARM_M, _HINGE_M, _STIFFNESS = 750.0, 100.0, 1.5, 0.5, 100.0
@@ -57,6 +57,7 @@ CASES = (
     ValidationCase(
         "basilisk-panels",
         "Basilisk: a hub with two hinged panels on springs",
+        Topic.FREE_MOTION,
         Origin.PUBLISHED,
         "Basilisk (AVSLab/basilisk), test of hingedRigidBodyStateEffector without gravity, reference values at 2.5 s;"
         " equations of Allard, Schaub & Piggott 2018, General hinged rigid-body dynamics approximating first-order"

@@ -9,7 +9,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case
 from ffsm_mj.reproduction.measure import measure
 from ffsm_mj.reproduction.printed import PRINTED, PrintedNumber
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import uninterrupted
 
 _SOURCE = (
@@ -56,6 +56,7 @@ def _case(scenario: str) -> ValidationCase:
     return ValidationCase(
         f"paper-{scenario}",
         f"Seed paper: {_TITLES[scenario]}",
+        Topic.SEED_PAPER,
         Origin.PUBLISHED,
         _SOURCE.format(numbers[0].section),
         f"Scenario `{scenario}` as shipped, RK4 and control at 1 ms, e = 1.",

@@ -6,7 +6,7 @@ import math
 
 from ffsm_mj.comparison import Number
 from ffsm_mj.report.run import Run
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, final, ground, model, run_scene, slide, text_of, times
 
 _ROUNDING = "rounding of velocities of 1 m/s"
@@ -104,70 +104,11 @@ def _rods() -> Values:
     return values
 
 
-_TOHOKU = {(1000, 8): 0.7798, (1000, 20): 0.5600, (9000, 8): 0.9178, (9000, 20): 0.8114}
-
-
-def _damped_restitution(stiffness: float, damping: float, mass: float) -> float:
-    """Restitution of a linear spring and damper whose force is never negative."""
-    zeta = damping / (2.0 * math.sqrt(stiffness * mass))
-    s = math.sqrt(1.0 - zeta * zeta)
-    return math.exp(-2.0 * zeta / s * math.atan2(s, zeta))
-
-
-_TARGET_KG, _TARGET_I, _TARGET_M = 4.45, 0.0172, 0.15
-_LEVER_M = 0.8 * _TARGET_M / 2.0
-_EFFECTIVE_KG = 1.0 / (1.0 / _TARGET_KG + _LEVER_M**2 / _TARGET_I)
-
-
-def _tapped(e: float) -> Run:
-    """Run of the spinning target whose face meets a fixed tip at 0.8 of its half side."""
-    radius, spin = 0.01, 1.0
-    tip = f'<geom name="tip" type="sphere" size="{radius}" pos="{_LEVER_M!r} {-_TARGET_M / 2 - radius - 1e-7!r} 0"/>'
-    joints = slide("x", "1 0 0") + slide("y", "0 1 0") + '<joint name="yaw" axis="0 0 1"/>'
-    body = f"""<body name="target">{joints}
-      <inertial pos="0 0 0" mass="{_TARGET_KG}" diaginertia="0.0172 0.0172 {_TARGET_I}"/>
-      <geom name="target" type="box" size="0.075 0.075 0.075" mass="0"/></body>"""
-    return run_scene(
-        model(body),
-        {"hand": model(tip)},
-        initial={"rates": {"robot/yaw": -spin}},
-        contacts={"rules": [{"between": ["target", "hand/tip"], "restitution": e}]},
-        **times(1e-3, 0.01),
-    )
-
-
-def _tapped_values() -> Values:
-    values = {}
-    for (stiffness, damping), _ in _TOHOKU.items():
-        e = _damped_restitution(stiffness, damping, _EFFECTIVE_KG)
-        run = _tapped(e)
-        hit = run.impacts[0]
-        rate = hit.qvel_after["robot/yaw"]
-        values[f"spin_{stiffness}_{damping}"] = -float(rate[0] if isinstance(rate, tuple | list) else rate)
-    return values
-
-
-def _tapped_numbers() -> tuple[Number, ...]:
-    numbers = []
-    for stiffness, damping in _TOHOKU:
-        e = _damped_restitution(stiffness, damping, _EFFECTIVE_KG)
-        left = 1.0 - (1.0 + e) * _LEVER_M**2 * _EFFECTIVE_KG / _TARGET_I
-        numbers.append(
-            Number(
-                f"spin_{stiffness}_{damping}",
-                f"k = {stiffness} N/m, d = {damping} N s/m, e = {e:.4f}: spin after / before",
-                text_of(left, 6),
-                1e-5,
-                "the face starts 1e-7 m from the tip and has turned by 2 urad when it meets it",
-            )
-        )
-    return tuple(numbers)
-
-
 CASES = (
     ValidationCase(
         "one-collision",
         "A sphere hits a box beside its centre",
+        Topic.IMPACTS,
         Origin.CLOSED_FORM,
         "Impulse (1 + e) u / (1/m + 1/M + b^2 / I); Goldsmith 1960, Impact",
         "Ball of 1 kg at 1 m/s, box of 2 kg at rest, 0.3 m off its centre, e = 1 and 0.5.",
@@ -177,6 +118,7 @@ CASES = (
     ValidationCase(
         "thrown-sphere",
         "A spinning sphere bounces with friction",
+        Topic.IMPACTS,
         Origin.CLOSED_FORM,
         "A sphere slips throughout if mu (1 + e) |u_n| <= 2/7 |u_t|, else it sticks; Routh 1905, Advanced Rigid Dynamics",
         "m = R = 1. Slips: mu = 0.2, e = 0.8, v = (2, 0, -1), spin (0, -5, 0). Sticks: mu = 0.5, e = 0.7, v ="
@@ -195,27 +137,15 @@ CASES = (
     ValidationCase(
         "rod-with-friction",
         "A slanted rod hits the floor with friction",
+        Topic.IMPACTS,
         Origin.CLOSED_FORM,
-        "Energetic restitution W = (1 - e^2) W_c along Routh's incremental impulse; Stronge 1990, Rigid body collisions with"
-        " friction, Proc. R. Soc. A 431",
+        "Energetic restitution W = (1 - e^2) W_c along Routh's incremental impulse; Stronge 1990, Rigid body collisions"
+        " with friction, Proc. R. Soc. A 431",
         "m = L = 1, 45 degrees, u_n = -1 m/s. mu = 0.7, e = 1, slip 0.3 m/s; mu = 1, e = 0.5, slip 0.2 m/s: both stick.",
         (
             Number("stick_loss", "mu = 0.7, e = 1: change of energy, J", "-0.126", 1e-12, _ROUNDING),
             Number("both_loss", "mu = 1, e = 0.5: change of energy, J", "-0.305", 1e-12, _ROUNDING),
         ),
         _rods,
-    ),
-    ValidationCase(
-        "tohoku-taps",
-        "Detumbling taps: spring and damper as a restitution",
-        Origin.CLOSED_FORM,
-        "Parameters: Uchida, Uno & Yoshida 2024, arXiv 2405.00943, tables 4.1 and 4.2 of its public code; restitution of a"
-        " spring and damper with F >= 0: e = exp(-2 zeta / s atan2(s, zeta)), s^2 = 1 - zeta^2",
-        "Target of 4.45 kg and 0.0172 kg m^2 at 1 rad/s against a tip that does not move, at 0.8 of its half"
-        " side, no friction.",
-        _tapped_numbers(),
-        _tapped_values,
-        "The formula only, not their simulation: contacts there last 21 to 200 ms, as long as their arms take to move, so a"
-        " rigid impact is an idealisation; their arms, impedance control and friction (mu = 0.3) are left out.",
     ),
 )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, final, ground, model, run_scene, text_of, times
 
 _GRAVITY = (0.0, 0.0, -1.0)
@@ -59,6 +59,7 @@ CASES = (
     ValidationCase(
         "thrown-to-rolling",
         "A thrown sphere bounces, slides and rolls",
+        Topic.FRICTION,
         Origin.CLOSED_FORM,
         "v = 5/7 v0 + 2/7 R omega0 whatever happens before; all normal impulse is m (g t + u), so rolling begins at 53/7",
         "m = R = g = 1, v0 = (1, 0, -1), spin -0.5, mu = 0.05, e = 0.5: some ten impacts, then contact; RK4 at 4 ms.",
@@ -72,6 +73,7 @@ CASES = (
     ValidationCase(
         "spinning-block",
         "A block slides and spins on four corners",
+        Topic.FRICTION,
         Origin.CLOSED_FORM,
         "Planar motion with shares of the weight as of equal springs under the corners (they balance the moments"
         " of friction); these equations of order six integrated apart by DOP853 to 1e-13",

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, ValidationCase, Values
+from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import model, run_scene, slide, times
 
 _SLOPE_RAD = 0.009
@@ -72,12 +72,13 @@ CASES = (
     ValidationCase(
         "simplest-walker",
         "The simplest walker: fixed points of its gait",
+        Topic.SEVERAL_CONTACTS,
         Origin.PUBLISHED,
         "Garcia, Chatterjee, Ruina & Coleman 1998, The simplest walking model, J. Biomech. Eng. 120: fixed"
         " points at a slope of"
         " 0.009 rad; digits (1e-10) of the authors' program (Cornell, Ruina's group)",
-        "One step from the printed fixed point. Point mass at the hip, massless legs, point feet; stepping stones instead of"
-        " the ground, as the swing foot passes through the ground at mid-stance; e = 0, mu = 10. RK4 at 2 ms.",
+        "One step from the printed fixed point. Point mass at the hip, massless legs, point feet; stepping stones"
+        " instead of the ground, as the swing foot passes through the ground at mid-stance; e = 0, mu = 10. RK4 at 2 ms.",
         tuple(
             Number(f"{name}_{key}", f"{name} gait: {what} after a step, {unit}", text, 1e-5, _WHY)
             for name, texts in _GAITS.items()
