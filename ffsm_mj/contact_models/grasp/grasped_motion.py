@@ -18,6 +18,7 @@ from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.contact_models.grasp.state_transfer import StateTransfer
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.shared_joints import shared_joints
 from ffsm_mj.model.system import System
@@ -67,21 +68,8 @@ class GraspedMotion(Motion):
         self._jacobian = np.empty((6, self.model.nv))
         self.interface = self.data.cfrc_int[self.root]
         self.centre = self.data.subtree_com[int(self.model.body_rootid[self.root])]
-        self.disabled = frozenset(self._rigid_pairs())
+        self.disabled = rigid_pairs(self._model, self)
         self.path.on_event_located = self._follow_with_accelerations
-
-    def _rigid_pairs(self) -> list[frozenset[int]]:
-        """Pairs of geoms that are on one rigid body in this model but not in the logged system."""
-        free, held = self._model, self.model
-        geoms = range(free.ngeom)
-        body = free.geom_bodyid
-        group = [int(held.body_weldid[self.bodies[body[g]]]) for g in geoms]
-        return [
-            frozenset((a, b))
-            for a in geoms
-            for b in geoms
-            if a < b and group[a] == group[b] and free.body_weldid[body[a]] != free.body_weldid[body[b]]
-        ]
 
     def hold(self) -> None:
         """Attach the object at its current pose in the system's data, and start from the state there.

@@ -29,6 +29,7 @@ from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import needs_projection, no_contacts
+from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
 from ffsm_mj.records.wrench import Wrench
 
 
@@ -98,6 +99,7 @@ class LoopForces(ForceSource):
         """Let the motion know the closed latches; nothing is chosen yet of what depends on the state."""
         motion, latches = self.motion, tuple(self._latches.values())
         motion.loops = ClosedLoops(motion.model, motion.data, latches, motion.bodies) if latches else None
+        motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
         self.active, self._projected = bool(latches), None
         self._exchanged.bind(motion, latches)
 
@@ -105,7 +107,8 @@ class LoopForces(ForceSource):
         """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.
 
         The velocities of the motion are set, and the logged system follows. The result does not depend on the order in which
-        latches close at one instant. A restart must follow, as after every event.
+        latches close at one instant. The effect of the event must name the motion, the same one: it is bound again, as pairs
+        of geoms on rigidly latched bodies are not in contact any more.
 
         Args:
             name: Its name.
@@ -126,12 +129,12 @@ class LoopForces(ForceSource):
         return LoopClosing(wrenches, found.change, found.loss_J, found.rank - rank, latch.count, found.least_ratio, left)
 
     def open(self, name: str) -> None:
-        """Open a latch; velocities are continuous. No effect if it is not closed. A restart must follow."""
+        """Open a latch; velocities are continuous. No effect if it is not closed. The motion must be bound again."""
         if self._latches.pop(name, None) is not None:
             self._update()
 
     def set_closed(self, latches: Mapping[str, LatchedBodies] | Iterable[tuple[str, LatchedBodies]]) -> None:
-        """Set the closed latches without an impulse: a log replay begins here, or the motion changes with them closed."""
+        """Set the closed latches without an impulse: a log replay begins here. The motion must be bound again."""
         self._latches = dict(latches)
         if hasattr(self, "motion"):
             self._update()

@@ -7,7 +7,7 @@ equations (17) and energy equation (18). For the interface of impact laws see :m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.impact.closed_loops import Constrained, with_loops
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, impact_laws
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, solve_impact
@@ -83,7 +84,7 @@ def resolve(
     data: Any,
     contacts: Sequence[Contact | LimitContact],
     law: str = "blend",
-    constrained: Callable[[FloatArray], FloatArray] | None = None,
+    constrained: Constrained | None = None,
 ) -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``, which keeps its velocity.
 
@@ -119,8 +120,8 @@ def resolve(
     if any(contact.mu > 0.0 for contact in contacts):
         outcome = resolve_with_friction(model, data, M, contacts, before, named, constrained)
     else:
-        held = J if constrained is None else constrained(J)
-        outcome = _frictionless(M, held, before, np.array([contact.restitution for contact in contacts]), named)
+        e = np.array([contact.restitution for contact in contacts])
+        outcome = _frictionless(M, *with_loops(J, before, constrained), before, e, named)
     return Impact(
         contacts=tuple(contacts),
         impulses=outcome.impulses,
@@ -134,9 +135,20 @@ def resolve(
     )
 
 
-def _frictionless(M: FloatArray, J: FloatArray, qvel: FloatArray, e: FloatArray, law: ImpactLaw) -> ImpactOutcome:
-    """Velocities and impulses of an impact without friction, from the rows of the normals, (k, nv)."""
-    problem = ImpactProblem(M, J, qvel, e, np.zeros(len(e)))
+def _frictionless(
+    M: FloatArray, J: FloatArray, seen: FloatArray, qvel: FloatArray, e: FloatArray, law: ImpactLaw
+) -> ImpactOutcome:
+    """Velocities and impulses of an impact without friction, from the rows of the normals, (k, nv).
+
+    Args:
+        M: Mass matrix, (nv, nv).
+        J: The rows.
+        seen: Velocities before with the speeds of the contacts along these rows, (nv,).
+        qvel: Velocities before, (nv,).
+        e: Coefficients of restitution, (k,).
+        law: The impact law.
+    """
+    problem = ImpactProblem(M, J, seen, e, np.zeros(len(e)))
     if len(J) == 1:
         if problem.speeds[0] >= 0.0:  # nothing collides: no law is needed
             return ImpactOutcome(qvel, np.zeros(1), law.name, "ok", None)

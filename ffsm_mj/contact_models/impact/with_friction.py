@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.impact.closed_loops import Constrained, with_loops
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, solve_impact
 
@@ -58,7 +59,7 @@ def resolve_with_friction(
     contacts: Sequence[Contact | LimitContact],
     qvel: FloatArray,
     law: ImpactLaw,
-    constrained: Callable[[FloatArray], FloatArray] | None = None,
+    constrained: Constrained | None = None,
 ) -> ImpactOutcome:
     """Velocities and impulses of an impact in which at least one contact has mu > 0.
 
@@ -83,7 +84,7 @@ def resolve_with_friction(
     e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
     axes = np.array([_tangents(contact) for contact in placed])
     J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
-    problem = ImpactProblem(M, J if constrained is None else constrained(J), qvel, e, mu)
+    problem = ImpactProblem(M, *with_loops(J, qvel, constrained), e, mu)
     solution = solve_impact(law, problem)
     found = friction_of(law, solution)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.

@@ -74,7 +74,9 @@ class MassWeightedRows:
         """Other rows J less what these hold, J (1 - M^-1 B^T (B M^-1 B^T)^+ B), (m, nv).
 
         With them and the same M, impacts are those of the system in which these rows are held: M^-1 times their transpose is
-        Mc^-1 J^T, and they have the rates of J wherever the held rows do not move.
+        Mc^-1 J^T, and they have the rates of J wherever the held rows do not move. Rows that are held are zero.
         """
         A = np.linalg.solve(self._L, directions.T).T
-        return np.asarray((A - (A @ self._right.T) @ self._right) @ self._L.T)
+        left = A - (A @ self._right.T) @ self._right
+        left[np.linalg.norm(left, axis=1) <= RANK * np.linalg.norm(A, axis=1)] = 0.0
+        return np.asarray(left @ self._L.T)

@@ -5,13 +5,19 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
 from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.nearness import Sites
-from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
+from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
+from ffsm_mj.contact_models.impact.rest_rule import RestRule
+from ffsm_mj.contact_models.interface import EventTime, Scene
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
 from ffsm_mj.model.composition import compile_system
@@ -51,18 +57,25 @@ def _arm(name, sign, axes):
             f'<inertial pos="0 {along} 0" mass="{mass}" diaginertia="{inertia}"/>'
         )
         ends += "</body>"
-    return f'{text}<site name="hand_{name}"/>{ends}'
+    return f'{text}<site name="hand_{name}"/><geom name="palm_{name}" type="sphere" size=".02" mass="0"/>{ends}'
 
 
 class TwoHands:
     """Both hands at an object, or each at its own, in the state of the published example, before any grasp closes."""
 
     def __init__(
-        self, folder, axes=SPATIAL, step_s=1e-3, joints=("rigid", "rigid"), objects=("target", "target"), geoms=("", "")
+        self,
+        folder,
+        axes=SPATIAL,
+        step_s=1e-3,
+        joints=("rigid", "rigid"),
+        objects=("target", "target"),
+        geoms=("", ""),
+        pairs=(),
     ):
         places = {}
         for side in "lr":  # the pose of the hands at the start is needed for the sites
-            places[side] = _hand(axes, side)
+            places[side] = hand(axes, side)
         at = {
             name: np.mean([places[s] for s, o in zip("lr", objects, strict=True) if o == name], axis=0) for name in objects
         }
@@ -93,8 +106,14 @@ class TwoHands:
             self.data.qpos[first : first + 3] = place
         self.data.qvel[:] = 0.3 * np.random.default_rng(3).normal(size=self.system.mj.nv)
         mujoco.mj_forward(self.system.mj, self.data)
-        self.loops = LoopForces(self.scene)
-        self.integrator = EventDrivenIntegrator(self.free, (self.loops,))
+        self.pairs = [ContactPair(self.system, *pair) for pair in pairs]
+        overlap, heat = DeepestOverlap(()), FrictionHeat()
+        persistent = PersistentContactModel(self.scene, self.pairs, overlap, heat)
+        rules = ImpactRules("blend", RestRule(step_s, 1e-4), 1000, stop_on_impact=False)
+        impacts = ImpactModel(self.scene, self.pairs, rules, persistent, overlap, heat)
+        self.loops, self.records = LoopForces(self.scene, (persistent,)), []
+        models = (impacts, self.loops, persistent) if pairs else (self.loops,)
+        self.persistent, self.integrator = persistent, EventDrivenIntegrator(self.free, models)
 
     def close_first(self, side):
         """Attach the object to a hand as a child body; returns the plastic impulse."""
@@ -114,7 +133,7 @@ class TwoHands:
     def close_further(self, side):
         """Close a latch by rows; returns the closing."""
         found = self.loops.close(side, self.latch(side))
-        self.integrator.restart()
+        self.integrator.bind(self.integrator.motion)
         return found
 
     def close(self, first="l", second="r"):
@@ -129,8 +148,18 @@ class TwoHands:
                 self.data.ctrl[:] = torques(self.data.time)
             left = self.step_s
             while left > 1e-12:
-                left -= self.integrator.advance(left)[0]
-                self.integrator.exchanges(1.0)
+                elapsed, source = self.integrator.advance(left)
+                left -= elapsed
+                if source is not None:
+                    self._apply(source)
+                else:
+                    self.integrator.exchanges(elapsed)
+
+    def _apply(self, source):
+        effect = self.integrator.act(source, EventTime(self.data.time, 0))
+        if effect is not None:
+            self.records += effect.records
+        self.integrator.restart()
 
     def loads(self):
         """Loads of both grasps on the object, (6,) each."""
@@ -159,7 +188,7 @@ def _joint(kind):
     return LatchJoint(kind, () if kind in ("rigid", "ball") else (0.0, 0.0, 1.0))
 
 
-def _hand(axes, side):
+def hand(axes, side):
     model = mujoco.MjModel.from_xml_string(robot(axes))
     data = mujoco.MjData(model)
     data.qpos[7:13] = START
