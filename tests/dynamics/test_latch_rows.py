@@ -325,7 +325,9 @@ def test_an_impact_on_projected_rows_keeps_the_loop():
 
 
 def test_pinocchio_agrees_on_the_closed_chain(rng, request):
-    """Constrained accelerations of two hands on one object at 500 random states (50 in the normal run), by Pinocchio's own M, drift and rows.
+    """Constrained accelerations of two hands on one object at 500 random states (50 in the normal run).
+
+    Expected: by Pinocchio's own M, drift and rows.
 
     Its accelerations of a free joint are in body axes, those of MuJoCo at the origin in world axes.
     """
