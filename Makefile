@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures campaign screenshots browser-pictures docs reader reference reproduce validate test test-fast build check all
+.PHONY: sync format lint type contracts schema figures campaign study screenshots browser-pictures docs reader reference reproduce validate test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -35,6 +35,11 @@ campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes
 	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
 	uv run --extra fast ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md
 	head -9 logs/campaign-baseline-dispersed/results.csv > docs/campaign-rows.csv
+study:       ## the figure of docs/studies.md: 64 runs, a minute on two processors
+	uv run --extra fast ffsm study run laws-after-impact --out logs/study-laws-after-impact
+	uv run --extra fast ffsm study report logs/study-laws-after-impact
+	mkdir -p docs/figures/study
+	cp logs/study-laws-after-impact/figures/report/pareto.png docs/figures/study
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)
 	uv run python docs/screenshots.py
 browser-pictures: reader ## the pictures of pages in a browser (Chromium and ChromeDriver)

@@ -15,7 +15,7 @@ from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
 from ffsm_mj.invocation import command
-from ffsm_mj.report.text_table import listed
+from ffsm_mj.report.text_table import listed, wrapped
 
 
 def campaign(options: argparse.Namespace, output: Output) -> int:
@@ -134,11 +134,14 @@ def _rerun(options: argparse.Namespace, say: Say, stage: Stage) -> int:
 
 def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     from ffsm_mj.campaign.report.report import write_report
+    from ffsm_mj.campaign.report.summary import summary_lines
 
     found = Campaign.open(options.folder)
     stage(f"report of {found.config.campaign}", "")
-    for path in write_report(found, Path(options.page) if options.page else None):
-        say(str(path))
+    html, page, *_ = write_report(found, Path(options.page) if options.page else None)
+    for line in summary_lines(found.results(), found.config.conditions):
+        say(wrapped(one_line(line), 2))
+    say(f"report: {html}, {page}")
     return OK
 
 

@@ -13,7 +13,7 @@ _ACTIONS = {
     "status": "print the progress of a campaign",
     "resume": "run what has no result yet",
     "extend": "enlarge a design of random or Sobol samples, and run the new samples",
-    "report": "write tables, figures and a page for a campaign",
+    "report": "write tables, figures and a page for a campaign, and print a summary",
     "rerun": "repeat runs of a campaign, write their logs and compare them with the recorded results",
 }
 EXECUTED = {
@@ -47,7 +47,9 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
     parsers["extend"].add_argument("n", type=_whole, help="new total number of samples; a power of 2 for a Sobol design")
     parsers["rerun"].add_argument("index", type=_whole, nargs="+", help="indices of the runs, from 0")
     parsers["report"].add_argument(
-        "--page", metavar="FILE", help="Markdown file; figures go to figures/ beside it (default: report.md in DIR)"
+        "--page",
+        metavar="FILE",
+        help="Markdown file; figures go to figures/ beside it (default: report.md in DIR, beside report.html)",
     )
     add_retry(parsers["resume"])
     for name in ("run", "resume", "extend"):

@@ -68,6 +68,7 @@ def _make(found: Study, options: argparse.Namespace, say: Say, stage: Stage) -> 
         say(f"continue: {_continuation(found, options)}")
         raise
     _say_results(found, say)
+    say(f"report: {command('study', 'report', found.folder.path)}")
     return OK
 
 
@@ -85,6 +86,17 @@ def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
     return OK
 
 
+def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    from ffsm_mj.studies.report import write_study_report
+
+    found = Study.open(options.folder)
+    stage(f"report of {found.config.study}", "")
+    html, page, *_ = write_study_report(found, Path(options.page) if options.page else None)
+    _say_results(found, say)
+    say(f"report: {html}, {page}")
+    return OK
+
+
 def _say_results(found: Study, say: Say) -> None:
     for status in found.status().values():
         say_status(status, say)
@@ -96,4 +108,5 @@ _ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {
     "run": _run,
     "status": _status,
     "resume": _resume,
+    "report": _report,
 }

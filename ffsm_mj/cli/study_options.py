@@ -12,6 +12,7 @@ _ACTIONS = {
     "run": "run a study, or continue the one in its folder",
     "status": "print the progress of a study, and what its results show so far",
     "resume": "run what has no result yet",
+    "report": "write tables, figures and a page for a study, and print what its results show",
 }
 
 
@@ -32,8 +33,13 @@ def describe_study(of: argparse.ArgumentParser, add_overrides: Callable[[argpars
     run.add_argument("--list", action="store_true", help="list the shipped studies and exit")
     run.add_argument("--out", metavar="DIR", help="study folder (default: logs/study-<name>)")
     add_overrides(run)
-    for name in ("status", "resume"):
+    for name in ("status", "resume", "report"):
         parsers[name].add_argument("folder", metavar="DIR", help="study folder")
+    parsers["report"].add_argument(
+        "--page",
+        metavar="FILE",
+        help="Markdown file; figures go to figures/ beside it (default: report.md in DIR, beside report.html)",
+    )
     add_retry(parsers["resume"])
     for name in ("run", "resume"):
         parsers[name].add_argument(

@@ -78,9 +78,12 @@ class StudyFile(DispersedRuns):
     limits: StudyLimits = StudyLimits()
 
     @model_validator(mode="after")
-    def _known_reference(self) -> StudyFile:
+    def _validate_names(self) -> StudyFile:
         if self.reference is not None and self.reference not in self.variants:
             raise ValueError(f"reference: {unknown_name('variant', self.reference, self.variants)}")
+        for name in (self.pareto.error, self.pareto.effort) if self.pareto is not None else ():
+            if self.objectives.get(name) == "maximize":
+                raise ValueError(f"pareto: less of both metrics is better, but objectives says 'maximize' for {name}")
         return self
 
     @property

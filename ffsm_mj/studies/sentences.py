@@ -9,9 +9,6 @@ from ffsm_mj.campaign.evaluation.statistics import CONFIDENCE
 from ffsm_mj.studies.comparison import Ranking, StudyComparison
 from ffsm_mj.studies.results import SUCCESS, StudyResults
 
-_MOST_PAIRS = 6
-"""With more pairs of variants, their differences are in the table only."""
-
 
 def sentences(results: StudyResults, comparison: StudyComparison) -> list[str]:
     """What a study shows, one sentence each: rankings, runs that are left out, variants and metrics without results."""
@@ -32,8 +29,8 @@ def _rankings(results: StudyResults, comparison: StudyComparison) -> Iterator[st
 
 
 def _ranking(ranking: Ranking, results: StudyResults, comparison: StudyComparison) -> str:
-    goal = "least" if ranking.direction == "minimize" else "most"
-    runs = min(each.differences[ranking.metric].n for each in comparison.pairs if ranking.metric in each.differences)
+    goal, compared = ("least", "less") if ranking.direction == "minimize" else ("most", "more")
+    runs = max(each.differences[ranking.metric].n for each in comparison.pairs if ranking.metric in each.differences)
     head = f"{ranking.metric} ({ranking.direction}): "
     if runs < LEAST_RUNS:
         return f"{head}nothing is shown by {runs} runs; {LEAST_RUNS} or more are needed."
@@ -41,7 +38,7 @@ def _ranking(ranking: Ranking, results: StudyResults, comparison: StudyCompariso
     if reference is not None:
         return head + _against(reference, ranking, comparison)
     if ranking.best:
-        return f"{head}{ranking.best} has the {goal}, with a difference from every other variant."
+        return f"{head}{ranking.best} has {compared} than every other variant."
     if not ranking.beaten:
         return f"{head}no difference is shown between {_listed(ranking.unbeaten)}."
     behind = f"; {_listed(ranking.beaten)} {'is' if len(ranking.beaten) == 1 else 'are'} shown to be worse than another"
@@ -59,17 +56,14 @@ def _against(reference: str, ranking: Ranking, comparison: StudyComparison) -> s
     return "; ".join(words[side] + _listed(names) for side, names in groups.items() if names) + "."
 
 
-def difference_sentences(results: StudyResults, comparison: StudyComparison) -> Iterator[str]:
-    """A sentence per metric and pair; none for many pairs, whose differences are read from the table."""
-    if len(comparison.pairs) > _MOST_PAIRS:
-        return
-    for metric in ([SUCCESS] if results.config.conditions else []) + [*results.metrics]:
-        for pair in comparison.pairs:
-            if metric in pair.differences:
-                yield _difference(pair.differences[metric], pair.first, pair.second)
+def difference_sentence(found: PairedDifference, first: str, second: str) -> str:
+    """What a difference shows.
 
-
-def _difference(found: PairedDifference, first: str, second: str) -> str:
+    Args:
+        found: The difference, second less first.
+        first: Name of one variant.
+        second: Name of the other one.
+    """
     numbers = f"{found.second:.4g} and {found.first:.4g}, difference {found.mean:.3g}"
     if found.n < 2:
         return f"{found.metric}, {second} and {first}: {numbers} in one run."

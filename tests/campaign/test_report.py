@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
@@ -141,18 +140,27 @@ def made(tmp_path_factory):
 
 def test_the_report_of_a_campaign(made, capsys):
     assert main(["campaign", "report", str(made.folder.path)]) == 0
-    files = [Path(line) for line in capsys.readouterr().out.splitlines()]
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 6
+    assert lines[0] == "try: 8 of 8 runs: 8 completed"
+    assert lines[1].startswith("success (impacts.0.impulse_N_s < 0.9): ")
+    assert lines[4].startswith("rank correlation of impacts.0.impulse_N_s with initial.rates.robot/free.0 1.00")
+    assert lines[5] == f"report: {made.folder.path / 'report.html'}, {made.folder.path / 'report.md'}"
+    files = write_report(made)
     assert [file.name for file in files] == [
-        *("report.md", "metric-impacts_0_impulse_N_s.png", "trajectories.png", "results.parquet", "results.csv")
+        *("report.html", "report.md", "metric-impacts_0_impulse_N_s.png", "trajectories.png"),
+        *("results.parquet", "results.csv"),
     ]
     assert all(file.is_file() for file in files)
-    text = files[0].read_text()
+    whole, text = files[0].read_text(), files[1].read_text()
+    assert whole.count("data:image/png;base64,") == 2
+    assert not re.search(r'(src|href)="(?!data:)', whole)
     assert cells(text, "outcome `completed`")[0] == "8 of 8"
     good = sum(row.metrics["impacts.0.impulse_N_s"] < 0.9 for row in made.rows())
     assert 0 < good < 8
     assert cells(text, "success")[0] == f"{good} of 8"
     for target in re.findall(r"\]\(([^)]+)\)", text):
-        assert (files[0].parent / target).is_file()
+        assert (files[1].parent / target).is_file()
 
 
 def test_the_table_for_other_tools_has_every_digit(made):
@@ -166,12 +174,12 @@ def test_the_table_for_other_tools_has_every_digit(made):
 
 def test_a_page_elsewhere(made, tmp_path):
     files = write_report(made, tmp_path / "docs" / "campaign.md")
-    assert files[0].parent == tmp_path / "docs"
+    assert files[1].parent == tmp_path / "docs"
     assert (tmp_path / "docs" / "figures" / "campaign" / "trajectories.png").is_file()
-    text = files[0].read_text()
+    text = files[1].read_text()
     assert "figures/campaign/trajectories.png" in text
     write_report(made, tmp_path / "docs" / "campaign.md")
-    assert files[0].read_text() == text
+    assert files[1].read_text() == text
 
 
 def test_a_replay_that_is_not_whole_is_left_out(made, tmp_path):

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ffsm_mj.campaign.evaluation.results import Results
 from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.run import Run
@@ -19,6 +18,7 @@ from ffsm_mj.studies.comparison import compare_variants
 from ffsm_mj.studies.study import Study
 from tests.campaign.made_up import row
 from tests.studies.files import HALF, study_file
+from tests.studies.made_up import study_results
 
 IMPULSE = "impacts.0.impulse_N_s"
 
@@ -187,22 +187,6 @@ def test_faults_of_a_study_file_name_the_place(tmp_path: Path) -> None:
     assert "metrics.0: unknown metric" in fault(metrics=["impulse"])
     assert "variants.b.overrides" in fault(variants={"a": {}, "b": {"overrides": {"duration": 3}}})
     assert not (tmp_path / "out/study.json").exists()
-
-
-def study_results(variants: dict[str, list[dict[str, Any]]], **config: Any) -> Any:
-    """Results of a study that was never run."""
-    from ffsm_mj.studies.config import StudyFile
-    from ffsm_mj.studies.results import StudyResults
-
-    stated = {
-        "study": "made-up",
-        "scenario": "baseline",
-        "samples": {"kind": "random", "n": 8},
-        "dispersions": {"duration_s": {"uniform": [1.0, 2.0]}},
-        "variants": {name: {} for name in variants},
-    }
-    rows = {name: Results(name, "random", 8, 8, (), ("y",), each) for name, each in variants.items()}
-    return StudyResults(StudyFile.model_validate(stated | config), rows, {})
 
 
 def test_success_and_violated_checks_are_counted_apart() -> None:

@@ -9,6 +9,8 @@ import numpy as np
 
 from ffsm_mj.campaign.evaluation.results import Results, TableRow, is_good, numbers
 
+NO_SUCCESS = "no success"
+"""Group of completed runs that pass their checks but do not meet the success condition."""
 _LEAST = 5
 """Smallest number of runs on either side for a comparison."""
 
@@ -47,7 +49,7 @@ def _how(row: TableRow) -> str:
     if row["outcome"] == "completed":
         short = row.get("fails_by_truncation") is True
         how = "checks fail by the truncation of the step alone" if short else "a check fails"
-        return how if row["failed"] else "no success"
+        return how if row["failed"] else NO_SUCCESS
     error = ""
     if row["outcome"] == "error":
         error = row["message"].partition(":")[0]

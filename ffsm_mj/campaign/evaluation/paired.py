@@ -14,8 +14,8 @@ from ffsm_mj.campaign.evaluation.statistics import CONFIDENCE
 from ffsm_mj.errors import InputError
 
 LEAST_RUNS = 6
-"""Number of runs from which a difference can be shown: even if all differences of fewer runs have one sign, the p-value of
-the sign test, 2^(1 - n), is above 1 - CONFIDENCE."""
+"""Number of runs that must differ for a difference to be shown: even if all of n differences have one sign, the p-value of
+the sign test, 2^(1 - n), is above 1 - CONFIDENCE for fewer."""
 _RESAMPLES = 10_000
 _BLOCK = 500
 _ROUNDING = 1e-12
@@ -51,9 +51,9 @@ class PairedDifference:
     def sign(self) -> int:
         """-1 or 1 where the second campaign is shown to have less or more; 0 where the interval contains zero.
 
-        With fewer than :data:`LEAST_RUNS` runs nothing is shown, whatever the interval.
+        If fewer than :data:`LEAST_RUNS` runs differ, nothing is shown, whatever the interval.
         """
-        return int(self.low > 0.0) - int(self.high < 0.0) if self.n >= LEAST_RUNS else 0
+        return int(self.low > 0.0) - int(self.high < 0.0) if self.lower + self.higher >= LEAST_RUNS else 0
 
     def reversed(self) -> PairedDifference:
         """The same difference, first campaign less second."""

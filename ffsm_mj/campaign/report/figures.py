@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _COLUMNS = 4
 _DPI = 130
+_INK = 600.0
+"""Area of all marks of a scatter plot, points^2: few runs have large marks."""
 _MOST_POINTS = 5000
 """Largest number of points in a scatter plot; more would overlap and make a large file."""
 
@@ -73,7 +75,7 @@ def _against_parameters(results: Results, metric: str) -> Figure:
     rows = results.rows[:_MOST_POINTS]
     good = np.array([is_good(row) for row in rows], dtype=np.bool_)
     y = numbers(rows, metric)
-    size = 3.0 if len(rows) > 100 else 9.0
+    size = min(max(_INK / len(rows), 3.0), 30.0)
     with publication():
         figure, panels = _grid(len(results.parameters), 1.6)
         for axes, name in zip(panels, results.parameters, strict=True):

@@ -15,7 +15,7 @@ from ffsm_mj.campaign.evaluation.failures import differences, groups
 from ffsm_mj.campaign.evaluation.results import Results, is_good, metric_numbers, numbers
 from ffsm_mj.campaign.evaluation.sensitivity import rank_correlation, sobol_indices
 from ffsm_mj.campaign.evaluation.statistics import CONFIDENCE, Proportion, is_constant, quantile, values_for_upper_end
-from ffsm_mj.errors import one_line
+from ffsm_mj.report.markdown_text import code, escaped, number, percent
 from ffsm_mj.report.text_table import markdown_table
 
 _SHARES = (0.05, 0.5, 0.95)
@@ -42,9 +42,9 @@ def report_page(results: Results, description: str, success: str | None, figures
         figures: Title of each figure, and its path relative to the page.
     """
     if not results.rows:
-        return f"# {_cell(results.name)}\n\n0 of {results.runs} runs have a result.\n"
+        return f"# {escaped(results.name)}\n\n0 of {results.runs} runs have a result.\n"
     parts = [
-        f"# {_cell(results.name)}",
+        f"# {escaped(results.name)}",
         *([html.escape(description, quote=False)] if description else []),
         _head(results, success),
         "## Outcomes",
@@ -69,7 +69,7 @@ def _head(results: Results, success: str | None) -> str:
     made = f"{len(results.rows)} of {results.runs} runs" if not results.complete else f"{results.runs} runs"
     sentences = [f"{made}, samples of kind `{results.kind}`, {len(results.parameters)} parameters."]
     if success is not None:
-        sentences.append(f"A run is a success if {_code(success)}.")
+        sentences.append(f"A run is a success if {code(success)}.")
     sentences.append(f"Confidence intervals are two-sided, {100 * CONFIDENCE:g} %.")
     if results.kind in _NOMINAL:
         sentences.append(f"They are approximate: {_NOMINAL[results.kind]} not independent samples.")
@@ -83,7 +83,7 @@ def _head(results: Results, success: str | None) -> str:
 def _outcomes(results: Results) -> str:
     sample = results.sample
     counts = Counter(str(row["outcome"]) for row in sample)
-    rows = [_share_row(f"outcome {_code(outcome)}", count, len(sample)) for outcome, count in counts.most_common()]
+    rows = [_share_row(f"outcome {code(outcome)}", count, len(sample)) for outcome, count in counts.most_common()]
     rows.append(_share_row("failed (not completed, or a check fails)", sum(r["failed"] for r in sample), len(sample)))
     if short := sum(row.get("fails_by_truncation") is True for row in sample):
         how = "a check fails by the truncation of the step alone (remedy: accuracy in the scenario)"
@@ -96,14 +96,14 @@ def _outcomes(results: Results) -> str:
         if np.isfinite(values).any():
             lack = int((~np.isfinite(values)).sum())
             but = f"; {lack} of {len(values)} runs have no value" if lack else ""
-            parts.append(f"{what}: at most {_number(float(np.nanmax(values)))}{but}.")
+            parts.append(f"{what}: at most {number(float(np.nanmax(values)))}{but}.")
     return "\n\n".join(parts)
 
 
 def _share_row(name: str, count: int, of: int) -> list[str]:
     share = Proportion(count, of)
     low, high = share.interval
-    return [name, f"{count} of {of}", _percent(share.value), f"{_percent(low)} to {_percent(high)}"]
+    return [name, f"{count} of {of}", percent(share.value), f"{percent(low)} to {percent(high)}"]
 
 
 def _metrics(results: Results) -> str:
@@ -114,14 +114,14 @@ def _metrics(results: Results) -> str:
         if not len(values):
             cells = ["no run has a number", *[""] * 4]
         elif is_constant(values):
-            cells = [_number(float(values[0])), "constant", "", "", ""]
+            cells = [number(float(values[0])), "constant", "", "", ""]
         else:
             cells = [
-                _number(float(values.min())),
+                number(float(values.min())),
                 *(_quantile(values, share) for share in _SHARES),
-                _number(float(values.max())),
+                number(float(values.max())),
             ]
-        rows.append([_code(metric), str(len(values)), *cells])
+        rows.append([code(metric), str(len(values)), *cells])
     return "Over the runs that did not fail and have the metric; quantiles with confidence intervals.\n\n" + markdown_table(
         head, rows
     )
@@ -130,14 +130,14 @@ def _metrics(results: Results) -> str:
 def _quantile(values: FloatArray, share: float) -> str:
     found = quantile(values, share)
     if found.low is not None and found.high is not None:
-        return f"{_number(found.value)} ({_number(found.low)} to {_number(found.high)})"
+        return f"{number(found.value)} ({number(found.low)} to {number(found.high)})"
     if found.low is not None:
         needed = values_for_upper_end(share)
-        return f"{_number(found.value)} (from {_number(found.low)}, no upper bound with fewer than {needed} runs)"
+        return f"{number(found.value)} (from {number(found.low)}, no upper bound with fewer than {needed} runs)"
     if found.high is not None:
         needed = values_for_upper_end(1.0 - share)
-        return f"{_number(found.value)} (to {_number(found.high)}, no lower bound with fewer than {needed} runs)"
-    return f"{_number(found.value)} (no bounds)"
+        return f"{number(found.value)} (to {number(found.high)}, no lower bound with fewer than {needed} runs)"
+    return f"{number(found.value)} (no bounds)"
 
 
 def _convergence(results: Results) -> str:
@@ -148,7 +148,7 @@ def _convergence(results: Results) -> str:
     if not counts:
         return "Fewer than 8 runs."
     rows = [
-        [_code(what) if what != SUCCESS else what, *(_width(by[runs].width) if runs in by else "" for runs in counts)]
+        [code(what) if what != SUCCESS else what, *(_width(by[runs].width) if runs in by else "" for runs in counts)]
         for what, by in found.items()
     ]
     head = ("interval width after", *(f"{runs} runs" for runs in counts))
@@ -156,7 +156,7 @@ def _convergence(results: Results) -> str:
 
 
 def _width(width: float | None) -> str:
-    return "none" if width is None else _number(width)
+    return "none" if width is None else number(width)
 
 
 def _sensitivity(results: Results) -> Iterator[str]:
@@ -166,18 +166,18 @@ def _sensitivity(results: Results) -> Iterator[str]:
         values = metric_numbers(results.sample, metric)
         constant = len(values) == 0 or is_constant(values)
         found = [None if constant else rank_correlation(results, name, metric) for name in results.parameters]
-        rows.append([_code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in found)])
+        rows.append([code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in found)])
     chance = (
         f" Without correlation, magnitudes are below {1.96 / math.sqrt(count - 1):.2f} in 95 % of cases."
         if count > 2
         else ""
     )
     yield f"Spearman's rank correlation coefficients.{chance}"
-    yield markdown_table(("metric", *map(_code, results.parameters)), rows)
+    yield markdown_table(("metric", *map(code, results.parameters)), rows)
     if results.kind == "saltelli":
         yield "Sobol indices: first order, the fraction of the variance due to the parameter alone, and total."
         yield markdown_table(
-            ("metric", *map(_code, results.parameters)), (_indices(results, metric) for metric in results.metrics)
+            ("metric", *map(code, results.parameters)), (_indices(results, metric) for metric in results.metrics)
         )
 
 
@@ -185,13 +185,13 @@ def _indices(results: Results, metric: str) -> list[str]:
     try:
         found = sobol_indices(results, metric)
     except ValueError as reason:
-        return [_code(metric), str(reason), *[""] * (len(results.parameters) - 1)]
+        return [code(metric), str(reason), *[""] * (len(results.parameters) - 1)]
     cells = [
         f"{each.first:.2f} ({each.first_interval[0]:.2f} to {each.first_interval[1]:.2f}), "
         f"total {each.total:.2f} ({each.total_interval[0]:.2f} to {each.total_interval[1]:.2f})"
         for each in found
     ]
-    return [_code(metric), *cells]
+    return [code(metric), *cells]
 
 
 def _failures(results: Results) -> Iterator[str]:
@@ -200,7 +200,8 @@ def _failures(results: Results) -> Iterator[str]:
         yield "None."
         return
     rows = [
-        [_cell(each.how), _cell(each.phase), str(len(each.runs)), _runs(each.runs), _cell(each.message)] for each in found
+        [escaped(each.how), escaped(each.phase), str(len(each.runs)), _runs(each.runs), escaped(each.message)]
+        for each in found
     ]
     yield markdown_table(("failure", "last phase", "number", "runs", "message of the first"), rows)
     differing = differences(results)
@@ -213,7 +214,7 @@ def _failures(results: Results) -> Iterator[str]:
     )
     yield markdown_table(
         ("parameter", "distance", "p-value"),
-        ([_code(each.parameter), f"{each.statistic:.2f}", f"{each.probability:.2g}"] for each in differing),
+        ([code(each.parameter), f"{each.statistic:.2f}", f"{each.probability:.2g}"] for each in differing),
     )
 
 
@@ -227,28 +228,10 @@ def _samples(results: Results) -> str:
     for name in results.parameters:
         values = numbers(results.sample, name)
         if np.isfinite(values).all():
-            rows.append([_code(name), *(_number(float(f(values))) for f in (np.min, np.median, np.max))])
+            rows.append([code(name), *(number(float(f(values))) for f in (np.min, np.median, np.max))])
         else:
             counts = Counter(str(row[name]) for row in results.sample)
             rows.append(
-                [_code(name), ", ".join(f"{_cell(value)}: {count}" for value, count in counts.most_common()), "", ""]
+                [code(name), ", ".join(f"{escaped(value)}: {count}" for value, count in counts.most_common()), "", ""]
             )
     return markdown_table(("parameter", "minimum", "median", "maximum"), rows)
-
-
-def _code(name: str) -> str:
-    """A name as Markdown code."""
-    return "`" + one_line(name).replace("`", "'").replace("|", "\\|") + "`"
-
-
-def _cell(text: str) -> str:
-    """A text of unknown origin as a table cell: one line, markup escaped."""
-    return html.escape(one_line(text), quote=False).replace("|", "\\|")
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}"
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g} %"

@@ -13,25 +13,26 @@ from ffsm_mj.campaign.storage.folder import RERUNS
 from ffsm_mj.campaign.storage.table import as_arrow
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.report.markdown_page import html_page
 from ffsm_mj.report.output_place import folder_below, new_file
 from ffsm_mj.report.run import load_run
 
-PAGE, PARQUET, CSV = "report.md", "results.parquet", "results.csv"
+PAGE, HTML, PARQUET, CSV = "report.md", "report.html", "results.parquet", "results.csv"
 FIGURES = "figures"
 _MOST_REPLAYS = 100
 """Largest number of trajectories in a figure."""
 
 
 def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
-    """Write the page with its figures, and the table as Parquet and CSV in the folder of the campaign.
+    """Write the page with its figures, and the page as one HTML file and the table as Parquet and CSV in the folder.
 
     Args:
         found: The campaign, finished or not.
         page: Markdown file; its figures go to ``figures/<its name>/`` beside it. None: ``report.md`` in the folder of the
-            campaign.
+            campaign, where the HTML file is always.
 
     Returns:
-        The written files.
+        The written files: the HTML file, the Markdown file, figures, tables.
 
     Raises:
         InputError: A folder cannot be written to.
@@ -46,13 +47,37 @@ def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
     made = save_figures(results, list(_rerun_runs(found, results.rows)), pictures)
     shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in made]
     text = report_page(results, found.config.description, found.config.success, shown)
+    pages = write_pages(text, results.name, page, [file for _, file in shown], found.folder.path / HTML)
+    return [*pages, *(page.parent / file for _, file in shown), *write_tables(found.folder.path, results.rows)]
+
+
+def write_pages(text: str, title: str, page: Path, figures: Sequence[str], html: Path) -> list[Path]:
+    """Write a page as Markdown and as one HTML file; returns both paths, the HTML file first.
+
+    Args:
+        text: The page.
+        title: Its title.
+        page: Markdown file.
+        figures: Paths of its figures, relative to it.
+        html: HTML file, which contains the figures.
+
+    Raises:
+        OutputLostError: A file could not be written completely.
+    """
     with new_file(page) as place:
         place.write_text(text, encoding="utf-8")
-    tables = _write_tables(found.folder.path, results.rows)
-    return [page, *(page.parent / file for _, file in shown), *tables]
+    drawn = {file: (page.parent / file).read_bytes() for file in figures}
+    with new_file(html) as place:
+        place.write_text(html_page(text, title, drawn), encoding="utf-8")
+    return [html, page]
 
 
-def _write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
+def write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
+    """Write a table as Parquet and CSV; returns the files.
+
+    Raises:
+        OutputLostError: A file could not be written completely.
+    """
     import pyarrow.csv
     import pyarrow.parquet
 
