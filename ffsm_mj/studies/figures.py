@@ -116,8 +116,8 @@ def pareto_front(points: dict[str, tuple[float, float]]) -> list[str]:
 
 def _differences(results: StudyResults, comparison: StudyComparison) -> Figure | None:
     """A panel per metric that differs: the mean difference of each pair with its interval."""
-    wanted = [*([SUCCESS] if results.config.conditions else []), *results.config.objectives]
-    metrics = [name for name in dict.fromkeys(wanted or results.metrics) if _varies(comparison, name)]
+    wanted = [*([SUCCESS] if results.config.conditions else []), *(results.config.objectives or results.metrics)]
+    metrics = [name for name in wanted if _varies(comparison, name)]
     if not metrics:
         return None
     pairs = comparison.pairs
