@@ -186,7 +186,8 @@ class Observation(NamedTuple):
             computed when they are first read: a law that needs them later keeps ``tuple(observation.contacts)``.
         free: MuJoCo data of the scene as it began, in which every object keeps its own joints; while nothing is held the
             same as ``data``.
-        grasp: Name of the capture that holds an object; empty where none does.
+        grasps: Names of the closed captures. The first one of the robot comes first: in ``data`` its object is a child of
+            its link. What further ones hold is not in this model.
         measured: Newest sample of each sensor that has arrived, by the full name of the sensor.
         phase_start_s: Time at which the phase began, s: for ``start``, which is called again where a grasp closes or opens.
     """
@@ -197,9 +198,14 @@ class Observation(NamedTuple):
     at_tick: bool = True
     contacts: Sequence[ActiveContact] = ()
     free: Any = None
-    grasp: str = ""
+    grasps: tuple[str, ...] = ()
     measured: Mapping[str, Measurement] = MappingProxyType({})
     phase_start_s: float = 0.0
+
+    @property
+    def attached(self) -> str:
+        """Name of the capture whose object is a child of a link in ``data``; empty where ``data`` is ``free``."""
+        return self.grasps[0] if self.grasps and self.data is not self.free else ""
 
 
 class Controller(Protocol):

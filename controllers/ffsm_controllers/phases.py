@@ -103,7 +103,7 @@ class PhaseMachine:
         following = self.phase_index + 1 if ending is None or ending.to is None else ending.to
         if ending is not None and following < len(self.phases):
             self._begin(following, observation, ending.reason)
-        if observation.grasp != self._grasp or self._begins_again:
+        if observation.attached != self._grasp or self._begins_again:
             self._take_over(observation)
         if self.given is None:
             self._ask(observation, command)
@@ -150,7 +150,7 @@ class PhaseMachine:
     def _take_over(self, observation: Observation) -> None:
         """Let the phase's law for what moves now begin."""
         self._begins_again = False
-        self._grasp = observation.grasp
+        self._grasp = observation.attached
         law = self.phases[self.phase_index].law(self._grasp)
         self._asked[self.phase_index, self._grasp] = law
         law.start(observation._replace(phase_start_s=self._start_s))
@@ -202,7 +202,7 @@ class PhaseMachine:
 
 def _of_free(observation: Observation) -> Observation:
     """What the free system would show: its data alone, whatever is held."""
-    return observation._replace(data=observation.free) if observation.grasp else observation
+    return observation._replace(data=observation.free) if observation.attached else observation
 
 
 def _plain(phase: Phase, name: str, value: Any) -> float | int | str:

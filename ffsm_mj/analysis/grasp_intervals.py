@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.columns import EVENT_LOADS, LOADS
+from ffsm_mj.contact_models.grasp.columns import load_columns_of
 from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.records.events import Event
@@ -56,12 +56,17 @@ class GraspInterval:
 class _OpenGrasp:
     """Accumulator for one interval."""
 
-    def __init__(self, begins: CaptureRecord) -> None:
+    def __init__(self, begins: CaptureRecord, layout: Layout) -> None:
         self.begins, self.end_s = begins, math.inf
+        columns = load_columns_of(layout, begins.grasp)
+        self._places = (layout.places(columns.loads), layout.places(columns.event_loads)) if columns is not None else None
         self._force, self._torque, self._peak_s = 0.0, 0.0, begins.time_s
 
-    def rows(self, times: FloatArray, loads: FloatArray, events: FloatArray) -> None:
+    def rows(self, times: FloatArray, block: FloatArray) -> None:
         """Process the rows within the interval; its end, the instant of the release, is excluded."""
+        if self._places is None:
+            return
+        loads, events = (block[:, places] for places in self._places)
         for force, torque, at_s in events[(events[:, 2] >= self.begins.time_s) & (events[:, 2] < self.end_s)].tolist():
             self._higher(force, torque, at_s)
         first, last = np.searchsorted(times, self.begins.time_s), np.searchsorted(times, self.end_s)
@@ -88,30 +93,30 @@ class GraspIntervals:
 
     def __init__(self, layout: Layout) -> None:
         """Start without records."""
-        self._time = layout.time
-        known = layout.index.keys() >= {*LOADS, *EVENT_LOADS}
-        self._loads = layout.places(LOADS) if known else None
-        self._events = layout.places(EVENT_LOADS) if known else None
+        self._layout = layout
         self._spells: list[_OpenGrasp] = []
         self._awaited: list[_OpenGrasp] = []
 
     def event(self, event: Event) -> None:
         """Process the next record; other kinds are ignored."""
         if isinstance(event, CaptureRecord):
-            if event.replaces and self._spells:
-                self._spells[-1].end_s = event.time_s
-            self._spells.append(_OpenGrasp(event))
+            self._end(event.replaces, event.time_s)
+            self._spells.append(_OpenGrasp(event, self._layout))
             self._awaited.append(self._spells[-1])
-        elif isinstance(event, ReleaseRecord) and self._spells:  # otherwise its capture is in a damaged part of the log
-            self._spells[-1].end_s = event.time_s
+        elif isinstance(event, ReleaseRecord):
+            self._end(event.grasp, event.time_s)
+
+    def _end(self, grasp: str, time_s: float) -> None:
+        """End the interval of a grasp; without one its capture is in a damaged part of the log."""
+        spell = next((each for each in self._spells if each.begins.grasp == grasp and each.end_s == math.inf), None)
+        if spell is not None:
+            spell.end_s = time_s
 
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""
-        if not self._awaited or self._loads is None or self._events is None:
-            return
-        times = block[:, self._time]
+        times = block[:, self._layout.time]
         for spell in self._awaited:
-            spell.rows(times, block[:, self._loads], block[:, self._events])
+            spell.rows(times, block)
         self._awaited = [spell for spell in self._awaited if not spell.end_s < times[-1]]
 
     def intervals(self) -> tuple[GraspInterval, ...]:

@@ -50,7 +50,11 @@ def contact_models_of(
     impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
     others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
-    return (impacts, persistent, *grasp_models_of(scenario, scene, motion, held, others), *declared)
+    grasps = grasp_models_of(scenario, scene, motion, held, others)
+    if grasps is None:
+        return (impacts, persistent, *declared)
+    loops, events = grasps
+    return (impacts, loops, persistent, events, *declared)
 
 
 def _rules(scenario: Scenario) -> ImpactRules:

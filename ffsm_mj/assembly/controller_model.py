@@ -95,8 +95,8 @@ class ControllerModelPhaseMachine(PhaseMachine):
         """Change the phase if it has ended, then evaluate its control law."""
         self._model.follow(observation.free)
         current = self._model
-        if observation.grasp:
-            current = self._grasped[observation.grasp]
+        if attached := observation.attached:
+            current = self._grasped[attached]
             current.follow(observation.data)
         # NamedTuple._replace would take twice as long, at every tick.
         of_model = Observation(
@@ -106,7 +106,7 @@ class ControllerModelPhaseMachine(PhaseMachine):
             observation.at_tick,
             observation.contacts,
             self._model.data,
-            observation.grasp,
+            observation.grasps,
             observation.measured,
         )
         super().control(of_model, command)

@@ -9,6 +9,7 @@ from ffsm_mj.assembly.contact_notes import contact_notes, mesh_notes, rule_lines
 from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
+from ffsm_mj.assembly.loop_notes import loop_lines, loop_notes
 from ffsm_mj.assembly.pair_notes import disarmed_pairs, refused_rest, unwatched_overlaps
 from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -34,6 +35,7 @@ def notes(assembly: Assembly) -> list[str]:
         *undriven_actuators(assembly.system, assembly.controller.phases),
         *refused_rest(assembly),
         *disarmed_pairs(assembly),
+        *loop_notes(assembly),
         *never_armed(assembly.scenario),
     ]
 
@@ -48,6 +50,7 @@ def describe(assembly: Assembly) -> list[str]:
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
         *_limited_joints(assembly.limits),
         *spring_lines(scenario, system, assembly.data),
+        *loop_lines(assembly),
         *_sensors(assembly),
         *([f"  goes on from {origin.folder} at t = {origin.at_s:g} s"] if origin is not None else []),
         *_phases(scenario),

@@ -66,11 +66,12 @@ class EstimatePhaseMachine(PhaseMachine):
         """Update the estimate, change the phase if it has ended, then evaluate its control law."""
         self._update(observation)
         free = self._model.data
-        data = self._grasped[observation.grasp].show(self._model) if observation.grasp else free
+        attached = observation.attached
+        data = self._grasped[attached].show(self._model) if attached else free
         self._columns_of_estimate.compare(free, observation.free)
         events = tuple(told(event) for event in observation.events)
         measured = observation.measured
-        estimate = Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasp, measured)
+        estimate = Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasps, measured)
         super().control(estimate, command)
 
     def _update(self, observation: Observation) -> None:

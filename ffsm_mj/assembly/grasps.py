@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
+from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -43,34 +44,50 @@ def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
     """
     grasps, faults = [], []
     for name, config in scenario.captures.items():
-        sites = {}
-        for key, given, whose in (
-            ("robot_site", config.robot_site, [system.robot]),
-            ("object_site", config.object_site, [*system.objects]),
+        sites: dict[str, str] = {}
+        for key, given, of in (
+            ("object_site", config.object_site, _object_site),
+            ("robot_site", config.robot_site, _link_site),
         ):
             try:
-                sites[key] = _site(system, given, whose)
+                sites[key] = of(system, given, sites)
             except LookupError as error:
                 faults.append(Fault(str(error.args[0]), ("captures", name, key)))
         if len(sites) < 2:
             continue
-        tree = system.tree_of_body(system.mj.site(sites["object_site"]).bodyid[0])
+        tree = _tree(system, sites["object_site"])
         link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
         if tree is not None:
-            grasps.append(
-                Grasp(
-                    name,
-                    sites["robot_site"],
-                    sites["object_site"],
-                    link,
-                    tree.name,
-                    system.mj.body(tree.root).name,
-                    config.latch_joint,
-                )
-            )
+            root, joint = system.mj.body(tree.root).name, config.latch_joint
+            grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, root, joint))
     if faults:
         raise ScenarioFaults(faults)
     return tuple(grasps)
+
+
+def _object_site(system: System, name: str, _: Mapping[str, str]) -> str:
+    return _site(system, name, [*system.objects])
+
+
+def _link_site(system: System, name: str, sites: Mapping[str, str]) -> str:
+    """Full name of the site on the grasping link: of the robot, or of another object than the grasped one.
+
+    Raises:
+        LookupError: It is neither.
+    """
+    try:
+        return _site(system, name, [system.robot])
+    except LookupError:
+        matches = [each for each in system.names("site") if name in (each, each.split("/", 1)[-1])]
+        tree = _tree(system, matches[0]) if len(matches) == 1 else None
+        if "object_site" in sites and tree in system.objects and tree is not _tree(system, sites["object_site"]):
+            return matches[0]
+        raise
+
+
+def is_of_robot(system: System, grasp: Grasp) -> bool:
+    """Whether the grasping link is of the robot, and not of another object."""
+    return system.tree_of_body(system.index("body", grasp.link)) is system.robot
 
 
 def _site(system: System, name: str, whose: list[Tree]) -> str:
@@ -108,7 +125,7 @@ def _on_base(system: System, site: str, tree: Tree) -> bool:
 def held_systems(
     scenario: Scenario, system: System, compiled: Callable[[Grasp, bool], System]
 ) -> Mapping[str, GraspedSystem]:
-    """Compile the systems with grasped objects, by the name of the grasp.
+    """Compile the systems with grasped objects, by the name of the grasp; none for grasps between two objects.
 
     Args:
         scenario: What is asked for.
@@ -119,7 +136,7 @@ def held_systems(
         ScenarioFaults: An object that cannot be held.
     """
     found, faults = {}, []
-    for grasp in grasps_of(scenario, system):
+    for grasp in [each for each in grasps_of(scenario, system) if is_of_robot(system, each)]:
         held = compiled(grasp, False)
         try:
             check_grasped_system(system, held, grasp)
@@ -138,8 +155,8 @@ def grasp_models_of(
     free: Motion,
     held: Mapping[str, GraspedSystem],
     others: Sequence[ForceSource],
-) -> tuple[GraspModel, ...]:
-    """Contact model of the grasps of a scenario, if it has any.
+) -> tuple[LoopForces, GraspModel] | None:
+    """Contact models of the grasps of a scenario: rows of further grasps, and their events; None if it has no grasps.
 
     Args:
         scenario: What is asked for.
@@ -148,7 +165,11 @@ def grasp_models_of(
         held: Systems in which objects are held, with models of the run's own.
         others: Who may push what is held.
     """
-    if not held:
-        return ()
-    grasps = [(each.grasp, scenario.captures[name], each.system) for name, each in held.items()]
-    return (GraspModel(scene, free, grasps, others),)
+    if not scenario.captures:
+        return None
+    grasps = [
+        (grasp, scenario.captures[grasp.name], held[grasp.name].system if grasp.name in held else None)
+        for grasp in grasps_of(scenario, scene.system)
+    ]
+    loops = LoopForces(scene, others)
+    return loops, GraspModel(scene, free, grasps, loops, others)

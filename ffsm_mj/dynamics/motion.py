@@ -31,13 +31,16 @@ class Motion:
         bodies: Id in this model of each body of the logged system.
         dofs: Index in this model of each degree of freedom of the logged system; -1 for one that it does not have.
         pushes: Applied forces in its stages that depend on the state alone.
-        grasp: Name of the closed grasp; empty for the motion of the logged system itself.
-        grasped_object: The grasped object, as a tree of the logged system; None if there is none.
+        grasp: Name of the grasp whose object is a child of a link in this model; empty for the motion of the logged system
+            itself.
+        grasps: Names of all closed grasps: this one first, then those held by rows in the order in which they closed.
+        grasped_object: The object that is a child of a link, as a tree of the logged system; None if there is none.
         loops: Closed loops: latches that are held by rows in this model; None without any.
-        disabled: Pairs of the system's geoms that are on one rigid body in this model, but not in the logged system.
+        disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
 
     grasp = ""
+    grasps: tuple[str, ...] = ()
     grasped_object: Tree | None = None
     disabled: frozenset[frozenset[int]] = frozenset()
 

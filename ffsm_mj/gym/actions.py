@@ -121,14 +121,12 @@ class Actions:
     def command(self, action: FloatArray, observation: Observation) -> GivenCommand:
         """Command at a control tick for a checked action; the control laws of the phase command the other actuators.
 
-        Nothing is armed while a grasp holds an object: only one can be closed at a time.
+        A closed grasp is not armed.
         """
         command = self._command
         command.clear()
         for place, part in self._parts:
             command.drive(part.actuators, part.efforts(action[place], observation))
-        held = observation.grasp
-        command.requests.update(
-            request for place, request in self._requests if action[place] > 0.0 and not (held and request.endswith(_ARM))
-        )
+        asked = {request for place, request in self._requests if action[place] > 0.0}
+        command.requests.update(asked.difference(f"{name}{_ARM}" for name in observation.grasps))
         return GivenCommand(command, self._named)

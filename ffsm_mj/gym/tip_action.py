@@ -59,7 +59,7 @@ class TipAction:
 
     def efforts(self, action: FloatArray, observation: Observation) -> FloatArray:
         """Efforts of the motors, N or N m, (n,), for numbers from -1 to 1, (p,)."""
-        config, task, wanted = self._config, self._tasks[observation.grasp], action * self.scale
+        config, task, wanted = self._config, self._tasks[observation.attached], action * self.scale
         task.update(observation.data)
         damped = -config.damping_N_m_s_rad * task.qd
         if isinstance(config, TipWrenchAction):

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from ffsm_controllers import kinds
 
 from ffsm_mj.errors import Fault, unknown_name
+from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.phase_graph import is_branching
 from ffsm_mj.scenario.scenario import Scenario
@@ -15,15 +16,20 @@ _OWN = "ffsm_controllers"
 
 
 def capture_faults(scenario: Scenario) -> list[Fault]:
-    """Faults of grasps in phases: unknown grasps, and a grasp armed while another one is closed."""
+    """Faults of grasps in phases: unknown grasps, and a grasp armed while it is closed."""
     faults = []
     for i, phase in enumerate(scenario.phases):
         for key, names in (("arm", phase.arm), ("release", phase.release)):
             unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.captures)
             faults += [Fault(unknown_name("capture", name, scenario.captures), ("phases", i, key, k)) for k, name in unknown]
+    first: dict[str, str] = {}
+    for name in scenario.captures:
+        other = first.setdefault(identifier(name), name)
+        if other != name:
+            faults.append(Fault(f"its columns would have the names of those of {other!r}; rename it", ("captures", name)))
     if is_branching(scenario.phases):
         return faults  # what was armed or closed before depends on the way that the run takes
-    return faults or [*_second_grasps(scenario), *_ends_at_no_capture(scenario)]
+    return faults or [*_armed_while_closed(scenario), *_ends_at_no_capture(scenario)]
 
 
 def never_armed(scenario: Scenario) -> Iterator[str]:
@@ -46,25 +52,24 @@ def _ends_at_no_capture(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(message, ("phases", i, "until"))
 
 
-def _second_grasps(scenario: Scenario) -> Iterator[Fault]:
-    """Grasps that a phase arms while another one is certainly closed: it ended a phase and was not released since."""
-    holding: tuple[tuple[str, ...], str] | None = None
+def _armed_while_closed(scenario: Scenario) -> Iterator[Fault]:
+    """Grasps that a phase arms while they are certainly closed: alone armed they ended a phase, and nothing ended them."""
+    closed: dict[str, str] = {}
     for i, phase in enumerate(scenario.phases):
-        if holding is not None and set(phase.release) & set(holding[0]):
-            holding = None
-        for k, name in enumerate(phase.arm if holding is not None else ()):
-            names, since = holding or ((), "")
-            if any(other != name and _sites(scenario, other) == _sites(scenario, name) for other in names):
-                continue  # it may take over
-            message = f"{name!r} cannot close while {' or '.join(map(repr, names))} is closed"
-            reason = f"since the end of phase {since!r}: one grasp can be closed at a time; release it first"
-            yield Fault(f"{message}, {reason}, or give both the same sites, so that it takes over", ("phases", i, "arm", k))
-            break
-        bears_any_load = all(scenario.captures[name].load_limit is None for name in phase.arm)
-        if phase.until == "capture" and phase.for_s is None and phase.arm and bears_any_load:
-            holding = phase.arm, phase.name
-        elif phase.until == "release" or not _asks_for_nothing(phase):
-            holding = None
+        closed = {name: since for name, since in closed.items() if name not in phase.release}
+        for k, name in enumerate(phase.arm):
+            if name in closed:
+                reason = f"it is closed since the end of phase {closed[name]!r}; release it first"
+                yield Fault(f"{name!r} cannot close: {reason}", ("phases", i, "arm", k))
+        waiting = [name for name in phase.arm if name not in closed]
+        bears_any_load = all(scenario.captures[name].load_limit is None for name in waiting)
+        if phase.until == "release" or not _asks_for_nothing(phase):
+            closed = {}
+        elif phase.until == "capture" and phase.for_s is None and len(waiting) == 1 and bears_any_load:
+            # One of the same two sites has taken over from another.
+            sites = _sites(scenario, waiting[0])
+            closed = {name: since for name, since in closed.items() if _sites(scenario, name) != sites}
+            closed[waiting[0]] = phase.name
 
 
 def _sites(scenario: Scenario, name: str) -> tuple[str, str]:

@@ -42,7 +42,7 @@ class Evaluation:
         shown = motion.data if motion.grasp else free
         measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
         contacts = ActiveContacts(integrator.contacts) if integrator.pushed else ()
-        return Observation(time_s, shown, self.pending, at_tick, contacts, free, motion.grasp, measured)
+        return Observation(time_s, shown, self.pending, at_tick, contacts, free, motion.grasps, measured)
 
     def is_on_time(self, time_s: float, tick: int) -> bool:
         """Whether the controller is called at a tick of the time grid; otherwise an event calls it later."""

@@ -25,6 +25,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.columns import logged_load_columns
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.metadata import free_components, is_conservative
@@ -100,7 +101,7 @@ class CheckAccumulator:
         of_limits = [key for key in layout.keys if key.endswith(LIMIT_FORCES) and key.startswith("contact.")]
         self._forces = layout.places((*of_pairs, *of_limits))
         self._heat = HeatCheck(layout, stretch_s(metadata))
-        self._grasp = layout.index.get("contact.capture_grasp")
+        self._grasps = [layout.index[each.closed] for each in logged_load_columns(layout)]
         self._time, self.samples = layout.time, 0
 
     def rows(self, block: FloatArray, added: FloatArray | None = None) -> None:
@@ -116,9 +117,9 @@ class CheckAccumulator:
         self.samples += len(block)
         times = block[:, self._time]
         scales = {subsystem: accounts.scales(block) for subsystem, accounts in self._accounts.items()}
-        if self._grasp is not None:
+        if self._grasps:
             # What the robot gives to a grasped object enters the balance as the change of the object's energy and momentum.
-            scales["robot"] += scales["objects"] * (block[:, [self._grasp]] > 0.0)
+            scales["robot"] += scales["objects"] * np.any(block[:, self._grasps] > 0.0, axis=1, keepdims=True)
         for i, (subsystem, accounts) in enumerate(self._accounts.items()):
             residual, (of_energy, linear, angular) = accounts.energy(block) + more[:, i, 0], scales[subsystem].T
             momentum = accounts.momentum(block) + more[:, i, 1:]

@@ -8,7 +8,7 @@ positive friction work), so the sum is checked, and that no energy is gained.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,10 +16,6 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.columns import CLOSED_GRASP
-from ffsm_mj.contact_models.grasp.config import CaptureConfig
-from ffsm_mj.contact_models.grasp.record import CaptureRecord
-from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
 from ffsm_mj.contact_models.impact.installed_laws import law_of_record
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
@@ -29,6 +25,7 @@ from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.tolerances import RANK
+from ffsm_mj.verification.closed_grasps import closed_grasps, stopped_rows
 
 _GAIN = 1e-3
 """For several contacts energy may grow by this fraction of the tolerance: 1e-12 of T for a tolerance of 1e-9."""
@@ -153,64 +150,13 @@ class FrictionCheck:
         J, impulses, speeds = _directions(system.mj, data, event, contacts)
         A = np.linalg.solve(L, J.T).T
         try:
-            grasp = self._closed_grasp(first)
-            held = self._stopped_rows(grasp) if grasp else None
+            held = [stopped_rows(self._log, self._models, grasp) for grasp in closed_grasps(self._log, first)]
         except (LookupError, ValueError, TypeError):  # the scenario in the log has no such grasp
             return None
-        if held is not None:  # the latch stops relative motions of link and object
-            B = np.linalg.solve(L, held.T).T
+        if held:  # latches stop relative motions of links and objects
+            B = np.linalg.solve(L, np.concatenate(held).T).T
             A = A - A @ np.linalg.pinv(B, rcond=RANK) @ B
         return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
-
-    def _closed_grasp(self, impact: _Record) -> str:
-        """Name of the grasp that is closed at an impact; empty if none is.
-
-        Raises:
-            LookupError: The scenario has fewer grasps than the log says.
-            ValueError: The number in the log is none.
-        """
-        records = [each for kind in (CAPTURE, RELEASE) for each in self._log.records.get(kind.plural, ())]
-        before = [each for each in records if _precedes(each, impact)]
-        if before:
-            last = max(before, key=lambda each: each.event)
-            return last.grasp if isinstance(last, CaptureRecord) else ""
-        if records:  # what is closed since the start of a log is what its first record ends
-            first = min(records, key=lambda each: each.event)
-            return first.replaces if isinstance(first, CaptureRecord) else first.grasp
-        column = self._log.header.layout.index.get(CLOSED_GRASP)
-        number = int(self._log.rows[0, column]) if column is not None and len(self._log.rows) else 0
-        return [*scenario_data(self._log)["captures"]][number - 1] if number > 0 else ""
-
-    def _stopped_rows(self, grasp: str) -> FloatArray:
-        """Rows of the relative velocities that a closed grasp stops, (n, nv).
-
-        Raises:
-            LookupError: The scenario has no such grasp, or the models have no such site.
-            ValueError: Its configuration is not of this version.
-        """
-        from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
-        from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
-
-        (system, data), config = self._models, CaptureConfig.model_validate(scenario_data(self._log)["captures"][grasp])
-        robot, of_object = (system.index("site", name) for name in (config.robot_site, config.object_site))
-        link, root = (int(system.mj.site_bodyid[site]) for site in (robot, of_object))
-        rows = relative_twist_rows(system.mj, data, link, root, data.site_xpos[of_object].copy())
-        joint = config.latch_joint
-        axis = data.site_xmat[robot].reshape(3, 3) @ (joint.axis or np.zeros(3))
-        return stopped_components(joint.kind, axis) @ rows
-
-
-def _precedes(event: Any, impact: _Record) -> bool:
-    """Whether a capture or release precedes an impact; if simultaneous, the order follows from their velocities."""
-    place, other = (event.step, event.time_s), (impact.step, impact.time_s)
-    if place != other:
-        return place < other
-    return _apart(event.qvel_after, impact.qvel_before) < _apart(impact.qvel_after, event.qvel_before)
-
-
-def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:
-    """Distance between two sets of velocities by joint."""
-    return float(np.linalg.norm(np.concatenate([np.subtract(rate, others[joint]) for joint, rate in rates.items()])))
 
 
 def _directions(

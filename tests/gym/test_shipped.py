@@ -76,7 +76,7 @@ def test_tip_velocity_accounts_for_a_grasped_object():
     on = {"design": None, "success": "captures.count == 2"}
     env, policy = ScenarioEnv(path, on, NEAR | {"duration_s": 2.0}), BASELINES["ffsm_mj/CapturePlanar-v0"]
     observation = env.reset(seed=0)[0]
-    while not env.simulator.observation.grasp:
+    while not env.simulator.observation.grasps:
         observation, *_ = env.step(policy(observation))
     begun = observation[3]
     for k in range(1, 4):
@@ -167,7 +167,7 @@ def test_an_episode_goes_on_after_a_capture():
     held = False
     while not held:
         observation, *_, info = env.step(BASELINES["ffsm_mj/CapturePlanar-v0"](observation))
-        held = bool(env.simulator.observation.grasp)
+        held = bool(env.simulator.observation.grasps)
     for _ in range(10):
         observation, _, terminated, *_ = env.step(np.array([0.3, 0.2, 1.0]))
     assert not terminated

@@ -1,65 +1,118 @@
-"""Columns of a row that hold the load on a grasped object, and the arrows that viewers draw from them."""
+"""Columns of a row that hold the loads on grasped objects, and the arrows that viewers draw from them.
+
+A scenario whose grasps all join the same two sites, so that one at most is closed at a time, has one set of columns,
+``contact.capture_*``. Any other scenario has a set for each grasp, ``contact.capture_<grasp>_*``.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.records.arrows import ArrowColumns
-from ffsm_mj.records.signals import Layout, Signal
+from ffsm_mj.records.signals import Layout, Signal, identifier
 
-CLOSED_GRASP = "contact.capture_grasp"
-"""Column of the number of the closed grasp, from 1; 0 if none."""
-LOADS = {
-    **{f"contact.capture_force_{x}_N": "N" for x in "xyz"},
-    **{f"contact.capture_torque_{x}_N_m": "N m" for x in "xyz"},
-}
-"""Columns of the load on a grasped object, with units."""
-POINT = tuple(f"contact.capture_centre_{x}_m" for x in "xyz")
-"""Columns of its point of application, the object's site; NaN if no object is grasped."""
-EVENT_LOADS = {
-    "contact.capture_event_force_N": "N",
-    "contact.capture_event_torque_N_m": "N m",
-    "contact.capture_event_s": "s",
-}
-"""Greatest load on a grasped object right after an event since the last sample, and its time; units by column."""
-
-_LOADS = ("force on the grasped object", "torque on the grasped object about its site")
+_GROUP = "contact"
+_LOADS = {**{f"force_{x}_N": "N" for x in "xyz"}, **{f"torque_{x}_N_m": "N m" for x in "xyz"}}
+_POINT = tuple(f"centre_{x}_m" for x in "xyz")
+_EVENT_LOADS = {"event_force_N": "N", "event_torque_N_m": "N m", "event_s": "s"}
 _BETWEEN = "right after an event since the previous sample"
-_AT_EVENTS = (
-    f"largest force on the grasped object {_BETWEEN}, under the efforts set there; 0 if there was no event",
-    f"largest torque on the grasped object about its site {_BETWEEN}; 0 if there was no event",
-    f"time of the largest force {_BETWEEN}; NaN if there was no event",
-)
-SIGNALS = (
-    Signal(
-        "contact", "capture_grasp", "", "number of the closed grasp among the captures of the scenario, from 1; 0 if none"
-    ),
-    *(
-        Signal("contact", key.partition(".")[2], unit, f"{_LOADS[i // 3]}, world axes, under the efforts of this row")
-        for i, (key, unit) in enumerate(LOADS.items())
-    ),
-    *(
-        Signal(
-            "contact",
-            key.partition(".")[2],
-            "m",
-            "site of the grasped object, where the load acts; NaN if no grasp is closed",
+_CLOSED = re.compile(rf"{_GROUP}\.capture_(?:(.+)_closed|grasp)")
+
+
+@dataclass(frozen=True)
+class LoadColumns:
+    """One set of columns.
+
+    Attributes:
+        grasp: Name of its grasp, as an identifier; empty: the only set of a scenario.
+        closed: Column that says what is closed: of the only set the number of the grasp among those of the scenario, from 1;
+            of a set of one grasp its place in the order of closing, from 1. 0: not closed.
+        loads: Columns of force and torque on the object.
+        point: Columns of their point of application, the object's site; NaN if no grasp is closed.
+        event_loads: Columns of the greatest force and torque right after an event since the last sample, and of the time of
+            the greatest force.
+    """
+
+    grasp: str
+    closed: str
+    loads: tuple[str, ...]
+    point: tuple[str, ...]
+    event_loads: tuple[str, ...]
+
+    @classmethod
+    @lru_cache
+    def of(cls, grasp: str = "") -> LoadColumns:
+        """The set of a grasp, or the only one of a scenario."""
+        name = identifier(grasp)
+        start = f"{_GROUP}.capture_{name}_" if name else f"{_GROUP}.capture_"
+        closed = f"{start}closed" if name else f"{start}grasp"
+        parts = (tuple(f"{start}{end}" for end in ends) for ends in (_LOADS, _POINT, _EVENT_LOADS))
+        return cls(name, closed, *parts)
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """Their signals, in their order in a row."""
+        whose = f" by {self.grasp}" if self.grasp else ""
+        closed = (
+            f"place of {self.grasp} in the order in which the closed grasps closed, from 1; 0 if it is open"
+            if self.grasp
+            else "number of the closed grasp among the captures of the scenario, from 1; 0 if none"
         )
-        for key in POINT
-    ),
-    *(
-        Signal("contact", key.partition(".")[2], unit, meaning)
-        for (key, unit), meaning in zip(EVENT_LOADS.items(), _AT_EVENTS, strict=True)
-    ),
-)
-"""Columns of a grasp model."""
+        force, torque = f"force on the grasped object{whose}", f"torque on the grasped object about its site{whose}"
+        point = f"site of the grasped object, where the load{whose} acts; NaN if no grasp is closed"
+        meanings = (
+            f"largest force on the grasped object{whose} {_BETWEEN}, under the efforts set there; 0 if there was no event",
+            f"largest torque on the grasped object about its site{whose} {_BETWEEN}; 0 if there was no event",
+            f"time of the largest force{whose} {_BETWEEN}; NaN if there was no event",
+        )
+        at_row = "world axes, under the efforts of this row"
+        loads = zip(self.loads, [force] * 3 + [torque] * 3, _LOADS.values(), strict=True)
+        return (
+            _signal(self.closed, "", closed),
+            *(_signal(key, unit, f"{meaning}, {at_row}") for key, meaning, unit in loads),
+            *(_signal(key, "m", point) for key in self.point),
+            *map(_signal, self.event_loads, _EVENT_LOADS.values(), meanings),
+        )
+
+
+def _signal(key: str, unit: str, meaning: str) -> Signal:
+    return Signal(_GROUP, key.partition(".")[2], unit, meaning)
+
+
+SIGNALS_PER_SET = len(LoadColumns.of().signals)
+"""Number of columns of a set."""
+
+
+def load_columns(grasps: Sequence[Grasp]) -> list[LoadColumns]:
+    """The sets of columns of the grasps of a scenario: one, or one per grasp."""
+    if all(grasps[0].joins_sites_of(grasp) for grasp in grasps):
+        return [LoadColumns.of()]
+    return [LoadColumns.of(grasp.name) for grasp in grasps]
+
+
+def logged_load_columns(layout: Layout) -> list[LoadColumns]:
+    """The sets of columns that a row has, in its order."""
+    found = [LoadColumns.of(match[1] or "") for key in layout.keys if (match := _CLOSED.fullmatch(key))]
+    return [each for each in found if {*each.loads, *each.point, *each.event_loads} <= layout.index.keys()]
+
+
+def load_columns_of(layout: Layout, grasp: str) -> LoadColumns | None:
+    """The set of columns of a grasp in a row; None if the row has none."""
+    return next((each for each in logged_load_columns(layout) if each.grasp in ("", identifier(grasp))), None)
 
 
 def load_arrows(layout: Layout) -> list[ArrowColumns]:
-    """Force and torque on the grasped object, at its site; none if the run has no grasps."""
-    loads = [*LOADS]
-    if not {*loads, *POINT} <= layout.index.keys():
-        return []
-    point = layout.places(POINT)
-    return [
-        ArrowColumns("capture", "force on the grasped object", layout.places(loads[:3]), point),
-        ArrowColumns("capture_torque", "torque on the grasped object", layout.places(loads[3:]), point, unit="N m"),
-    ]
+    """Force and torque on each grasped object, at its site; none if the run has no grasps."""
+    arrows = []
+    for each in logged_load_columns(layout):
+        name, whose = (f"capture_{each.grasp}", f" by {each.grasp}") if each.grasp else ("capture", "")
+        force, torque, point = (layout.places(keys) for keys in (each.loads[:3], each.loads[3:], each.point))
+        arrows += [
+            ArrowColumns(name, f"force on the grasped object{whose}", force, point),
+            ArrowColumns(f"{name}_torque", f"torque on the grasped object{whose}", torque, point, unit="N m"),
+        ]
+    return arrows

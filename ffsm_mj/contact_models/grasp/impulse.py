@@ -29,12 +29,14 @@ class PlasticImpulse:
         change: Change of the generalised velocity, (nv,).
         loss_J: Kinetic energy lost.
         rank: Number of relative motions that the joints allow and the latch stops.
+        least_ratio: Smallest singular value that counts over the largest, of the rows in mass-weighted velocities.
     """
 
     impulse: FloatArray
     change: FloatArray
     loss_J: float
     rank: int
+    least_ratio: float
 
 
 def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: FloatArray) -> FloatArray:
@@ -73,4 +75,5 @@ def plastic_impulse(
         change=-np.linalg.solve(L.T, right.T @ taken),
         loss_J=0.5 * float(taken @ taken),
         rank=rank,
+        least_ratio=float(sizes[-1] / sizes[0]) if rank else 1.0,
     )

@@ -1,15 +1,18 @@
-"""One grasp of a run: arming, closing condition, closest approach, and the motion while it is closed."""
+"""One grasp of a run: arming, closing condition, closest approach, and its load while it is closed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closing_time import Bounds, lowest
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
-from ffsm_mj.contact_models.grasp.load import InterfaceLoad
+from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad
+from ffsm_mj.contact_models.grasp.load import InterfaceLoad, LoopLoad
 from ffsm_mj.contact_models.grasp.load_limit import LoadLimit
+from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites, Vectors
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -29,8 +32,8 @@ class Latch:
         grasp: Its bodies and sites.
         sites: The sites in the logged system.
         contacts: Names of the contact rules and pairs whose impact closes it.
-        held: The motion while it is closed.
-        load: Interface load between link and object while it is closed.
+        held: The motion in which its object is a child of the link; None for a grasp between two objects, which rows hold.
+        load: Load of the link on the object while it is closed, by whatever holds it.
         limit: Load at which it opens; None: it bears any.
         stated_bounds: Bounds of the closing condition, by the name of the value in :class:`Nearness`; may be empty.
         armed: Whether it may close.
@@ -44,7 +47,8 @@ class Latch:
         free: Motion,
         grasp: Grasp,
         config: CaptureConfig,
-        system: System,
+        system: System | None,
+        loops: LoopForces,
         others: Sequence[ForceSource] = (),
     ) -> None:
         """Initialise it disarmed and open.
@@ -55,13 +59,19 @@ class Latch:
             free: Its motion.
             grasp: Its bodies and sites.
             config: Its configuration in the scenario.
-            system: The system in which it is closed, with a model owned by the run.
-            others: Contact models that may exert forces on the grasped object.
+            system: The system in which its object is a child of the link, with a model owned by the run; None for a grasp
+                between two objects.
+            loops: Rows of further grasps.
+            others: Contact models that may exert forces on the grasped object, with ``loops``.
         """
         self.number, self.grasp, self._data = number, grasp, scene.data
-        self.sites, self.held = Sites(scene.system, grasp), GraspedMotion(free, scene, system, grasp)
-        self.load = InterfaceLoad(number, self.held, scene.data.site_xpos[self.sites.object], scene.data, others)
-        self.limit = LoadLimit(config.load_limit, self.load) if config.load_limit is not None else None
+        self.sites = Sites(scene.system, grasp)
+        self.held = GraspedMotion(free, scene, system, grasp) if system is not None else None
+        site = scene.data.site_xpos[self.sites.object]
+        self._of_child = InterfaceLoad(self.held, site, scene.data, others) if self.held is not None else None
+        self._of_rows = LoopLoad(grasp.name, loops, site)
+        self.load: InterfaceLoad | LoopLoad = self._of_child or self._of_rows
+        self.limit = LoadLimit(config.load_limit, self._load_now) if config.load_limit is not None else None
         self.contacts = frozenset(config.when.touch or ())
         stated = config.when.within.bounds if config.when.within is not None else ()
         self._bounds = Bounds(stated) if stated else None
@@ -87,6 +97,17 @@ class Latch:
         """Disarm the latch."""
         self.armed = False
 
+    def _load_now(self) -> FloatArray:
+        return self.load.now()
+
+    def hold_by_rows(self, by_rows: bool) -> None:
+        """Tell whether rows hold it from now on, and not an object that is a child of the link."""
+        self.load = self._of_rows if by_rows or self._of_child is None else self._of_child
+
+    def axis_angle_rad(self) -> float:
+        """Angle between the axis of the latch and the same axis of the object's site; 0 for kinds without one."""
+        return axis_angle_rad(self._data, self.sites, self.grasp.joint)
+
     def clear_path(self) -> None:
         """Discard the start of the step: the state changed discontinuously."""
         self._step_start = None
@@ -99,11 +120,11 @@ class Latch:
         """Largest ratio of a value to its bound; the condition holds at 1 or below."""
         return self._bounds.ratio(near) if self._bounds is not None else 0.0
 
-    def is_within(self) -> bool:
-        """Whether its bounds hold at the state in ``data``, at the start of a step."""
+    def is_within(self, slack: float = 0.0) -> bool:
+        """Whether its bounds, times 1 + ``slack``, hold at the state in ``data``, at the start of a step."""
         if self._step_start is None:
             self._step_start = self.sites.vectors(self._data)
-        return self.ratio(Nearness.of(self._step_start)) <= 1.0
+        return self.ratio(Nearness.of(self._step_start)) <= 1.0 + slack
 
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds were certainly violated throughout the last step, of at most ``longest_s``."""

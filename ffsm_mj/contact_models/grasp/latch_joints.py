@@ -15,7 +15,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
 from ffsm_mj.contact_models.grasp.nearness import Sites
-from ffsm_mj.model.grasp import JOINTS, Grasp
+from ffsm_mj.model.grasp import JOINTS, Grasp, LatchJoint
 from ffsm_mj.model.system import Joint, System
 
 _TURN = 2.0 * math.pi
@@ -38,6 +38,14 @@ def stopped_components(kind: str, axis: FloatArray) -> FloatArray:
     rows = np.zeros((len(linear) + len(angular), 6))
     rows[: len(linear), :3], rows[len(linear) :, 3:] = linear, angular
     return rows
+
+
+def axis_angle_rad(data: Any, sites: Sites, joint: LatchJoint) -> float:
+    """Angle between the axis of a latch and the same axis of the object's site; 0 for kinds without one."""
+    if not joint.axis:
+        return 0.0
+    one, other = (_frame(data, site) @ joint.axis for site in (sites.robot, sites.object))
+    return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
 class LatchJoints:
@@ -68,13 +76,6 @@ class LatchJoints:
     def axis(self, data: Any) -> FloatArray:
         """The axis, world axes, (3,); zeros for kinds without one."""
         return np.asarray(_frame(data, self._sites.robot) @ self._joint.axis) if self._joint.axis else np.zeros(3)
-
-    def axis_angle_rad(self, data: Any) -> float:
-        """Angle between the axis and the same axis of the object's site; 0 for kinds without one."""
-        if not self._joint.axis:
-            return 0.0
-        one, other = (_frame(data, site) @ self._joint.axis for site in (self._sites.robot, self._sites.object))
-        return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
     def stopped(self, data: Any) -> FloatArray | None:
         """Components of the relative twist at the object's site that it stops, (n, 6); None: all, it is rigid."""

@@ -1,8 +1,13 @@
-"""Interface load: force and torque that the grasping link exerts on the grasped object."""
+"""Load of a closed grasp: force and torque that the grasping link exerts on the grasped object.
+
+The load of the first closed grasp, whose object is a child of the link, is MuJoCo's interface force. That of a further grasp
+is the constraint force of its rows.
+"""
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,11 +16,13 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
+from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import ForceSource
 from ffsm_mj.dynamics.rigid_body import cross
 
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NUMBERS = 19
+"""Values of a row: what is closed, torque and force about a centre, that centre, the site, forces and torques of others."""
 _NONE = bytes(8 * _NUMBERS)
 _NO_WRENCH = np.zeros(6)
 _NO_EVENT = 0.0, 0.0, math.nan
@@ -27,13 +34,10 @@ class InterfaceLoad:
     MuJoCo's values are stored at each state, and converted for many rows at once.
     """
 
-    def __init__(
-        self, number: int, held: GraspedMotion, site: FloatArray, seen: Any, others: Sequence[ForceSource] = ()
-    ) -> None:
+    def __init__(self, held: GraspedMotion, site: FloatArray, seen: Any, others: Sequence[ForceSource] = ()) -> None:
         """Bind to the motion of a grasp.
 
         Args:
-            number: Number of the grasp.
             held: Its motion while closed.
             site: Position of the object's site, world axes, m: a live array, (3,).
             seen: Data of the logged system.
@@ -43,7 +47,7 @@ class InterfaceLoad:
         self._held, self._site, self._seen, self._others = held, site, seen, tuple(others)
         # MuJoCo gives cfrc_int as (torque, force) about the mass centre of the whole tree.
         self._raw = held.interface, held.centre, site
-        self._number, self._views = np.array([number], dtype=np.float64).tobytes(), [numbers(part) for part in self._raw]
+        self._views = [numbers(part) for part in self._raw]
 
     def _refresh(self) -> FloatArray:
         """Update MuJoCo's interface force under the current efforts; returns the wrench of others on the object, (6,)."""
@@ -83,14 +87,34 @@ class InterfaceLoad:
         return np.asarray(_loads(np.concatenate((*self._raw, of_others))[None])[0])
 
     def raw(self) -> bytes:
-        """Current values of one row as bytes: grasp number, MuJoCo's interface force, wrench of others on the object."""
+        """Current values of a row as bytes: interface torque and force, their centre, the site, wrench of others."""
         of_others = self._refresh()
         interface, centre, site = self._views
-        return self._number + interface.tobytes() + centre.tobytes() + site.tobytes() + of_others.tobytes()
+        return interface.tobytes() + centre.tobytes() + site.tobytes() + of_others.tobytes()
+
+
+class LoopLoad:
+    """Force and torque about the object's site by the rows of a further grasp; see :class:`InterfaceLoad`.
+
+    Where rows depend on each other, those of least norm.
+    """
+
+    def __init__(self, name: str, loops: LoopForces, site: FloatArray) -> None:
+        """Bind to the rows of a grasp; ``site`` is the position of the object's site, world axes, m: a live array, (3,)."""
+        self._name, self._loops, self._site = name, loops, site
+
+    def now(self) -> FloatArray:
+        """Current force in N and torque in N m, world axes, (6,)."""
+        return self._loops.load(self._name)
+
+    def raw(self) -> bytes:
+        """Current values of a row as bytes, as those of :meth:`InterfaceLoad.raw`."""
+        load = self.now()
+        return np.concatenate((load[3:], load[:3], self._site, self._site, _NO_WRENCH)).tobytes()
 
 
 class LoadBuffer:
-    """Buffers the closed grasp and its load by row, and the largest load right after events between rows.
+    """Buffers by row what is closed and its load, and the largest load right after events between rows.
 
     Attributes:
         between: Largest force in N and torque in N m right after an event since the last row, and its time in s.
@@ -102,20 +126,20 @@ class LoadBuffer:
         self._between: list[tuple[float, float, float]] = []
         self.between = _NO_EVENT
 
-    def after_event(self, load: InterfaceLoad, time_s: float) -> None:
+    def after_event(self, load: InterfaceLoad | LoopLoad, time_s: float) -> None:
         """Update the largest load after an event, under the efforts set there."""
         force, torque = (math.hypot(*part.tolist()) for part in np.split(load.now(), 2))
         greatest, turning, at_s = self.between
         self.between = max(force, greatest), max(torque, turning), at_s if force <= greatest else time_s
 
-    def append(self, load: InterfaceLoad | None) -> None:
-        """Append a row; None if no grasp is closed."""
-        self._rows.append(load.raw() if load is not None else _NONE)
+    def append(self, closed: int, load: InterfaceLoad | LoopLoad | None) -> None:
+        """Append a row: what is closed, as a number, and its load; 0 and None if no grasp is."""
+        self._rows.append(struct.pack("d", closed) + load.raw() if load is not None else _NONE)
         self._between.append(self.between)
         self.between = _NO_EVENT
 
     def table(self) -> FloatArray:
-        """Rows since the last call: grasp number, force, torque, site (NaN if open), largest load after events, (n, 13)."""
+        """Rows since the last call: what is closed, force, torque, site (NaN if open), largest after events, (n, 13)."""
         rows, between = np.frombuffer(b"".join(self._rows)).reshape(-1, _NUMBERS), np.array(self._between)
         self._rows.clear()
         self._between.clear()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closing_time import first_at_most_zero
 from ffsm_mj.contact_models.grasp.config import LoadLimitConfig
-from ffsm_mj.contact_models.grasp.load import InterfaceLoad
 from ffsm_mj.dynamics.step_path import StepPath
 
 _NEAR = 0.9
@@ -16,14 +17,14 @@ _NEAR = 0.9
 class LoadLimit:
     """Limits on force and torque between link and object."""
 
-    def __init__(self, config: LoadLimitConfig, load: InterfaceLoad) -> None:
-        """Bind to the load of a grasp."""
+    def __init__(self, config: LoadLimitConfig, load: Callable[[], FloatArray]) -> None:
+        """Bind to the load of a grasp: force in N and torque in N m now, (6,)."""
         self._limits, self._load = (config.force_N, config.torque_N_m), load
         self._start = 0.0
 
     def load(self) -> tuple[float, float]:
         """Force in N and torque in N m at the current state and efforts, as norms."""
-        values = self._load.now().tolist()
+        values = self._load().tolist()
         return math.hypot(*values[:3]), math.hypot(*values[3:])
 
     def ratio(self) -> float:

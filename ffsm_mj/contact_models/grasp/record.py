@@ -26,10 +26,16 @@ class CaptureRecord:
         axis: Unit vector of its axis in the frame of the robot's site; zeros for kinds without one.
         axis_angle_rad: Angle between this axis and the same axis of the object's site; 0 for kinds without one.
         replaces: Name of the closed grasp of the same two sites that ends with this one; empty if there is none.
-        held_position_m: Origin of the object's base in the frame of the grasping link, where the latch's joints are at 0;
-            constant until release.
+        place: Its place in the order in which the closed grasps closed, from 1. The object of the first one of the robot is
+            attached as a child body of the link; further ones are held by rows.
+        held_position_m: Origin of the object's base in the frame of the grasping link: of an attached object where the
+            latch's joints are at 0, of a further grasp at its closing.
         held_quaternion: Orientation of the object's base in that frame, w, x, y, z; likewise.
-        rank: Number of relative motions that the joints allow and the latch stops: a rigid one 3 in a plane, 6 in space.
+        rank: Number of relative motions that were possible before and that the latch stops: a rigid one 3 in a plane, 6 in
+            space, fewer where it closes a loop that cannot move so.
+        mobility: Degrees of freedom that are left, with all closed grasps.
+        least_ratio: Smallest singular value that counts over the largest, of the rows that the impulse stops; a small one
+            says that the mechanism is nearly singular.
         impulse_N_s: Impulse on the object, world axes.
         angular_impulse_N_m_s: Angular impulse on the object about the object's site, world axes.
         loss_J: Kinetic energy lost, from the formula of the plastic impulse.
@@ -61,9 +67,12 @@ class CaptureRecord:
     axis: tuple[float, ...]
     axis_angle_rad: float
     replaces: str
+    place: int
     held_position_m: tuple[float, ...]
     held_quaternion: tuple[float, ...]
     rank: int
+    mobility: int
+    least_ratio: float
     impulse_N_s: tuple[float, ...]
     angular_impulse_N_m_s: tuple[float, ...]
     loss_J: float

@@ -9,13 +9,25 @@ from ffsm_mj.contact_models.grasp.columns import load_arrows
 from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
 
+NEARLY_SINGULAR = 1e-6
+"""Ratio of the smallest singular value that counts to the largest below which a mechanism is nearly singular."""
+
 
 def _captured(record: CaptureRecord) -> str:
     impulse, moment = math.hypot(*record.impulse_N_s), math.hypot(*record.angular_impulse_N_m_s)
     sites = f"{record.robot_site} on {record.object_site}"
     sites += "" if record.joint == "rigid" else f" by a {record.joint} joint"
     sites += f" instead of {record.replaces}" if record.replaces else ""
-    return f"capture {record.grasp}: {sites}, impulse {impulse:.5g} N s and {moment:.5g} N m s, loss {record.loss_J:.5g} J"
+    if record.place > 1:
+        sites += f", a further grasp of rank {record.rank}, mobility {record.mobility}"
+    effect = f"impulse {impulse:.5g} N s and {moment:.5g} N m s, loss {record.loss_J:.5g} J"
+    singular = f"; nearly singular: least singular value {record.least_ratio:.1e}" if _singular(record) else ""
+    return f"capture {record.grasp}: {sites}, {effect}{singular}"
+
+
+def _singular(record: CaptureRecord) -> bool:
+    """Whether the mechanism is so near a singular configuration that the loads of its grasps are large."""
+    return record.least_ratio < NEARLY_SINGULAR
 
 
 def _capture_marks(record: CaptureRecord) -> list[Mark]:
@@ -83,7 +95,10 @@ CAPTURE = RecordKind(
         "axis_{xyz}": ("", "unit vector of its axis in the frame of the robot's site; zeros without an axis"),
         "axis_angle_rad": ("rad", "angle between this axis and the same axis of the object's site"),
         "replaces": ("", "name of the closed grasp of the same two sites that ends with this one; empty if there is none"),
-        "rank": ("", "number of relative motions that the joints allow and the latch stops"),
+        "place": ("", "place in the order in which the closed grasps closed, from 1"),
+        "rank": ("", "number of relative motions that were possible before and that the latch stops"),
+        "mobility": ("", "degrees of freedom that are left, with all closed grasps"),
+        "least_ratio": ("", "smallest singular value that counts over the largest, of the rows that the impulse stops"),
         "impulse_{xyz}_N_s": ("N s", "impulse on the object, world frame"),
         "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on the object about the object's site, world frame"),
         "loss_J": ("J", "kinetic energy lost, from the formula of the plastic impulse"),
@@ -104,6 +119,7 @@ CAPTURE = RecordKind(
         "momentum_after.total": 6,
     },
     marks=_capture_marks,
+    warning=_singular,
     arrows=load_arrows,
 )
 

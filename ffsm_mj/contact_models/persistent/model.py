@@ -85,12 +85,12 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._records = ChangeRecords(scene, self._active_set, self._report, self._limits, self._changes)
         self._drift = DriftProjection(scene, self._active_set)
         self.columns = (*self._report.columns, *self._limits.columns)
-        self._previous_motion: tuple[Motion, frozenset[frozenset[int]]] | None = None
+        self._previous: tuple[Motion, tuple[str, ...], frozenset[frozenset[int]]] | None = None
         self._landing = False
         self._located_s: float | None = None
 
     def bind(self, motion: Motion) -> None:
-        """Use another motion: closed contacts stay closed, except pairs whose geoms are on one rigid body in it.
+        """Use another motion, or other grasps: contacts stay closed, except pairs whose geoms are on one rigid body in it.
 
         A pair that was on one rigid body before, as when an object is released, becomes closed if its geoms touch at rest.
         """
@@ -100,8 +100,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         for pair in held:
             if pair.geom_ids in motion.disabled:
                 self._active_set.set_points(pair, ())
-        moved, self._previous_motion = self._previous_motion, (motion, motion.disabled)
-        if moved is not None and moved != self._previous_motion:
+        before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
+        if before is not None and before != self._previous:
             self._update_pairs(held)
         self._update_activity()
         self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion

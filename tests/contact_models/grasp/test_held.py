@@ -201,7 +201,7 @@ def test_the_load_is_what_holds_the_object(tmp_path, rng):
         bench.draw(rng)
         bench.capture()
         point = bench.sites.point(bench.data)
-        load = InterfaceLoad(1, bench.held, point, bench.data).now()
+        load = InterfaceLoad(bench.held, point, bench.data).now()
         model, data, sites = bench.model, bench.data, bench.sites
         J = relative_twist_rows(model, data, sites.link, sites.root, point)
         mujoco.mj_forward(model, data)

@@ -173,7 +173,7 @@ class Sees:
         pass
 
     def control(self, observation, _):
-        if observation.grasp == "soft":
+        if observation.grasps == ("soft",):
             joint, root = self._system.joint("target/soft_hinge"), self._system.index("body", "target/target")
             place = [observation.data.xpos[root], observation.free.xpos[4]]
             np.testing.assert_allclose(*place, rtol=0, atol=1e-13)

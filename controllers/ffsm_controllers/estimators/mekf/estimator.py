@@ -26,6 +26,7 @@ from ffsm_controllers.estimators.mekf.update import Innovation, update
 from ffsm_controllers.estimators.readings import readings_of_joints
 from ffsm_mj.controller_protocol import (
     ControllerContext,
+    ControllerError,
     Fault,
     FloatArray,
     Measurement,
@@ -152,8 +153,14 @@ class Mekf:
         return scenes, closings
 
     def _of_event(self, event: Any) -> Callable[[Belief], None] | None:
-        """What an event does to an estimate; None: nothing."""
+        """What an event does to an estimate; None: nothing.
+
+        Raises:
+            ControllerError: A grasp closes while another is closed.
+        """
         kind = {kind_named(name).record: name for name in ("capture", "release")}.get(type(event), "")
+        if kind == "capture" and event.place > 1:
+            raise ControllerError(f"the grasp {event.grasp!r} closes while another is closed: kind mekf knows one at a time")
         if kind == "capture" and event.grasp in self._closings:
             held = Held(event.grasp, np.array(event.held_position_m), np.array(event.held_quaternion))
             return partial(self._closings[event.grasp].apply, held=held)

@@ -1,0 +1,76 @@
+"""Columns of a run with the loads of its closed grasps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
+from ffsm_mj.contact_models.grasp.columns import SIGNALS_PER_SET, load_columns
+from ffsm_mj.contact_models.grasp.latch import Latch
+from ffsm_mj.contact_models.grasp.load import LoadBuffer
+from ffsm_mj.records.columns import Columns
+
+
+class LoadReport:
+    """Writes the loads of closed grasps into their columns, and reads from them what was closed.
+
+    Attributes:
+        columns: The columns.
+    """
+
+    def __init__(self, latches: Sequence[Latch], closed: ClosedGrasps) -> None:
+        """Bind to the grasps of a run.
+
+        Args:
+            latches: All grasps, in the order of the scenario.
+            closed: The closed ones.
+        """
+        sets = load_columns([latch.grasp for latch in latches])
+        self._latches, self._closed, self._alone = tuple(latches), closed, len(sets) == 1
+        self._buffers = [LoadBuffer() for _ in sets]
+        self._logged = np.zeros(len(sets))
+        signals = tuple(signal for each in sets for signal in each.signals)
+        self.columns = Columns(signals, table=self._table, on_sample=self._write, resume=self._resume)
+
+    def _now(self) -> list[tuple[LoadBuffer, int, Latch | None]]:
+        """Each set of columns with what is closed of it."""
+        if self._alone:
+            latch = self._closed.latches[0] if self._closed.latches else None
+            return [(self._buffers[0], latch.number if latch is not None else 0, latch)]
+        places = [(latch, self._closed.place(latch)) for latch in self._latches]
+        return [
+            (buffer, place, latch if place else None) for buffer, (latch, place) in zip(self._buffers, places, strict=True)
+        ]
+
+    def after_event(self, time_s: float) -> None:
+        """Record the loads after an event, since they may change discontinuously."""
+        for buffer, _, latch in self._now():
+            if latch is not None:
+                buffer.after_event(latch.load, time_s)
+
+    def _write(self, _: float) -> None:
+        """Record what is closed, and loads under the efforts of the next step."""
+        for buffer, closed, latch in self._now():
+            buffer.append(closed, latch.load if latch is not None else None)
+
+    def _table(self) -> FloatArray:
+        return np.concatenate([buffer.table() for buffer in self._buffers], axis=1)
+
+    def _resume(self, values: FloatArray) -> None:
+        for i, buffer in enumerate(self._buffers):
+            part = values[i * SIGNALS_PER_SET : (i + 1) * SIGNALS_PER_SET]
+            self._logged[i] = part[0]
+            force, torque, at_s = part[-3:].tolist()
+            buffer.between = force, torque, at_s if force > 0.0 else math.nan
+
+    def logged_as_closed(self) -> list[Latch]:
+        """The grasps that were closed by the values from which a run or a replay goes on, in the order of closing."""
+        if self._alone:
+            number = float(self._logged[0])
+            return [self._latches[int(number) - 1]] if 1.0 <= number <= len(self._latches) else []
+        places = [(place, latch) for place, latch in zip(self._logged.tolist(), self._latches, strict=True) if place >= 1.0]
+        return [latch for _, latch in sorted(places, key=lambda each: each[0])]

@@ -1,0 +1,109 @@
+"""Grasps that are closed at an impact by the records of a log, and the relative velocities that they stop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.columns import logged_load_columns
+from ffsm_mj.contact_models.grasp.config import CaptureConfig
+from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
+from ffsm_mj.log.scenario import scenario_data
+from ffsm_mj.model.system import System
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import identifier
+
+
+def closed_grasps(log: RunLog, impact: Any) -> list[str]:
+    """Names of the grasps that are closed at an impact.
+
+    Args:
+        log: The log.
+        impact: Record of the impact.
+
+    Raises:
+        LookupError: The scenario has fewer grasps than the log says.
+        ValueError: A number in the log is none.
+    """
+    records = [each for kind in (CAPTURE, RELEASE) for each in log.records.get(kind.plural, ())]
+    records.sort(key=lambda each: each.event)
+    closed = [*_since_start(records), *_in_first_row(log, records)]
+    for record in [each for each in records if _precedes(each, impact)]:
+        if isinstance(record, CaptureRecord):
+            closed = [each for each in closed if each != record.replaces] + [record.grasp]
+        else:
+            closed = [each for each in closed if each != record.grasp]
+    return closed
+
+
+def _since_start(records: Sequence[CaptureRecord | ReleaseRecord]) -> list[str]:
+    """Grasps that are closed since the start of a log: a record ends them before one begins them."""
+    known: set[str] = set()
+    found: list[str] = []
+    for record in records:
+        ended = record.replaces if isinstance(record, CaptureRecord) else record.grasp
+        if ended and ended not in known:
+            found.append(ended)
+        known |= {ended, record.grasp}
+    return found
+
+
+def _in_first_row(log: RunLog, records: Sequence[CaptureRecord | ReleaseRecord]) -> list[str]:
+    """Grasps without a record that are closed in the first row.
+
+    Raises:
+        LookupError: The scenario has fewer grasps than the log says.
+        ValueError: A number in the log is none.
+    """
+    layout = log.header.layout
+    sets = logged_load_columns(layout)
+    if not sets or not len(log.rows):
+        return []
+    names = [*scenario_data(log)["captures"]]
+    told = {record.grasp for record in records}
+    if not sets[0].grasp:
+        number = 0 if told else int(log.rows[0, layout.index[sets[0].closed]])
+        return [names[number - 1]] if number > 0 else []
+    closed = {each.grasp for each in sets if log.rows[0, layout.index[each.closed]] > 0.0}
+    return [name for name in names if identifier(name) in closed and name not in told]
+
+
+def stopped_rows(log: RunLog, models: tuple[System, Any], grasp: str) -> FloatArray:
+    """Rows of the relative velocities that a closed grasp stops, (n, nv).
+
+    Args:
+        log: The log.
+        models: System of the log and its data, at the state of the impact.
+        grasp: Name of the grasp.
+
+    Raises:
+        LookupError: The scenario has no such grasp, or the models have no such site.
+        ValueError: Its configuration is not of this version.
+    """
+    from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+    from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+
+    (system, data), config = models, CaptureConfig.model_validate(scenario_data(log)["captures"][grasp])
+    robot, of_object = (system.index("site", name) for name in (config.robot_site, config.object_site))
+    link, root = (int(system.mj.site_bodyid[site]) for site in (robot, of_object))
+    rows = relative_twist_rows(system.mj, data, link, root, data.site_xpos[of_object].copy())
+    joint = config.latch_joint
+    axis = data.site_xmat[robot].reshape(3, 3) @ (joint.axis or np.zeros(3))
+    return stopped_components(joint.kind, axis) @ rows
+
+
+def _precedes(event: Any, impact: Any) -> bool:
+    """Whether a capture or release precedes an impact; if simultaneous, the order follows from their velocities."""
+    place, other = (event.step, event.time_s), (impact.step, impact.time_s)
+    if place != other:
+        return place < other
+    return _apart(event.qvel_after, impact.qvel_before) < _apart(impact.qvel_after, event.qvel_before)
+
+
+def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:
+    """Distance between two sets of velocities by joint."""
+    return float(np.linalg.norm(np.concatenate([np.subtract(rate, others[joint]) for joint, rate in rates.items()])))
