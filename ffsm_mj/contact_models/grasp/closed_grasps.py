@@ -63,13 +63,13 @@ class ClosedGrasps:
             self._rows.pop(replaces, None)
         attaches = latch.held is not None and self._attached in (gone, None)
         if latch.held is not None and attaches and not self._rows:
-            record, exchange = closing.attach(latch.held)
+            record, exchange = closing.first(latch.held)
             self._set(latches, latch)
         else:
             # An object that is attached from now on was free but for the rows of the other grasps.
             self._loops.set_closed(self._rows)
             self._loops.bind(self._free if attaches else self.motion)
-            record, exchange = closing.join(self._loops)
+            record, exchange = closing.further(self._loops)
             if not attaches:
                 self._rows[latch.grasp.name] = self._latch(latch, record)
             elif latch.held is not None:

@@ -56,7 +56,7 @@ class GraspClosing:
         self._rates = np.array(data.qvel)
         self._energies, self._momentum, self._of_objects = _energies(scene), _momentum(scene), _of_objects(scene)
 
-    def attach(self, held: GraspedMotion) -> tuple[CaptureRecord, Exchange]:
+    def first(self, held: GraspedMotion) -> tuple[CaptureRecord, Exchange]:
         """Close the only grasp: its object becomes a child of the link.
 
         Args:
@@ -75,7 +75,7 @@ class GraspClosing:
         on_objects = np.concatenate((force, moment + cross(self._point, force)))
         return record, Exchange(_energies(self._scene) - self._energies, on_objects)
 
-    def join(self, loops: LoopForces) -> tuple[CaptureRecord, Exchange]:
+    def further(self, loops: LoopForces) -> tuple[CaptureRecord, Exchange]:
         """Close the grasp by rows in the motion to which ``loops`` is bound, beside those that are closed."""
         scene, grasp = self._scene, self._latch.grasp
         pose = closing_pose(scene.system, scene.data, grasp)

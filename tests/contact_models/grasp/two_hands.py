@@ -168,7 +168,7 @@ class TwoHands:
             site = self.system.index("site", self.grasps[side].object_site)
             if side == self.integrator.motion.grasp:
                 held = self.held[side]
-                loads[side] = InterfaceLoad(1, held, self.data.site_xpos[site], self.data, (self.loops,)).now()
+                loads[side] = InterfaceLoad(held, self.data.site_xpos[site], self.data, (self.loops,)).now()
             else:
                 loads[side] = self.loops.load(side)
         return loads
