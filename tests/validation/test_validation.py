@@ -8,13 +8,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from scipy.integrate import solve_ivp
 
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.cli.main import main
 from ffsm_mj.comparison import ComparedNumber, Number, Verdict
 from ffsm_mj.reproduction.printed import PRINTED
 from ffsm_mj.validation.case import ComparedCase, Origin, Topic, ValidationCase, compare_case
-from ffsm_mj.validation.cases import CASES, case_names, single_impacts
+from ffsm_mj.validation.cases import CASES, captures, case_names, detumbling, grips, servicer, single_impacts
 from ffsm_mj.validation.page import committed_page, ours, stale_cases, stale_page, total, validation_page
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -91,13 +92,52 @@ def test_numbers_of_the_seed_paper_have_the_verdicts_of_the_reproduction():
         assert of_both[0] == of_both[1], printed.quantity
 
 
-def test_a_wrong_restitution_differs(monkeypatch, capsys):
-    hit = single_impacts._off_centre
-    monkeypatch.setattr(single_impacts, "_off_centre", lambda e: hit(0.999 * e))
-    assert main(["validate", "one-collision"]) == 1
+def with_less(function, name):
+    """The function with an argument a thousandth smaller."""
+    return lambda *args, **kwargs: function(*args, **(kwargs | {name: 0.999 * kwargs[name]}))
+
+
+@pytest.mark.parametrize(
+    ("case", "module", "name", "wrong", "quantity"),
+    [
+        ("one-collision", single_impacts, "_off_centre", lambda hit: lambda e: hit(0.999 * e), "e = 0.5: energy ratio"),
+        ("grip-shaken", grips, "_gripped", lambda grip: with_less(grip, "mu"), "both begin to slip, s"),
+        ("grip-creep", grips, "_gripped", lambda grip: with_less(grip, "grip_N"), "1.01 of the limit"),
+        (
+            "mission-arm",
+            servicer,
+            "_inertial",
+            lambda text: lambda mass, *others: text(1.001 * mass, *others),
+            "base after, x, m/s",
+        ),
+        ("hinge-closes", captures, "_captured", lambda run: lambda pair, rates, *_: run(pair, rates, "ball"), "stopped"),
+    ],
+)
+def test_a_wrong_input_differs(case, module, name, wrong, quantity, monkeypatch, capsys):
+    """The engine is told something else than the source says: a number differs, and the command fails."""
+    monkeypatch.setattr(module, name, wrong(getattr(module, name)))
+    assert main(["validate", case]) == 1
     out = capsys.readouterr().out
-    assert "e = 0.5: energy ratio" in out
+    assert quantity in out
+    assert "0 differ without one" not in out
     assert "differ without one" in out
+
+
+def test_restitutions_of_spring_and_damper_are_those_of_their_motion():
+    """M x'' = -k x - d x' from contact until the force is zero, integrated: the ratio of speeds, and the duration."""
+    mass = detumbling._EFFECTIVE_KG
+    for k, d in detumbling._CONTACTS:
+
+        def force(_, x, k=k, d=d):
+            return k * x[0] + d * x[1]
+
+        def moves(t, x, force=force):
+            return x[1], -force(t, x) / mass
+
+        force.terminal = True
+        found = solve_ivp(moves, (0.0, 1.0), (0.0, 1.0), events=force, rtol=1e-10, atol=1e-12)
+        assert -found.y[1, -1] == pytest.approx(detumbling.restitution(k, d), abs=1e-8)
+        assert found.t[-1] == pytest.approx(detumbling.contact_s(k, d), abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["one-collision", "paper-baseline"])

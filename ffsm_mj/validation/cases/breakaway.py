@@ -133,7 +133,7 @@ CASES = (
         "The foot and the plate of the case above at rest, mu = 0.5, pushed along the plate by an inner force of 0.1 N/s t;"
         " RK4 and control at 10 ms, the push of each tick at its mean.",
         (
-            Number("slip_s", "begins to slide, s", "5", 1e-9, "a control tick: efforts are held between ticks"),
+            Number("slip_s", "begins to slide, s", "5", 1e-9, "a control tick, at which the push passes the limit by 0.1 %"),
             Number("creep", "way until then, m", "0", 1e-15, "sticking is exact: rounding"),
             Number("speed", "relative speed at 6 s, m/s", text_of(1 / 15), 1e-12, "impulses of ticks are exact: rounding"),
             Number("heat", "heat of friction, J", text_of(1 / 90), 1e-6, "efforts held for h: mu N h^2 / 90 over 1 s"),

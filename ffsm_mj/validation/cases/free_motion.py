@@ -115,6 +115,44 @@ def _wheel() -> Values:
     }
 
 
+_TUMBLE, _TUMBLING_I = (0.1, -0.2, 0.15), (2.0, 1.5, 1.0)
+_SPIN_I, _TILT_I = 0.02, 0.01
+"""Moments of inertia of a wheel about its axis and across, kg m^2."""
+_WHOLE_I = [each + _SPIN_I + 2.0 * _TILT_I for each in _TUMBLING_I]
+_ALL_MOMENTUM = math.sqrt(sum((inertia * rate) ** 2 for inertia, rate in zip(_WHOLE_I, _TUMBLE, strict=True)))
+
+
+def _detumbled() -> Values:
+    """Three wheels damp the rate of a bus until it is at rest: they have all of the angular momentum."""
+    wheels = ""
+    for i, axis in enumerate("xyz"):
+        inertia = " ".join(str(_SPIN_I if k == i else _TILT_I) for k in range(3))
+        wheels += f"""<body name="{axis}"><joint name="{axis}" axis="{" ".join(str(int(k == i)) for k in range(3))}"/>
+          <inertial pos="0 0 0" mass="1" diaginertia="{inertia}"/><geom name="{axis}" size="0.05" mass="0"/></body>"""
+    bus = f"""<body name="bus"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="10" diaginertia="{" ".join(map(str, _TUMBLING_I))}"/>
+      <geom name="bus" size="0.1" mass="0"/>{wheels}</body>"""
+    motors = "".join(f'<motor name="{axis}" joint="{axis}"/>' for axis in "xyz")
+    damp = {"kind": "base_pd", "wheels": list("xyz"), "rotation": {"kp": 0.0, "kd": 1.0}}
+    run = run_scene(
+        model(bus, more=f"<actuator>{motors}</actuator>"),
+        _rock(),
+        initial={"rates": {"robot/free": [0, 0, 0, *_TUMBLE]}},
+        actuators={axis: {"kind": "reaction_wheel", "max_torque_N_m": 1.0, "max_speed_rad_s": 1000.0} for axis in "xyz"},
+        phases=[{"name": "damp", "until": "end", "controller": damp}],
+        **times(5e-2, 70.0),
+    )
+    w, *vector = final(run, "q_robot_free")[3:]
+    stored = _SPIN_I * np.array([final(run, f"v_robot_{axis}")[0] for axis in "xyz"])
+    turned = stored + 2.0 * np.cross(vector, np.cross(vector, stored) + w * stored)
+    off = turned - np.array(_WHOLE_I) * _TUMBLE
+    return {
+        "rate": float(np.linalg.norm(final(run, "v_robot_free")[3:])),
+        "stored": float(np.linalg.norm(stored)),
+        "direction": float(np.linalg.norm(off)),
+    }
+
+
 _DETEST_WHY = "RK4 at 5 ms: 20 s (h omega)^4 / 120 of a rate of 5 rad/s"
 
 CASES = (
@@ -190,5 +228,23 @@ CASES = (
             Number("momentum", "change of the angular momentum, N m s", "0", 1e-14, "rounding of 0.1 N m s"),
         ),
         _wheel,
+    ),
+    ValidationCase(
+        "wheels-detumble",
+        "Three reaction wheels stop a tumbling bus",
+        Topic.FREE_MOTION,
+        Origin.CLOSED_FORM,
+        "Angular momentum of the whole is constant: at rest the wheels have all of it, I_w omega_w = R^T L; Wertz 1978,"
+        " Spacecraft Attitude Determination and Control, 18",
+        "Bus of (2, 1.5, 1) kg m^2 at (0.1, -0.2, 0.15) rad/s, wheels of 0.02 kg m^2, torque against the rate by `base_pd`,"
+        " 1 N m s; 70 s, RK4 and control at 50 ms.",
+        (
+            Number("rate", "rate of the bus after, rad/s", "0", 1e-12, "exp(-kd t / I) of 0.25 rad/s is 1e-15"),
+            Number(
+                "stored", "momentum of the wheels, N m s", text_of(_ALL_MOMENTUM), 1e-10, "RK4 at 50 ms: (h omega)^4 / 120"
+            ),
+            Number("direction", "distance of R I_w omega_w from L, N m s", "0", 1e-9, "attitude by RK4 at 50 ms"),
+        ),
+        _detumbled,
     ),
 )
