@@ -21,6 +21,7 @@ from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
     base_jacobian,
     base_wrench,
+    cross,
     external_actuators,
     free_components,
     kinetic_energy,
@@ -33,6 +34,7 @@ from ffsm_mj.dynamics.rigid_body import (
     subtree_momenta,
 )
 from ffsm_mj.dynamics.site_motion import SiteMotion
+from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints, drives_rotation
@@ -86,6 +88,7 @@ __all__ = [
     "SharedJoints",
     "Signal",
     "SiteMotion",
+    "StackMomentum",
     "StrictModel",
     "Summarises",
     "System",
@@ -95,6 +98,7 @@ __all__ = [
     "Tree",
     "base_jacobian",
     "base_wrench",
+    "cross",
     "driven_joints",
     "drives_rotation",
     "external_actuators",
@@ -141,6 +145,10 @@ class Task:
 
 class EffortLimits(Protocol):
     """Limits of the actuators, as the plant applies them to powered ones."""
+
+    @property
+    def saturation(self) -> FloatArray:
+        """Joint speed of each actuator beyond which efforts cannot accelerate it further; infinite without one, (nu,)."""
 
     def bounds(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest effort of each actuator, N or N m, (nu,) each, at actuator velocities (nu,)."""

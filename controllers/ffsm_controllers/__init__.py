@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from ffsm_controllers.base_pd import BasePd
+from ffsm_controllers.detumble.law import Detumble
 from ffsm_controllers.free_flying import FreeFlying
 from ffsm_controllers.gripper import Gripper
 from ffsm_controllers.hold import Hold
@@ -30,7 +31,20 @@ from ffsm_controllers.track.law import Track
 
 GROUP = "ffsm_mj.controllers"
 _TASK_SPACE = (GjmRate, TaskTj, TaskCt, Rns, Lqr, Impedance)
-_BUILT_IN: tuple[Any, ...] = (Off, Pd, Osdre, FreeFlying, Track, BasePd, Hold, Gripper, JointPath, Playback, *_TASK_SPACE)
+_BUILT_IN: tuple[Any, ...] = (
+    Off,
+    Pd,
+    Osdre,
+    FreeFlying,
+    Track,
+    BasePd,
+    Hold,
+    Gripper,
+    JointPath,
+    Playback,
+    Detumble,
+    *_TASK_SPACE,
+)
 
 
 @cache

@@ -81,7 +81,7 @@ class ThrusterAllocation:
         else:
             axes = data.xmat[self._root].reshape(3, 3)
             columns = on_dofs.dot((axes @ self._wrenches).reshape(6, -1))
-        shares = _shares(columns, on_dofs[:, :3] @ force + on_dofs[:, 3:] @ torque)
+        shares = nonnegative_shares(columns, on_dofs[:, :3] @ force + on_dofs[:, 3:] @ torque)
         efforts = shares[: len(self._thrusters)]
         efforts[self._both_ways] -= shares[len(self._thrusters) :]
         return efforts
@@ -91,7 +91,7 @@ class ThrusterAllocation:
         return np.hstack((effect, -effect[:, self._both_ways]))
 
 
-def _shares(columns: FloatArray, force: FloatArray) -> FloatArray:
+def nonnegative_shares(columns: FloatArray, force: FloatArray) -> FloatArray:
     """Non-negative shares of columns that together come closest to a force.
 
     Where columns tie, as those of jets that are mirror images do, rounding would decide which of them gets a share. So which

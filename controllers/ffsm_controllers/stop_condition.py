@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
@@ -17,16 +18,24 @@ from ffsm_mj.controller_protocol import (
     IntArray,
     Observation,
     ScenarioFaults,
+    StackMomentum,
     System,
     Task,
     driven_joints,
     unknown_name,
 )
 
-UNITS = {"base_rate": "rad/s", "base_speed": "m/s", "joint_rate": "rad/s", "tip_error": "m", "tip_speed": "m/s"}
+UNITS = {
+    "base_rate": "rad/s",
+    "base_speed": "m/s",
+    "joint_rate": "rad/s",
+    "tip_error": "m",
+    "tip_speed": "m/s",
+    "stack_momentum": "N m s",
+}
 """Unit of each quantity: angular speed and speed of the base, the largest driven joint rate (of slides in m/s), distance of
-the tip from the target of the task, and its speed."""
-_SENTENCE = re.compile(r"\s*(\w+)\s*(<|>)\s*(\S+)\s+(\S+?)(?:\s+for\s+(\S+)\s+s)?\s*")
+the tip from the target of the task, and its speed; angular momentum of robot and grasped object without the wheels."""
+_SENTENCE = re.compile(r"\s*(\w+)\s*(<|>)\s*(\S+)\s+(\S+(?: \S+)*?)(?:\s+for\s+(\S+)\s+s)?\s*")
 
 
 @dataclass(frozen=True)
@@ -101,8 +110,20 @@ def _driven_dofs(system: System) -> IntArray:
 class StopMonitor:
     """Watches a quantity through a phase, at control ticks and impacts."""
 
-    def __init__(self, condition: StopCondition, system: System, task: Task | None) -> None:
+    def __init__(
+        self,
+        condition: StopCondition,
+        system: System,
+        task: Task | None,
+        grasped: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         """Know the condition and whose quantity it is.
+
+        Args:
+            condition: The condition.
+            system: The scene.
+            task: The task of the tip.
+            grasped: Object by the name of the grasp that holds it.
 
         Raises:
             ValueError: It is one of the tip, and there is no task, or of joints, and none is driven.
@@ -110,7 +131,8 @@ class StopMonitor:
         if task is None and condition.quantity.startswith("tip_"):
             raise ValueError(f"{condition.quantity} needs a 'task': the scenario has none")
         self._condition, self._model, self._task = condition, system.mj, task
-        self._root, self._twist = system.robot.root, np.zeros(6)
+        self._root, self._twist, self._grasped = system.robot.root, np.zeros(6), grasped
+        self._stack = StackMomentum(system) if condition.quantity == "stack_momentum" else None
         self._dofs = _driven_dofs(system) if condition.quantity == "joint_rate" else np.zeros(0, dtype=np.intp)
         self._since_s: float | None = None
 
@@ -145,6 +167,11 @@ class StopMonitor:
 
     def _joint_rate(self, observation: Observation) -> float:
         return float(np.abs(observation.data.qvel[self._dofs]).max(initial=0.0))
+
+    def _stack_momentum(self, observation: Observation) -> float:
+        assert self._stack is not None
+        held = dict.fromkeys(self._grasped[name] for name in observation.grasps if name in self._grasped)
+        return math.hypot(*self._stack.parts(observation.data, tuple(held))[0].tolist())
 
     def _tip_error(self, observation: Observation) -> float:
         assert self._task is not None

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.analysis.base_rotation import BaseRotation
+from ffsm_mj.analysis.momentum_exchange import MomentumExchange
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
@@ -36,12 +37,13 @@ class Effort:
 
     Attributes:
         base_rotation: Rotation of the base, which a free-floating robot pays its motion with.
+        momentum_exchange: Angular momentum by body and actuator, before and after.
     """
 
     def __init__(self, system: System) -> None:
         """Bind to robot and objects."""
         self._system, self._names = system, system.names("actuator")
-        self.base_rotation = BaseRotation(system)
+        self.base_rotation, self.momentum_exchange = BaseRotation(system), MomentumExchange(system)
         self._joint, self._gear = _drives(system.mj)
         n = len(self._names)
         self._square, self._work, self._peak, self._bounded, self._ticks = *np.zeros((4, n)), 0
@@ -58,6 +60,7 @@ class Effort:
         units = list(zip(map(identifier, self._names), suffixes, strict=True))
         self._time = layout.time
         self.base_rotation.open(layout)
+        self.momentum_exchange.open(header)
         self._applied, self._lower, self._upper = (
             layout.places(f"actuators.{name}_{what}_{suffix}" for name, suffix in units)
             for what in ("applied", "lower", "upper")
@@ -67,6 +70,7 @@ class Effort:
     def rows(self, block: FloatArray) -> None:
         """Process the next rows."""
         self.base_rotation.rows(block)
+        self.momentum_exchange.rows(block)
         applied, lower, upper = block[:, self._applied], block[:, self._lower], block[:, self._upper]
         self._ticks += len(block)
         self._peak = np.maximum(self._peak, np.abs(applied).max(axis=0, initial=0.0))
@@ -104,7 +108,8 @@ class Effort:
         return mujoco.MjData(self._system.mj)
 
     def event(self, event: Event) -> None:
-        """Do nothing: efforts are in the rows."""
+        """Note what is grasped; efforts are in the rows."""
+        self.momentum_exchange.event(event)
 
     def flush(self) -> None:
         """Do nothing: data in memory does not survive a kill."""
@@ -113,12 +118,16 @@ class Effort:
         """Do nothing."""
 
     def summary(self) -> dict[str, Any]:
-        """``effort`` and ``base_rotation`` of ``summary.json``; None for a number that is not finite."""
+        """``effort``, ``base_rotation`` and ``angular_momentum`` of ``summary.json``; None for what is not finite."""
         effort = {
             name: {measure: value if math.isfinite(value) else None for measure, value in each.items()}
             for name, each in self.by_actuator().items()
         }
-        return {"effort": effort, "base_rotation": self.base_rotation.summary()}
+        return {
+            "effort": effort,
+            "base_rotation": self.base_rotation.summary(),
+            "angular_momentum": self.momentum_exchange.summary(),
+        }
 
     def by_actuator(self) -> dict[str, dict[str, float]]:
         """Each of :data:`MEASURES` by actuator, under its name in the columns of a log."""

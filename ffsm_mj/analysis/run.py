@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -16,7 +17,7 @@ from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.logged_signals import LoggedSignals
 from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
-from ffsm_mj.analysis.tables import Table, table
+from ffsm_mj.analysis.tables import MOMENTUM_TABLE, Table, momentum_table, table
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
@@ -24,7 +25,7 @@ from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, Unhandled
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, end_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.refined import Refined, explained, refined
 
@@ -135,7 +136,12 @@ class Run(LoggedSignals):
         that remains, ``check.fails_by_truncation`` whether the step alone makes it fail.
         """
         checks = self.digest.check_accumulator.checks(self.log.impact_records, tolerance, self._friction)
-        return explained(checks, tolerance, lambda: self._refined)
+        return (*explained(checks, tolerance, lambda: self._refined), *end_checks(self.log, tolerance, self._stack_momentum))
+
+    def _stack_momentum(self) -> float:
+        """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
+        found = self._effort["angular_momentum"]
+        return math.nan if found is None else float(found["stack_without_wheels_N_m_s"])
 
     @cached_property
     def _refined(self) -> Refined | None:
@@ -158,11 +164,13 @@ class Run(LoggedSignals):
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
-        """A table of named columns with units: ``samples``, ``contacts``, ``checks``, or records of a kind, as ``impacts``.
+        """A table of named columns with units: ``samples``, ``contacts``, ``angular_momentum``, ``checks``, or records.
 
         Raises:
             KeyError: No such table.
         """
+        if name == MOMENTUM_TABLE:
+            return momentum_table(self.angular_momentum)
         return table(self.log, name)
 
     def to_pandas(self, name: str = "samples") -> Any:
@@ -193,8 +201,8 @@ class Run(LoggedSignals):
         """Content of ``summary.json``.
 
         Args:
-            checks: Include ``checks``, for which a run with failed checks is replayed, and ``effort`` and ``base_rotation``,
-                for which the models of a log are compiled.
+            checks: Include ``checks``, for which a run with failed checks is replayed, and ``effort``, ``base_rotation`` and
+                ``angular_momentum``, for which the models of a log are compiled.
         """
         summary = deepcopy(self._summary)
         if not checks:
@@ -217,6 +225,16 @@ class Run(LoggedSignals):
         found: dict[str, float] | None = deepcopy(self._effort["base_rotation"])
         return found
 
+    @property
+    def angular_momentum(self) -> dict[str, Any] | None:
+        """Angular momentum before and after by subsystem and body, and what each actuator took; None: see ``effort``.
+
+        About the centre of mass of everything that moves, world axes, N m s; the table ``angular_momentum`` has the same
+        numbers. See :class:`ffsm_mj.analysis.momentum_exchange.MomentumExchange`.
+        """
+        found: dict[str, Any] | None = deepcopy(self._effort["angular_momentum"])
+        return found
+
     @cached_property
     def _effort(self) -> dict[str, Any]:
         if self._whole is not None:
@@ -227,9 +245,11 @@ class Run(LoggedSignals):
             found = Effort(compile_log(self.log))
             found.open(self.log.header)
         except (InputError, KeyError):  # models that no longer compile, or a part of the columns
-            return {"effort": None, "base_rotation": None}
+            return {"effort": None, "base_rotation": None, "angular_momentum": None}
         for block in self.log.blocks():
             found.rows(block)
+        for event in self.log.events():
+            found.event(event)
         return found.summary()
 
     @cached_property

@@ -16,6 +16,8 @@ from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import digest
 from ffsm_mj.analysis.grasp_intervals import COLUMNS as _CAPTURE_COLUMNS
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
+from ffsm_mj.analysis.momentum_table import COLUMNS as _MOMENTUM_COLUMNS
+from ffsm_mj.analysis.momentum_table import momentum_rows
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
 from ffsm_mj.errors import MissingPackageError, unknown_name
@@ -35,6 +37,10 @@ _LAW_COLUMNS = {
     "passes": ("", "whether the residual is within the tolerance"),
     "drift": ("", "largest magnitude since the first sample, in the unit of its row"),
 }
+
+
+MOMENTUM_TABLE = "angular_momentum"
+"""Name of the table of angular momentum by subsystem, body and actuator."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +88,12 @@ def _package(name: str, purpose: str) -> Any:
 def table_names(log: RunLog) -> tuple[str, ...]:
     """Names of the tables of a run: samples, one per kind of record that it may have, contacts, captures and checks."""
     captures = ("captures",) if CAPTURE in log.kinds else ()
-    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, "checks"
+    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, MOMENTUM_TABLE, "checks"
+
+
+def momentum_table(found: dict[str, Any] | None) -> Table:
+    """The table of ``angular_momentum`` of ``summary.json``; without rows if it is unknown."""
+    return _of_columns(MOMENTUM_TABLE, _MOMENTUM_COLUMNS, momentum_rows(found))
 
 
 def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:

@@ -44,6 +44,7 @@ def build_phases(
     """
     classes = {**kinds().classes, **laws}
     phases, faults, names = [], [], [config.name for config in scenario.phases]
+    objects = {name: each.system.grasp.tree for name, each in grasped.items() if each.system.grasp is not None}
     for i, config in enumerate(scenario.phases):
         made: dict[str, Any] = {}
         tables = recorded.of_phase(i)
@@ -57,7 +58,7 @@ def build_phases(
         else:
             try:
                 controller = made.pop("")
-                endings = phase_endings(config, names, controller, context)
+                endings = phase_endings(config, names, controller, context, objects)
                 phases.append(Phase(config.name, config.kind, controller, endings, config.arm, config.release, made))
             except ScenarioFaults as error:
                 faults += [replace(fault, path=("phases", i, *fault.path)) for fault in error.faults]

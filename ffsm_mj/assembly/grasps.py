@@ -58,8 +58,8 @@ def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
         tree = _tree(system, sites["object_site"])
         link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
         if tree is not None:
-            root, joint = system.mj.body(tree.root).name, config.latch_joint
-            grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, root, joint))
+            root, joint, load = system.mj.body(tree.root).name, config.latch_joint, config.greatest_load
+            grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, root, joint, *load))
     if faults:
         raise ScenarioFaults(faults)
     return tuple(grasps)

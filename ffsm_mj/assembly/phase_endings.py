@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from ffsm_controllers.endings import Ending, EventTrigger, FinishedTrigger, MeasurementBound, TimeTrigger, Trigger
@@ -18,7 +19,11 @@ from ffsm_mj.scenario.phase_config import PhaseConfig, PhaseEnd, SensorEndConfig
 
 
 def phase_endings(
-    config: PhaseConfig, names: Sequence[str], controller: Any, context: ControllerContext
+    config: PhaseConfig,
+    names: Sequence[str],
+    controller: Any,
+    context: ControllerContext,
+    grasped: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Ending, ...]:
     """What ends a phase, in the order in which it counts at one instant.
 
@@ -27,6 +32,7 @@ def phase_endings(
         names: Names of all phases.
         controller: Its control law.
         context: What that is made for in the scene.
+        grasped: Object by the name of the grasp that holds it.
 
     Raises:
         ScenarioFaults: An end that cannot occur; paths in the phase.
@@ -35,11 +41,13 @@ def phase_endings(
     for end in config.ends:
         reason = end.trigger if isinstance(end.trigger, str) else end.trigger.sensor
         to = None if end.to is None else names.index(end.to)
-        endings.append(Ending(reason, _trigger(config, end, controller, context), to))
+        endings.append(Ending(reason, _trigger(config, end, controller, context, grasped), to))
     return tuple(endings)
 
 
-def _trigger(config: PhaseConfig, end: PhaseEnd, controller: Any, context: ControllerContext) -> Trigger:
+def _trigger(
+    config: PhaseConfig, end: PhaseEnd, controller: Any, context: ControllerContext, grasped: Mapping[str, str]
+) -> Trigger:
     """When an end is due.
 
     Raises:
@@ -52,7 +60,7 @@ def _trigger(config: PhaseConfig, end: PhaseEnd, controller: Any, context: Contr
         return TimeTrigger(float(config.for_s or 0.0))
     if trigger == "stop_when":
         try:
-            return StopMonitor(StopCondition.parse(str(config.stop_when)), context.system, context.task)
+            return StopMonitor(StopCondition.parse(str(config.stop_when)), context.system, context.task, grasped)
         except ValueError as error:
             raise ScenarioFaults([Fault(str(error), ("stop_when",))]) from error
     if trigger == "settled" and config.settled is not None and context.task is not None:

@@ -36,6 +36,7 @@ from ffsm_mj.records.metadata import (
     phase_graph_metadata,
     start_metadata,
     task_metadata,
+    terminal_metadata,
 )
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
@@ -201,4 +202,6 @@ def _metadata(assembly: Assembly) -> dict[str, str]:
     metadata |= model_metadata(assembly.changes)
     if config.task is not None:
         metadata |= task_metadata(config.task.axes, config.task.target_m)
+    if config.terminal is not None:
+        metadata |= terminal_metadata(config.terminal.stack_momentum_N_m_s)
     return metadata | {f"version {name}": text for name, text in versions().items()}

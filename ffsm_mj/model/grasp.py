@@ -5,6 +5,7 @@ The joints of the base are removed. Those of the latch, if it leaves some relati
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -60,6 +61,8 @@ class Grasp:
         tree: Name of the object.
         root: Full name of the base of the object, the body of the object's site.
         joint: Relative motion that it leaves free.
+        max_force_N: Force at which it opens by itself, N; infinite without a limit.
+        max_torque_N_m: Torque about the object's site at which it opens by itself, N m.
     """
 
     name: str
@@ -69,6 +72,8 @@ class Grasp:
     tree: str
     root: str
     joint: LatchJoint = RIGID
+    max_force_N: float = math.inf
+    max_torque_N_m: float = math.inf
 
     def joins_sites_of(self, other: Grasp) -> bool:
         """Whether another grasp joins the same two sites."""

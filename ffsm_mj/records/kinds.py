@@ -23,7 +23,7 @@ _TAKEN = frozenset(
     (
         *("samples", "contacts", "captures", "checks", "plumes"),  # tables and topics of every run
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
-        *("effort", "base_rotation", "law_wall_s_per_tick"),
+        *("effort", "base_rotation", "angular_momentum", "sensitivity", "law_wall_s_per_tick"),
         *("sub_steps", "smallest_step_s", "conservative", "tip", "controller", "conservation"),
         *("checks", "versions"),  # keys of summary.json
     )

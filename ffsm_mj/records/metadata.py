@@ -22,8 +22,10 @@ FORMAT_VERSION = "3"
 """Version of the log format: names of topics, columns and record fields. A log of another version is refused by it."""
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")
-_TIMES = ("time_step_s", "control_period_s", "start_s")
 _START = "start_s"
+_TERMINAL = "terminal_stack_momentum_N_m_s"
+_POSITIVE = dict.fromkeys(("time_step_s", "control_period_s", _START), "seconds") | {_TERMINAL: "N m s"}
+"""Entries that are positive numbers, with their units."""
 _DEEPEST = 5  # tree, body, geoms, geom, key
 
 
@@ -85,6 +87,16 @@ def logged_task(metadata: Mapping[str, str]) -> LoggedTask | None:
         return None
     axes = ["xyz".index(axis) for axis in metadata["task_axes"].split()]
     return LoggedTask(axes, np.array([float(x) for x in metadata["task_target_m"].split()]))
+
+
+def terminal_metadata(stack_momentum_N_m_s: float) -> dict[str, str]:
+    """Metadata of the bound on the angular momentum of the stack, except that of its wheels, at the end of the run."""
+    return {_TERMINAL: repr(float(stack_momentum_N_m_s))}
+
+
+def terminal_stack_momentum(metadata: Mapping[str, str]) -> float | None:
+    """The bound of :func:`terminal_metadata`, N m s; None without one."""
+    return float(metadata[_TERMINAL]) if _TERMINAL in metadata else None
 
 
 def phase_graph_metadata(edges: Sequence[tuple[int, str, int]]) -> dict[str, str]:
@@ -188,9 +200,9 @@ def fault_of_metadata(metadata: Mapping[str, str]) -> str:
         words = metadata.get(name, _ALL_FREE).split()
         if len(words) != 6 or not set(words) <= {"0", "1"}:
             return f"its metadata entry {name} is {metadata[name]!r}; six of 0 and 1 are allowed"
-    for name in _TIMES:
+    for name, unit in _POSITIVE.items():
         if name in metadata and not (_is_number(metadata[name]) and float(metadata[name]) > 0.0):
-            return f"its metadata entry {name} is {metadata[name]!r}; a positive number of seconds is allowed"
+            return f"its metadata entry {name} is {metadata[name]!r}; a positive number of {unit} is allowed"
     for name in _MODELS:
         if name in metadata and not _is_numbers(metadata[name]):
             allowed = "JSON objects with finite numbers or lists of them are allowed"

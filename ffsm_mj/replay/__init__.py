@@ -44,7 +44,8 @@ def replay_log(
         scene = log_scene(log)
         replay = LogReplay(scene, log)
     except InputError as error:
-        return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log.impact_records, FrictionCheck(log))
+        checked = accumulate_checks(log), log.impact_records, FrictionCheck(log)
+        return ReplayResult({}, 0, 0, "", error.lines[0], *checked, _log=log)
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
     period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
     sampling = Sampling(period_s, log.instants_s, start_s)
@@ -63,4 +64,4 @@ def replay_log(
     refine = cache(lambda: refined(log))  # computed only if a check fails
     numbers = sum(agreement.numbers for agreement in found.values())
     impacts, friction = log.impact_records, FrictionCheck(log)
-    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, impacts, friction, refine)
+    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, impacts, friction, refine, log)

@@ -8,6 +8,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line
 from ffsm_mj.report.check_report import check_table, fail_by_truncation, step_hint, worst_check
+from ffsm_mj.report.momentum_report import momentum_line
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
 from ffsm_mj.report.text_table import wrapped
 from ffsm_mj.verification.check_result import Check
@@ -105,6 +106,7 @@ def details(run: Run, most: int = MOST_ROWS) -> list[str]:
         _missed_phases(run),
         _notes_of_laws(run),
         _tip(run),
+        momentum_line(run),
         unhandled_table(run.unhandled_contacts, most=most),
     ]
 
@@ -147,7 +149,7 @@ def _notes_of_laws(run: Run) -> str:
     lines = (
         one_line(f"phase {each['name']!r} ({each['kind']}): {text}")
         for each, name, text in notes
-        if name == "note" or name.endswith("_note")
+        if name.rpartition(": ")[2] == "note" or name.endswith("_note")
     )
     return "\n".join(dict.fromkeys(lines))  # a phase that was entered again reports once
 

@@ -8,6 +8,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import failing_checks, truncation_data
 from ffsm_mj.errors import one_line
 from ffsm_mj.report.check_report import check_table, truncation_lines, verdict
+from ffsm_mj.report.momentum_report import momentum_table
 from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
 from ffsm_mj.report.text_table import wrapped
@@ -25,7 +26,7 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
         impacts += " in the readable part"
     elif len(run.impacts) > MOST_ROWS:
         impacts += f"\n  every impact: {export_command(run, 'impacts')}"
-    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *details(run)]
+    parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *details(run), momentum_table(run)]
     checks = again.checks(tolerance)
     if run.conservative or checks:
         parts.append(check_table(checks))
@@ -72,7 +73,8 @@ def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> di
     checks = again.checks(tolerance)
     return {
         "summary": run.summary(checks=False)
-        | {"effort": run.effort, "base_rotation": run.base_rotation, "checks": failing_checks(checks)},
+        | {"effort": run.effort, "base_rotation": run.base_rotation, "angular_momentum": run.angular_momentum}
+        | {"checks": failing_checks(checks)},
         "checks": [_check_data(check) for check in checks],
         "states": {
             "agree": again.agrees,

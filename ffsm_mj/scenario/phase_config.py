@@ -101,7 +101,8 @@ class PhaseConfig(StrictModel):
     Of several at one instant the first one listed counts, and those here before ``until``. A phase may be entered again."""
     stop_when: str | None = None
     """A condition that ends the phase: ``base_rate``, ``joint_rate`` in rad/s, ``base_speed``, ``tip_speed`` in m/s or
-    ``tip_error`` in m, ``<`` or ``>``, number and unit, and for how long: ``base_rate < 1e-3 rad/s for 2 s``."""
+    ``tip_error`` in m, or ``stack_momentum`` in N m s (of robot and grasped object without the wheels), ``<`` or ``>``,
+    number and unit, and for how long: ``base_rate < 1e-3 rad/s for 2 s``."""
     settled: SettledConfig | None = None
     """With ``settled`` in ``until`` or ``on``: the phase ends when the tip has been near its target and slow for a time."""
     for_s: PositiveFloat | None = None

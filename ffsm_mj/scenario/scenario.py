@@ -66,6 +66,13 @@ class ActuationConfig(StrictModel):
     """Each control tick is late by a time that is uniform from 0 to this, s; less than the control period."""
 
 
+class TerminalConfig(StrictModel):
+    """What must hold at the end of the run: further checks, which pass or fail with the others."""
+
+    stack_momentum_N_m_s: PositiveFloat = 1e-6
+    """Greatest angular momentum of robot and grasped object about their centre of mass, except that of the wheels, N m s."""
+
+
 class LogConfig(StrictModel):
     """Output files."""
 
@@ -133,6 +140,8 @@ class Scenario(StrictModel):
     """Kinds of control laws and estimators that a script passed to the run that wrote this scenario; they name no code."""
     phases: Annotated[tuple[PhaseConfig, ...], Field(min_length=1)]
     impact: ImpactConfig = ImpactConfig()
+    terminal: TerminalConfig | None = None
+    """Checks of the state at the end of the run; left out: none."""
     contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()

@@ -20,7 +20,7 @@ each step h. The sum of that is logged, and an energy that is lower by at most t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.heat_check import HeatCheck
 from ffsm_mj.verification.impact_checks import impact_checks
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
+from ffsm_mj.verification.terminal_check import STACK_MOMENTUM, terminal_checks
 
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
@@ -51,9 +52,9 @@ RELATIVE_CHECKS = (
 )
 """Checks with a tolerance relative to a scale; those of impacts only in runs with impacts, the last one with friction in
 persistent contact."""
-CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "contact complementarity")
+CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "contact complementarity", STACK_MOMENTUM)
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
-in runs with joint limits; the last one with persistent contact."""
+in runs with joint limits; ``contact complementarity`` with persistent contact; the last one where the scenario asks."""
 
 TRUNCATION_CHECKS = (*CHECK_NAMES[:3], "heat of sliding")
 """Checks that may fail by the truncation of the step."""
@@ -187,7 +188,15 @@ def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tu
     Raises:
         KeyError: A tolerance for an unknown check.
     """
-    return accumulate_checks(log).checks(log.impact_records, tolerance, FrictionCheck(log))
+    checks = accumulate_checks(log).checks(log.impact_records, tolerance, FrictionCheck(log))
+    return (*checks, *end_checks(log, tolerance))
+
+
+def end_checks(
+    log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE, known: Callable[[], float] | None = None
+) -> tuple[Check, ...]:
+    """Results of the checks of the last state that the scenario asks for; see :func:`terminal_checks`."""
+    return terminal_checks(log, tolerance if isinstance(tolerance, Mapping) else {}, known)
 
 
 def accumulate_checks(log: RunLog) -> CheckAccumulator:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, end_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.refined import Refined, explained
 
@@ -36,6 +37,7 @@ class ReplayResult:
     _impacts: tuple[ImpactRecord | LimitImpactRecord, ...]
     _friction: FrictionCheck
     _refined: Callable[[], Refined | None] = lambda: None
+    _log: RunLog | None = None
 
     @property
     def agrees(self) -> bool:
@@ -48,4 +50,5 @@ class ReplayResult:
         Args:
             tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
         """
-        return explained(self.accumulator.checks(self._impacts, tolerance, self._friction), tolerance, self._refined)
+        checks = explained(self.accumulator.checks(self._impacts, tolerance, self._friction), tolerance, self._refined)
+        return (*checks, *end_checks(self._log, tolerance)) if self._log is not None else checks

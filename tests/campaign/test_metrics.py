@@ -101,7 +101,11 @@ def test_effort_does_not_depend_on_blocks(baseline: tuple[Run, dict[str, Any]]) 
     cut.open(run.log.header)
     for first in range(0, len(run.log.rows), 7):
         cut.rows(run.log.rows[first : first + 7])
-    assert cut.summary() == {"effort": run.effort, "base_rotation": run.base_rotation}
+    assert cut.summary() == {
+        "effort": run.effort,
+        "base_rotation": run.base_rotation,
+        "angular_momentum": run.angular_momentum,
+    }
     assert Run(run.log).effort == run.effort  # of the log alone
 
 

@@ -64,7 +64,7 @@ def faults(*overrides, path=BASELINE):
         ("contacts.rules.0.restitution=1.5", "restitution must be in [0, 1]; above 1 only with 'super_elastic: true'"),
         ("contacts.ignored.0.between=[robot, nobody]", "contacts.ignored.0.between.1: unknown model, body or geom 'nobody'"),
         ("actuators.motor_9={kind: ideal}", "unknown actuator 'motor_9'"),
-        ("phases.0.controller.kind=mpc", "unknown kind 'mpc'; allowed: base_pd, free_flying, "),
+        ("phases.0.controller.kind=mpc", "unknown kind 'mpc'; allowed: base_pd, detumble, free_flying, "),
         ("phases.0.controller={}", "needs a 'kind'"),
         ("phases.0.controller.joints=[joint_1, elbow]", "phases.0.controller.joints.1: unknown joint of the robot 'elbow'"),
         ("phases.0.controller.joints=[joint_1]", "2 outputs need at least 2 joints, there are 1"),
@@ -72,7 +72,10 @@ def faults(*overrides, path=BASELINE):
         ("phases.0.controller.Q=[1, 1, 1, -1]", "must be positive semidefinite"),
         ("phases.0.controller.Q=[1, 1, 1]", "must be 4 numbers (a diagonal) or 4 rows of 4"),
         ("phases.0.controller.R=[1, 0, 1]", "must be positive definite; its smallest eigenvalue is 0"),
-        ("phases.0.controller.kind=osdr", "unknown kind 'osdr' (did you mean 'osdre'?); allowed: base_pd, free_flying, "),
+        (
+            "phases.0.controller.kind=osdr",
+            "unknown kind 'osdr' (did you mean 'osdre'?); allowed: base_pd, detumble, free_flying, ",
+        ),
         (
             "actuators.motor_1.kind=torque-speed",
             "unknown kind 'torque-speed' (did you mean 'torque_speed'?); allowed: ideal, ",

@@ -94,7 +94,7 @@ def test_summary_has_the_contracted_keys(baseline):
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "sub_steps", "smallest_step_s"),
         *("wall_s", "real_time_factor", "law_wall_s_per_tick"),
         *("conservative", "impacts", "contacts", "unhandled_contacts", "phases", "tip"),
-        *("controller", "conservation", "versions", "effort", "base_rotation", "checks"),
+        *("controller", "conservation", "versions", "effort", "base_rotation", "angular_momentum", "checks"),
     ]
     assert list(summary["impacts"][0]) == [
         *("event", "time_s", "pair", "rule", "geoms", "robot_geom", "object_geom", "point_m", "normal", "manifold"),

@@ -104,7 +104,11 @@ def metric_values(
     Raises:
         ValueError: A metric is not a scalar of the run; the message names it.
     """
-    summary = run.summary(checks=False) | {"effort": run.effort, "base_rotation": run.base_rotation}
+    summary = run.summary(checks=False) | {
+        "effort": run.effort,
+        "base_rotation": run.base_rotation,
+        "angular_momentum": run.angular_momentum,
+    }
     of_checks = {name: _scalar(name, value) for name, value in (checks or check_metrics(run.checks())).items()}
     plugins = plugin_metrics()
     found: dict[str, Scalar] = {}
@@ -231,11 +235,12 @@ def fault_of(name: str, actuators: Sequence[str], own: Iterable[str] = ()) -> st
         return unknown_name(
             "metric", name, [f"effort.{each}.{measure}" for each in (*actuators, "*") for measure in MEASURES]
         )
-    if re.fullmatch(r"controller\.phases\.\d+\.reports\.\w+", name):
+    if re.fullmatch(r"controller\.phases\.\d+\.reports\.(?:[\w-]+: )?\w+", name):
         return None
     known = [*_ALWAYS, *_EXCESS.values(), *_SCALARS, *plugin_metrics(), *own]
     known += [f"tip.{key}" for key in _TIP] + [f"conservation.{key}" for key in _CONSERVATION]
     known += ["base_rotation.final_rad", "base_rotation.largest_rad"]
+    known += ["angular_momentum.stack_without_wheels_N_m_s", "angular_momentum.residual_N_m_s"]
     known += [f"{each}.{what}" for each in lists for what in ("count", "0.KEY")] + [
         "effort.ACTUATOR.MEASURE",
         "controller.phases.0.reports.NAME",

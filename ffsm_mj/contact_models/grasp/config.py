@@ -105,3 +105,9 @@ class CaptureConfig(StrictModel):
         """The relative motion that it leaves free, with a unit axis."""
         length = math.hypot(*self.axis or ())
         return LatchJoint(self.joint, tuple(x / length for x in self.axis or ()))
+
+    @property
+    def greatest_load(self) -> tuple[float, float]:
+        """Force in N and torque in N m at which it opens by itself; infinite where there is no limit."""
+        limit = self.load_limit
+        return (math.inf, math.inf) if limit is None else (limit.force_N or math.inf, limit.torque_N_m or math.inf)

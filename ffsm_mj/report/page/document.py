@@ -24,6 +24,7 @@ from ffsm_mj.log.arrows import arrow_colour, declared_arrows
 from ffsm_mj.log.palette import hexadecimal, packed
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
+from ffsm_mj.report.momentum_report import momentum_html
 from ffsm_mj.report.page import moving, scene
 from ffsm_mj.report.page.inline_figures import inline_figures
 from ffsm_mj.report.page.phase_graph import phase_graph
@@ -60,6 +61,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         card=card_html(run),
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
+        momentum=momentum_html(run),
         phases=_phases(run),
         figures="\n".join(
             f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
