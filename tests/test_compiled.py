@@ -6,6 +6,7 @@ import ast
 import hashlib
 import inspect
 import os
+import pickle
 import subprocess
 import sys
 from importlib.metadata import version
@@ -35,9 +36,12 @@ from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.loop_stage import LoopStage
 from ffsm_mj.errors import TwinsError
 from ffsm_mj.records.sampler import Sampler
 from tests.contact_models.grasp import scenes as capture
+from tests.contact_models.grasp import two_hands as hands
 from tests.scenes import compile_paths, scene
 
 twins = pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
@@ -354,6 +358,36 @@ def test_twins_of_another_version_are_refused(monkeypatch):
     compiled._twins.cache_clear()
 
 
+@pytest.mark.parametrize("kind", ["rigid", "ball", "hinge", "slide", "cylindrical"])
+def test_rows_of_closed_loops(tmp_path, rng, kind):
+    """Rows, rates, forces and drift of two latches, one of them dependent in part, at random states."""
+    bench = hands.TwoHands(tmp_path, hands.SPATIAL, joints=("rigid", kind), objects=("target", "other"))
+    model, data, latches = bench.system.mj, bench.data, [bench.latch("l"), bench.latch("r")]
+    for _ in range(10):
+        mujoco.mj_integratePos(model, data.qpos, 1e-3 * rng.normal(size=model.nv), 1.0)
+        data.qvel[:], data.ctrl[:] = rng.normal(size=model.nv), rng.normal(size=model.nu)
+        mujoco.mj_forward(model, data)
+        combinations = [np.ascontiguousarray(each) for each in ClosedLoops(model, data, latches).weighted().independent()]
+        both = [cls(model, data, latches, range(model.nbody), data) for cls in (LoopStage, twins.LoopStage)]
+        pushed = []
+        for stage in both:
+            stage.combine(*combinations)
+            stage.evaluate()
+            data.qfrc_applied[:] = 1.0
+            stage.push()
+            pushed.append(data.qfrc_applied.copy())
+            data.qfrc_applied[:] = 0.0
+        one, other = both
+        for name in ("J", "R", "response", "factor", "gamma", "y"):
+            np.testing.assert_allclose(getattr(other, name), getattr(one, name), rtol=1e-12, atol=1e-11, err_msg=name)
+        np.testing.assert_allclose(*pushed, rtol=0, atol=1e-11 * np.abs(pushed[0]).max())
+        np.testing.assert_allclose(other.errors(), one.errors(), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(other.drift(), one.drift(), rtol=1e-12, atol=1e-13)
+        assert other.fits() is one.fits() is True
+        again = pickle.loads(pickle.dumps(other.__reduce__()[2]))
+        np.testing.assert_array_equal(again[0], combinations[0])
+
+
 PLAIN = (
     BlockLaw,
     ContactAcceleration,
@@ -364,6 +398,7 @@ PLAIN = (
     HeldForces,
     JointWork,
     Limits,
+    LoopStage,
     PlanarLaw,
     PlanarRiccati,
     RowEvaluator,

@@ -12,6 +12,7 @@ from ffsm_mj_fast.friction_state import FrictionState
 from ffsm_mj_fast.held_rows import HeldForces
 from ffsm_mj_fast.joint_work import JointWork
 from ffsm_mj_fast.limits import Limits
+from ffsm_mj_fast.loop_stage import LoopStage
 from ffsm_mj_fast.planar_law import PlanarLaw
 from ffsm_mj_fast.riccati_doubling import Doubling
 from ffsm_mj_fast.riccati_planar import PlanarRiccati
@@ -22,7 +23,7 @@ from ffsm_mj_fast.stage_sums import StageSums
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "c0d5ba5fe01a"
+INTERFACE = "a5947c8ca6cd"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "HeldForces",
     "JointWork",
     "Limits",
+    "LoopStage",
     "PlanarLaw",
     "PlanarRiccati",
     "RowEvaluator",

@@ -167,7 +167,8 @@ class ForceSource(ContactModel):
         active: Whether it exerts forces: the exchange of each step is then entered in the balance.
         pushes: Whether its wrenches are evaluated in the stages of each step while it is active.
         is_reactive: Whether its forces depend on those of the other contact models: it is evaluated after them.
-        is_bilateral: Whether its forces keep bilateral constraints under all other forces: it is evaluated last.
+        is_bilateral: Whether its forces keep bilateral constraints under all other forces: it is evaluated last, from the
+            state of the motion alone.
     """
 
     active = False

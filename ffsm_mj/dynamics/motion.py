@@ -62,16 +62,18 @@ class Motion:
         """Bodies of the grasped object in the logged system; they count as parts of the robot."""
         return frozenset(self.grasped_object.bodies) if self.grasped_object is not None else frozenset()
 
-    def push_with(self, pushes: Sequence[Push], answers: Sequence[Push] = ()) -> None:
+    def push_with(self, pushes: Sequence[Push], answers: Sequence[Push] = (), *, of_system: bool = True) -> None:
         """Set the applied forces of the coming steps, and update derived quantities.
 
         Args:
             pushes: Forces that depend on the state alone.
             answers: Reactive forces, which depend on all others and are evaluated after them.
+            of_system: Whether forces are evaluated from the state of the logged system, which then follows in each stage.
         """
         self.pushes = tuple(pushes)
         if every := (*pushes, *answers):
-            pushed = fastest(ForcedStepper)(self.model, self.data, self.path.start, self.momentum, every, self.follow)
+            follow = self.follow if of_system else _nothing
+            pushed = fastest(ForcedStepper)(self.model, self.data, self.path.start, self.momentum, every, follow)
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:
@@ -90,7 +92,7 @@ class Motion:
             push(data)
         if self.loops is not None:
             force = data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator + data.qfrc_applied
-            data.qfrc_applied[:] += self.loops.stage(force)[1]
+            data.qfrc_applied[:] += self.loops.generalised(force)
         if self.pushes or self.loops is not None:
             mujoco.mj_forward(self.model, data)
 
@@ -128,3 +130,7 @@ class Motion:
             return self.flight.step(duration_s)
         with time_step(self.model, duration_s):
             return self.flight.step(duration_s)
+
+
+def _nothing() -> None:
+    """Do nothing."""

@@ -78,7 +78,7 @@ class EventDrivenIntegrator:
         self._active = [contact_model for contact_model in self._force_sources if contact_model.active]
         pushing = sorted((each for each in self._active if each.pushes), key=lambda each: each.is_bilateral)
         pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
-        self.motion.push_with(pushes, answers)
+        self.motion.push_with(pushes, answers, of_system=not all(each.is_bilateral for each in pushing))
         for contact_model in self.contact_models:
             contact_model.restart()
         self.motion.flight.clear(self._event_bound())

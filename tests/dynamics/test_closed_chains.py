@@ -117,10 +117,10 @@ def test_acceleration_and_pivot_force_at_one_state():
     chain = linkage(q, rate, 1e-3)
     chain.data.qfrc_applied[0] = 0.7
     loops, M = chain.loops(), mass_matrix(chain.model, chain.data)
-    forces, generalised = loops.stage(chain.force())
+    generalised = loops.generalised(chain.force())
     expected = (0.7 - 0.5 * slope(q) * rate**2) / inertia(q)
     assert np.linalg.solve(M, chain.force() + generalised)[0] == pytest.approx(expected, abs=1e-9)
-    _, force, moment = loops.wrench(0, forces)
+    _, force, moment = loops.wrench(0, loops.forces)
     # Of five rows two are independent in a planar mechanism; the other three carry nothing in the least norm.
     assert max(abs(force[2]), np.abs(moment).max()) < 1e-14
     _, c, _, c1 = angles(q)

@@ -75,7 +75,7 @@ class Chain:
 
         def push(data):
             mujoco.mj_fwdActuation(self.model, data)
-            data.qfrc_applied[:] += loops.stage(self.force())[1]
+            data.qfrc_applied[:] += loops.generalised(self.force())
 
         h = self.model.opt.timestep
         motion.push_with([efforts] if efforts else [], [push] if loops else [])
@@ -345,7 +345,7 @@ def test_pinocchio_agrees_on_the_closed_chain(rng, request):
         torques = np.append(np.zeros(6), np.append(rng.normal(size=6), np.zeros(6)))
         chain.data.qfrc_applied[:] = torques
         expected, M = by_pinocchio(chain, torques), mass_matrix(chain.model, chain.data)
-        found = np.linalg.solve(M, chain.force() + chain.loops().stage(chain.force())[1])
+        found = np.linalg.solve(M, chain.force() + chain.loops().generalised(chain.force()))
         scale = 1.0 + np.abs(M).max() * np.abs(expected).max()
         np.testing.assert_allclose(M @ found, M @ expected, rtol=0, atol=1e-10 * scale)
 

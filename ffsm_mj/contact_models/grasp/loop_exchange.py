@@ -24,6 +24,7 @@ class LoopExchange:
 
     Attributes:
         outside: Whether latches join fixed bodies with the robot, and with objects, (2,).
+        crosses: Whether a latch joins bodies of different subsystems.
         taken: Unit wrenches that fixed bodies take through latches, (k, 6): all six or none.
     """
 
@@ -32,6 +33,7 @@ class LoopExchange:
         self._scene = scene
         self.outside: BoolArray = np.zeros(2, dtype=np.bool_)
         self.taken: FloatArray = np.empty((0, 6))
+        self.crosses = False
         self._stages: list[tuple[FloatArray, float]] = []
 
     def bind(self, motion: Motion, latches: Sequence[LatchedBodies]) -> None:
@@ -40,7 +42,7 @@ class LoopExchange:
         self._signs = np.array([self._sign(latch, motion.grasped_bodies) for latch in latches]).reshape(-1, 3)
         self.outside = np.any(self._signs[:, 1:] != 0.0, axis=0)
         self.taken = np.eye(6) if self.outside.any() else np.empty((0, 6))
-        self._crosses = bool(self._signs.any())
+        self.crosses = bool(self._signs.any())
         self.clear()
 
     def _sign(self, latch: LatchedBodies, grasped: frozenset[int]) -> tuple[float, float, float]:
@@ -67,7 +69,7 @@ class LoopExchange:
             generalised: Their generalised forces, (nv,).
         """
         loops, flight, data = self._motion.loops, self._motion.forced, self._motion.data
-        if not self._crosses or loops is None or flight is None:
+        if loops is None or flight is None:
             return
         wrenches = np.empty((len(self._signs), 6))
         for i, wrench in enumerate(wrenches):
@@ -82,7 +84,7 @@ class LoopExchange:
     def over(self, duration_s: float, projected: Exchange | None) -> Exchange | None:
         """Exchange in the (sub-)step, with that of the projection at its start, if any."""
         flight = self._motion.forced
-        if not self._crosses or flight is None:
+        if not self.crosses or flight is None:
             return projected
         weights = duration_s * flight.weights
         # The last entry of all is the evaluation at the end of the step.

@@ -98,10 +98,14 @@ class LoopForces(ForceSource):
     def _update(self) -> None:
         """Let the motion know the closed latches; nothing is chosen yet of what depends on the state."""
         motion, latches = self.motion, tuple(self._latches.values())
-        motion.loops = ClosedLoops(motion.model, motion.data, latches, motion.bodies) if latches else None
+        motion.loops = self._loops(latches) if latches else None
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
         self.active, self._projected = bool(latches), None
         self._exchanged.bind(motion, latches)
+
+    def _loops(self, latches: Sequence[LatchedBodies]) -> ClosedLoops:
+        motion = self.motion
+        return ClosedLoops(motion.model, motion.data, latches, motion.bodies, self.scene.data)
 
     def close(self, name: str, latch: LatchedBodies) -> LoopClosing:
         """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.
@@ -153,9 +157,8 @@ class LoopForces(ForceSource):
         loops = self.motion.loops
         assert loops is not None
         loops.choose()
-        (rows, drift), nv = loops.independent(), self.motion.model.nv
-        rates = rows.dot(self.motion.data.qvel)
-        if needs_projection(float(np.abs(drift).max(initial=0.0)), float(np.abs(rates).max(initial=0.0)), 0.0):
+        if needs_projection(*loops.drift(), 0.0):
+            nv = self.motion.model.nv
             taken, outside = self._exchanged.taken, self._exchanged.outside
             self._projected = self._projection.apply(self.motion, lambda: no_contacts(nv), taken, outside)
 
@@ -173,9 +176,12 @@ class LoopForces(ForceSource):
         """Add the forces of the latches under all forces in ``data`` of the motion."""
         loops, applied = self.motion.loops, data.qfrc_applied
         assert loops is not None
-        forces, generalised = loops.stage(self._smooth.force(applied))
-        self._exchanged.add_stage(forces, generalised)
-        applied += generalised
+        if not self._exchanged.crosses:
+            loops.push()
+            return
+        others = applied.copy()
+        loops.push()
+        self._exchanged.add_stage(loops.forces, applied - others)
 
     def end_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum that the latches exchange between the subsystems."""
@@ -199,7 +205,8 @@ class LoopForces(ForceSource):
         for each in self._others:
             if each.active and each.pushes:
                 each.add_forces(applied)
-        return loops.stage(self._smooth.force(applied))[0]
+        loops.generalised(self._smooth.force(applied))
+        return loops.forces
 
     def load(self, name: str) -> FloatArray:
         """Force in N, and torque about the object's site in N m, of a latch on the object, world axes, (6,).

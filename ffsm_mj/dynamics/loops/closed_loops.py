@@ -13,34 +13,18 @@ as long as this matrix stays near 1 and the other combinations vanish. The motio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.compiled import fastest
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.loops.latch_rows import LatchRowEvaluator, LatchRows
+from ffsm_mj.dynamics.loops.loop_stage import LoopStage, solved
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows, PlasticClosing
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-
-_LEAST_PIVOT, _LARGEST_PIVOT = 0.25, 4.0
-"""Bounds of the Cholesky pivots of T B M^-1 B^T T^T within which combinations T are kept."""
-_VANISHES = 1e-9
-"""Combinations of rows below this share of the largest element of the rows vanish still."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Reduced:
-    """Independent rows R = T B at one state: J, M^-1 times their transpose, the factor of R M^-1 R^T, and rates."""
-
-    place: bytes
-    rows: LatchRows
-    R: FloatArray
-    response: FloatArray
-    factor: FloatArray
-    gamma: FloatArray
 
 
 class ClosedLoops:
@@ -50,7 +34,14 @@ class ClosedLoops:
         latches: The latches.
     """
 
-    def __init__(self, model: Any, data: Any, latches: Sequence[LatchedBodies], bodies: Sequence[int] | None = None) -> None:
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        latches: Sequence[LatchedBodies],
+        bodies: Sequence[int] | None = None,
+        seen: Any = None,
+    ) -> None:
         """Hold some latches, at least one.
 
         Args:
@@ -58,13 +49,13 @@ class ClosedLoops:
             data: Its data.
             latches: The latches.
             bodies: Id in this model of each body that the latches name; None: they name those of this model.
+            seen: Data of the logged system, which has the efforts; None: ``data``.
         """
         self._model, self._data, self.latches = model, data, tuple(latches)
-        self._evaluator = LatchRowEvaluator(model, data, self.latches, bodies)
-        self._qpos, self._qvel = data.qpos, data.qvel
-        self._T: FloatArray | None = None
-        self._others: FloatArray = np.empty((0, 0))
-        self._last: _Reduced | None = None
+        ids = range(model.nbody) if bodies is None else bodies
+        self._evaluator = LatchRowEvaluator(model, data, self.latches, ids)
+        self._stage = fastest(LoopStage)(model, data, self.latches, ids, data if seen is None else seen)
+        self._combinations: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def parts(self) -> list[slice]:
@@ -73,20 +64,11 @@ class ClosedLoops:
 
     def rows(self) -> LatchRows:
         """All rows at the state in ``data``; positions and velocities must be current."""
-        last = self._last
-        if last is not None and last.place == self._place():
-            return last.rows
         return self._evaluator.at_state()
 
     def errors(self) -> FloatArray:
         """Errors in position of all rows, m, (n,)."""
         return self._evaluator.errors()
-
-    def independent(self) -> tuple[FloatArray, FloatArray]:
-        """Independent combinations of the rows, (r, nv), and their errors in position, (r,): those that motions change."""
-        R = self._reduced().R
-        assert self._T is not None
-        return R, self._T.dot(self._evaluator.errors())
 
     def weighted(self) -> MassWeightedRows:
         """The rows in mass-weighted coordinates, with their rank at this state."""
@@ -94,53 +76,77 @@ class ClosedLoops:
 
     def plastic(self) -> PlasticClosing:
         """Plastic impulse that stops the velocities of all rows at the state in ``data``, which is not changed."""
-        return self.weighted().plastic(self._qvel)
+        return self.weighted().plastic(self._data.qvel)
 
     def choose(self) -> None:
         """Find independent combinations of the rows at the state in ``data``, if those of before do not fit any more."""
-        if self._T is not None:
-            last = self._reduced()
-            pivots = last.factor.diagonal()
-            fits = pivots.min(initial=1.0) >= _LEAST_PIVOT and pivots.max(initial=1.0) <= _LARGEST_PIVOT
-            vanishing = np.abs(self._others.dot(last.rows.J)).max(initial=0.0)
-            if fits and vanishing <= _VANISHES * np.abs(last.rows.J).max(initial=0.0):
-                return
-        self._T, self._others = self.weighted().independent()
-        self._last = None
+        if self._combinations is None or not self._stage.fits():
+            self._combine(self.weighted().independent())
+
+    def _combine(self, combinations: tuple[FloatArray, FloatArray]) -> None:
+        T, others = (np.ascontiguousarray(each) for each in combinations)
+        self._combinations = T, others
+        self._stage.combine(T, others)
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores the combinations that :meth:`choose` changes."""
-        kept = self._T, self._others
+        kept = self._combinations
 
         def restore() -> None:
-            self._T, self._others = kept
-            self._last = None
+            if kept is not None:
+                self._combine(kept)
 
         return restore
 
-    def stage(self, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Forces of the rows, of least norm, (n,), and generalised forces, (nv,).
+    def _evaluated(self) -> LoopStage:
+        """The independent rows at the state in ``data``."""
+        if self._combinations is None:
+            self.choose()
+        self._stage.evaluate()
+        return self._stage
+
+    def push(self) -> None:
+        """Add the generalised forces of the latches to ``data.qfrc_applied``, which holds all other applied forces."""
+        if self._combinations is None:
+            self.choose()
+        self._stage.push()
+
+    @property
+    def forces(self) -> FloatArray:
+        """Forces of all rows, of least norm, by the last :meth:`push` or :meth:`generalised`, (n,)."""
+        assert self._combinations is not None
+        forces: FloatArray = self._stage.y.dot(self._combinations[0])
+        return forces
+
+    def generalised(self, force: FloatArray) -> FloatArray:
+        """Generalised forces of the latches, (nv,).
 
         Args:
             force: All other generalised forces less the bias, (nv,); positions and velocities current.
         """
-        here = self._reduced()
-        y = -_solve(here.factor, here.response.dot(force) + here.gamma)
-        assert self._T is not None
-        return y.dot(self._T), y.dot(here.R)
+        return self._evaluated().generalised(force)
+
+    def independent(self) -> tuple[FloatArray, FloatArray]:
+        """Independent combinations of the rows, (r, nv), and their errors in position, (r,): those that motions change."""
+        here = self._evaluated()
+        return here.R, here.errors()
+
+    def drift(self) -> tuple[float, float]:
+        """Largest error in position, and largest velocity, of these combinations."""
+        return self._evaluated().drift()
 
     def response(self, J: FloatArray) -> FloatArray:
         """J Mc^-1, (m, nv): accelerations by forces along other rows, with the latches held."""
-        response, here = np.empty_like(J), self._reduced()
+        response, here = np.empty_like(J), self._evaluated()
         if len(J):
             mujoco.mj_solveM(self._model, self._data, response, J)
-            response -= _solve(here.factor, here.R.dot(response.T)).T.dot(here.response)
+            response -= solved(here.factor, here.R.dot(response.T)).T.dot(here.response)
         return response
 
     def acceleration(self) -> FloatArray:
         """Generalised acceleration -M^-1 B^T (B M^-1 B^T)^+ gamma that keeps the rates of the rows at zero, (nv,)."""
-        here = self._reduced()
-        return np.asarray(-_solve(here.factor, here.gamma).dot(here.response))
+        here = self._evaluated()
+        return np.asarray(-solved(here.factor, here.gamma).dot(here.response))
 
     def projected(self, J: FloatArray) -> FloatArray:
         """Other rows less what the latches hold, (m, nv); see :meth:`MassWeightedRows.projected`."""
@@ -149,29 +155,3 @@ class ClosedLoops:
     def wrench(self, which: int, forces: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Point in m, force in N and torque about it in N m on body b of a latch, world axes, for forces of all rows."""
         return self._evaluator.wrench(which, forces)
-
-    def _place(self) -> bytes:
-        return bytes(self._qpos.tobytes() + self._qvel.tobytes())
-
-    def _reduced(self) -> _Reduced:
-        place = self._place()
-        if self._last is not None and self._last.place == place:
-            return self._last
-        if self._T is None:
-            self.choose()
-        assert self._T is not None
-        rows = self._evaluator.at_state()
-        R: FloatArray = self._T.dot(rows.J)
-        response = np.empty_like(R)
-        if len(R):
-            mujoco.mj_solveM(self._model, self._data, response, R)
-        self._last = _Reduced(place, rows, R, response, np.linalg.cholesky(response.dot(R.T)), self._T.dot(rows.gamma))
-        return self._last
-
-
-def _solve(factor: FloatArray, right: FloatArray) -> FloatArray:
-    """Solution of F F^T x = right with a lower triangular F."""
-    if not len(factor):
-        return right.copy()
-    half = np.linalg.solve(factor, right)
-    return np.asarray(np.linalg.solve(factor.T, half))

@@ -117,13 +117,11 @@ class LatchRowEvaluator:
         found = np.empty(self.parts[-1].stop)
         for place in self._places:
             latch, frame, n = place.latch, self._xmat[place.first], place.latch.count
-            axes, turned = frame.dot(latch.axes_in_first), self._xmat[place.second].dot(latch.axes_in_second)
+            axes, turned = frame.dot(latch.axes_in_first).T.tolist(), self._xmat[place.second].dot(latch.axes_in_second)
             offset = np.array(self._point(place)) - self._xpos[place.first] - frame.dot(latch.point_in_first)
-            if place.about_axis:
-                rotation = np.cross(axes[:, 2], turned[:, 2])
-            else:
-                # Half the sum of the cross products of equal axes: the rotation vector to second order in the error.
-                rotation = 0.5 * np.cross(axes.T, turned.T).sum(axis=0)
+            crosses = [_cross((a, b, c), (x, y, z)) for (a, b, c), (x, y, z) in zip(axes, turned.T.tolist(), strict=True)]
+            # Half the sum of the cross products of equal axes: the rotation vector to second order in the error.
+            rotation = crosses[2] if place.about_axis else [0.5 * sum(each) for each in zip(*crosses, strict=True)]
             rows = place.components.dot(frame.T)
             found[place.part] = rows[:n].dot(offset) + rows[n:].dot(rotation)
         return found
