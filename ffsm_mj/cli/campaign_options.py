@@ -16,13 +16,13 @@ _ACTIONS = {
     "report": "write tables, figures and a page for a campaign, and print a summary",
     "rerun": "repeat runs of a campaign, write their logs and compare them with the recorded results",
 }
-EXECUTED = {
+_EXECUTED = {
     OK: "every run has a result",
     BAD_INPUT: "bad input, changed settings, or already running elsewhere",
     RUN_FAILED: "stopped early (limits.max_failed, workers lost, full disk)",
     INTERRUPTED: "interrupted (results kept)",
 }
-_EXIT_CODES = dict.fromkeys(("run", "resume", "extend"), EXECUTED) | {
+EXIT_CODES = dict.fromkeys(("run", "resume", "extend"), _EXECUTED) | {
     "rerun": {RUN_FAILED: "a rerun differs from its result, or output was lost (full disk)"}
 }
 """Meanings that are not general, by action."""
@@ -33,7 +33,7 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
     actions = of.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
     parsers = {
         name: actions.add_parser(
-            name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=exit_codes_with(_EXIT_CODES.get(name, {}))
+            name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=exit_codes_with(EXIT_CODES.get(name, {}))
         )
         for name, text in _ACTIONS.items()
     }
@@ -44,8 +44,8 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
     add_overrides(run)
     for name in ("status", "resume", "extend", "report", "rerun"):
         parsers[name].add_argument("folder", metavar="DIR", help="campaign folder")
-    parsers["extend"].add_argument("n", type=_whole, help="new total number of samples; a power of 2 for a Sobol design")
-    parsers["rerun"].add_argument("index", type=_whole, nargs="+", help="indices of the runs, from 0")
+    parsers["extend"].add_argument("n", type=whole, help="new total number of samples; a power of 2 for a Sobol design")
+    parsers["rerun"].add_argument("index", type=whole, nargs="+", help="indices of the runs, from 0")
     parsers["report"].add_argument(
         "--page",
         metavar="FILE",
@@ -80,14 +80,19 @@ def add_engine(to: argparse.ArgumentParser) -> None:
     )
 
 
-def _whole(text: str) -> int:
+def whole(text: str) -> int:
+    """An integer, not negative.
+
+    Raises:
+        ArgumentTypeError: The text is none.
+    """
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text} is not an integer")
     return int(text)
 
 
 def _positive(text: str) -> int:
-    if _whole(text) < 1:
+    if whole(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
     return int(text)
 

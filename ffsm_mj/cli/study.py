@@ -86,6 +86,16 @@ def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
     return OK
 
 
+def _rerun(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    found, code = Study.open(options.folder, metrics=options.metrics or {}), OK
+    for index in options.index:
+        stage(f"run {index} of {options.variant}", "")
+        again = found.rerun(options.variant, index)
+        say(f"{found.campaigns[options.variant].folder.rerun(index)}: {again.verdict}")
+        code = RUN_FAILED if again.differences else code
+    return code
+
+
 def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     from ffsm_mj.studies.report import write_study_report
 
@@ -109,4 +119,5 @@ _ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {
     "status": _status,
     "resume": _resume,
     "report": _report,
+    "rerun": _rerun,
 }

@@ -68,8 +68,9 @@ class StudyFolder:
         Raises:
             InputError: Another process runs this study, the folder cannot be created, or a part of it is a symbolic link.
         """
-        for name in _OURS:
-            refuse_link(self.path / name)
+        variants = self.path / VARIANTS
+        for path in (*(self.path / name for name in _OURS), *(variants.iterdir() if variants.is_dir() else ())):
+            refuse_link(path)
         with exclusive(self.path, "study"):
             yield
 

@@ -23,7 +23,7 @@ def _rankings(results: StudyResults, comparison: StudyComparison) -> Iterator[st
     for metric, direction in (objectives | dict(results.config.objectives)).items():
         ranking = comparison.ranking(metric, direction)
         if ranking is None:
-            yield f"{metric}: fewer than two variants have a number in a run that both passed."
+            yield f"{metric} ({direction}): no two variants have a number in the same run, with checks passed in both."
         else:
             yield _ranking(ranking, results, comparison)
 
@@ -33,7 +33,7 @@ def _ranking(ranking: Ranking, results: StudyResults, comparison: StudyCompariso
     runs = max(each.differences[ranking.metric].n for each in comparison.pairs if ranking.metric in each.differences)
     head = f"{ranking.metric} ({ranking.direction}): "
     if runs < LEAST_RUNS:
-        return f"{head}nothing is shown by {runs} runs; {LEAST_RUNS} or more are needed."
+        return f"{head}nothing is shown by {runs} run{'' if runs == 1 else 's'}; {LEAST_RUNS} or more are needed."
     reference = results.config.reference
     if reference is not None:
         return head + _against(reference, ranking, comparison)
@@ -82,7 +82,8 @@ def _left_out(results: StudyResults) -> Iterator[str]:
     """Runs that are missing, did not complete or do not pass their checks."""
     for name in results.variants:
         counts = results.counts(name)
-        parts = [f"{counts.runs - counts.done} have no result yet"] if counts.done < counts.runs else []
+        left = counts.runs - counts.done
+        parts = [f"{left} {'has' if left == 1 else 'have'} no result yet"] if left else []
         parts += [f"{count} ended with {outcome}" for outcome, count in counts.outcomes.items() if outcome != "completed"]
         parts += [f"{counts.violated} violate{'s' if counts.violated == 1 else ''} a check"] if counts.violated else []
         if parts:

@@ -12,10 +12,11 @@ from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.evaluation.results import TableRow
 from ffsm_mj.campaign.execution.engines import dask_address
 from ffsm_mj.campaign.execution.file_metrics import FileMetric, execute_metrics, read_metrics
+from ffsm_mj.campaign.execution.rerun import Rerun
 from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
 from ffsm_mj.campaign.storage.status import Status
 from ffsm_mj.campaign.storage.table import as_arrow
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import option
 from ffsm_mj.report.run import Run
 from ffsm_mj.studies.comparison import StudyComparison, compare_variants
@@ -63,6 +64,8 @@ class Study:
             for name in self.config.variants
             if name not in record.not_applicable
         }
+        if not self.campaigns:
+            raise InputError(f"{folder.path}: none of its variants is applicable")
 
     @classmethod
     def load(
@@ -155,11 +158,7 @@ class Study:
             EngineLostError: The workers are lost; the rows so far are kept.
             LogWriteError: A table cannot be written (full disk); earlier rows are kept.
         """
-        if self._missing:
-            of = self._record.metrics_file or "a script"
-            how = f"give {option('metrics', '...')} with {'that file' if self._record.metrics_file else 'its functions'}"
-            raise InputError(f"{self.folder.path}: metrics of {of} are needed to run it ({', '.join(self._missing)}); {how}")
-        execute_metrics(self._own.metrics)
+        self._refuse_missing_metrics()
         with self.folder.locked(), dask_address(dask, workers) as address:
             progress = self.status()
             for name, campaign in self.campaigns.items():
@@ -168,6 +167,33 @@ class Study:
                 told = None if report is None else _with(report, others, total)
                 progress[name] = campaign.run(executor, workers=workers, dask=address, retry=retry, report=told)
         return progress
+
+    def rerun(self, variant: str, index: int) -> Rerun:
+        """Repeat a run of a variant and write its log into the folder of the variant.
+
+        Args:
+            variant: Name of the variant.
+            index: Index of the run.
+
+        Raises:
+            InputError: There is no such variant or run, or it cannot be prepared.
+        """
+        if variant not in self.campaigns:
+            raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.campaigns)}")
+        self._refuse_missing_metrics()
+        return self.campaigns[variant].rerun(index)
+
+    def _refuse_missing_metrics(self) -> None:
+        """Refuse to run without the metrics of the caller, and execute their file.
+
+        Raises:
+            InputError: Functions are missing, or the file raises an exception.
+        """
+        if self._missing:
+            of = self._record.metrics_file or "a script"
+            how = f"give {option('metrics', '...')} with {'that file' if self._record.metrics_file else 'its functions'}"
+            raise InputError(f"{self.folder.path}: metrics of {of} are needed to run it ({', '.join(self._missing)}); {how}")
+        execute_metrics(self._own.metrics)
 
     def status(self) -> dict[str, Status]:
         """Progress of each variant."""

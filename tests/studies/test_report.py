@@ -56,7 +56,7 @@ def test_runs_that_fail_are_named_and_left_out() -> None:
     results = study_results({"good": good, "bad": bad}, objectives={"y": "minimize"})
     assert said(results) == [
         "y (minimize): nothing is shown by 4 runs; 6 or more are needed.",
-        "bad: of 8 runs 1 have no result yet, 2 ended with diverged and 1 violates a check; metrics are compared over runs "
+        "bad: of 8 runs 1 has no result yet, 2 ended with diverged and 1 violates a check; metrics are compared over runs "
         "that completed and pass their checks in both variants.",
     ]
 

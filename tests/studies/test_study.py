@@ -15,8 +15,10 @@ from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.run import Run
 from ffsm_mj.studies.comparison import compare_variants
+from ffsm_mj.studies.plan import load_study
 from ffsm_mj.studies.study import Study
 from tests.campaign.made_up import row
+from tests.scenes import two_balls
 from tests.studies.files import HALF, study_file
 from tests.studies.made_up import study_results
 
@@ -51,6 +53,14 @@ def test_variants_have_the_same_samples_and_the_differences_of_a_closed_form(tmp
     same = comparison.pair("elastic", "again").differences[IMPULSE]
     assert (same.mean, same.low, same.high, same.lower, same.higher, same.sign) == (0.0, 0.0, 0.0, 0, 0, 0)
     assert comparison.pair("half", "elastic").differences[IMPULSE].mean == -less.mean
+
+
+def test_noise_follows_the_number_of_the_run_in_every_variant(tmp_path: Path) -> None:
+    """A variant with a scenario of its own has the seed of the first variant, unless it sets one."""
+    two_balls(tmp_path, restitution=1.0, duration_s=0.4, seed=5).rename(tmp_path / "other.yaml")
+    own = {"scenario": "other.yaml", "overrides": {"seed": 9}}
+    plan = load_study(study_file(tmp_path, {"first": {}, "second": {"scenario": "other.yaml"}, "third": own}))
+    assert [each.base.scenario.seed for each in plan.variants.values()] == [0, 0, 9]
 
 
 def test_the_order_of_variants_and_a_resumed_study_change_nothing(tmp_path: Path) -> None:
@@ -91,6 +101,10 @@ def test_two_studies_in_one_folder_are_refused(tmp_path: Path) -> None:
     path = study_file(tmp_path, {"elastic": {}, "half": HALF})
     study = Study.load(path, tmp_path / "out")
     with study.folder.locked(), pytest.raises(InputError, match="another process is running this study"):
+        Study.open(tmp_path / "out").run(loop().open())
+    (tmp_path / "out/variants/half").rename(tmp_path / "moved")
+    (tmp_path / "out/variants/half").symlink_to(tmp_path / "moved")
+    with pytest.raises(InputError, match="half: is a symbolic link"):
         Study.open(tmp_path / "out").run(loop().open())
     (tmp_path / "other").mkdir()
     (tmp_path / "other/notes.txt").write_text("mine")
@@ -157,6 +171,10 @@ def test_a_file_of_metrics_is_named_by_the_study_and_copied(tmp_path: Path) -> N
         Study.open(tmp_path / "out").run(loop().open())
     with pytest.raises(InputError, match=r"metric functions\.momentum\.2 "):
         Study.open(tmp_path / "out", metrics=tmp_path / "mine.py").run(loop().open())
+    (tmp_path / "mine.py").write_text(FILE)
+    again = Study.open(tmp_path / "out", metrics=tmp_path / "mine.py").rerun("half", 3)
+    assert again.verdict == "run 3 agrees with its row bit for bit"
+    (tmp_path / "mine.py").write_text(FILE.replace("2.0 *", "3.0 *"))
     with pytest.raises(InputError, match=r"metric functions\.momentum\.2 .*2\.0 \*.* there, .*3\.0 \*"):
         Study.load(path, tmp_path / "out")
     for text, message in (
