@@ -1,4 +1,4 @@
-.PHONY: sync format lint type contracts schema figures campaign study screenshots browser-pictures docs reader reference reproduce validate test test-fast build check all
+.PHONY: engines sync format lint type contracts schema figures campaign study screenshots browser-pictures docs reader reference reproduce validate test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -31,6 +31,8 @@ reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce --out docs
 validate:    ## regenerate the validation page
 	uv run ffsm validate --page docs
+engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); 15 minutes
+	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines --extra fast python benchmarks/engines.py
 campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
 	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
 	uv run --extra fast ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +117,64 @@ def test_impacts_of_the_benchmark_of_friction_rub(benchmark):
             assert np.any(found.friction_work < 0.0)
         cost = friction.cost(count, lambda one: friction.with_friction(one, "poisson"), 4)
         assert 0.0 < cost.median_ms <= cost.p95_ms
+
+
+@pytest.fixture
+def engine_runs(benchmark):
+    """Modules of ``benchmarks/engine_runs`` by name."""
+    return lambda name: benchmark(f"engine_runs.{name}")
+
+
+def test_engines_are_measured_against_the_exact_motion(engine_runs):
+    """MuJoCo is no part of the references: its error falls by 2^4, from 2e-8 m at 20 ms, and exact states have none.
+
+    Links of 0.5 m at 0.6 rad/s: rounding of 1000 steps is below 1e-13.
+    """
+    scene, measures, mujoco = (engine_runs(name) for name in ("scene", "measures", "with_mujoco"))
+    flight = scene.free_flight()
+    assert measures.errors(flight, measures.reference(flight))["position_m"] == 0.0
+    off = [measures.errors(flight, mujoco.run(flight, mujoco.free("RK4"), h)[0])["position_m"] for h in (0.02, 0.01)]
+    assert off[0] < 1e-7
+    assert off[0] / off[1] == pytest.approx(16.0, rel=0.1)
+
+
+def test_ours_among_the_engines(engine_runs):
+    """A collision to rounding at 0.1 s, where a hit at the end of the step is 0.016 m off; no slip; a weld without drift.
+
+    The weld: truncation of order four, from 3e-8 m at 0.05 s.
+    """
+    scene, measures, ours = (engine_runs(name) for name in ("scene", "measures", "with_ffsm"))
+    for e in (1.0, 0.5):
+        hit = scene.collision(e)
+        off = measures.errors(hit, ours.run(hit, 0.1)[0])
+        assert max(off["velocity"], off["position_m"], off["P"], off["L"]) < 1e-14
+    held = measures.errors(scene.grip(), ours.run(scene.grip(), 0.1)[0])
+    assert held["slip_rate_m_s"] < 1e-14
+    assert held["P"] < 1e-11  # the target of the push is 1e12 m away, and 7 m of that are passed
+    weld = scene.weld()
+    off = measures.errors(weld, ours.run(weld, 0.05)[0])
+    assert off["position_m"] < 1e-7
+    assert off["drift_m"] < 1e-14
+    assert off["load"] < 1e-6
+
+
+def test_calibrated_restitutions(engine_runs):
+    """Drake's force k x (1 + d v) integrated along a collision of unit mass; MuJoCo's spring and damper from its formula."""
+    sweeps, mujoco = engine_runs("sweeps"), engine_runs("with_mujoco")
+    d, h, x, v = sweeps.hunt_crossley(0.5, 1.0), 1e-5, 0.0, -1.0
+    while x <= 0.0:  # depth -x; semi-implicit Euler, first order: 1e-5 of half a period of pi
+        v += h * -x * max(0.0, 1.0 - d * v)
+        x += h * v
+    assert v == pytest.approx(0.5, abs=1e-4)
+    ratio = mujoco.damping_ratio(0.5)
+    x, v = 0.0, -1.0
+    while x <= 0.0 and (force := -x - 2.0 * ratio * v) >= 0.0:
+        v += h * force
+        x += h * v
+    assert v == pytest.approx(0.5, abs=1e-4)
+    assert sweeps.hunt_crossley(1.0, 1.0) == mujoco.damping_ratio(1.0) == 0.0
+
+
+def test_the_page_of_the_engines_is_made_of_its_numbers(engine_runs):
+    page, docs = engine_runs("page"), BENCHMARKS.parent / "docs"
+    assert page.text(json.loads((docs / "engines.json").read_text())) == (docs / "engines.md").read_text()

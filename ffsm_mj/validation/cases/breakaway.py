@@ -146,7 +146,8 @@ CASES = (
         Topic.FRICTION,
         Origin.CLOSED_FORM,
         "The ball leaves a face where the force turns away from it, 90 degrees less the half-angle; for tan(half-angle)"
-        " <= mu it is wedged and no force pulls it out; force closure, Nguyen 1988, Constructing force-closure grasps",
+        " <= mu it is wedged and no force pulls it out; force closure, Nguyen 1988, Constructing force-closure"
+        " grasps, Int. J. Robotics Research 7(3):3-16",
         "Two fixed faces at a half-angle from the axis, ball of 1 kg, pressed into the V, then pulled with 1 N at an"
         " angle from the axis for 5 ms; bisection, at rest if slower than 1e-10 m/s.",
         (

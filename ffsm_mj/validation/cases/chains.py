@@ -49,7 +49,8 @@ CASES = (
         "Newton's cradle: equal balls in contact",
         Topic.SEVERAL_CONTACTS,
         Origin.PUBLISHED,
-        "Smith, Kaufman, Vouga, Tamstorf & Grinspun 2012, Reflections on Simultaneous Impact, ACM TOG 31(4):106:"
+        "Smith, Kaufman, Vouga, Tamstorf & Grinspun 2012, Reflections on simultaneous impact, ACM TOG 31(4),"
+        " article 106:"
         " generalised reflections give the textbook cradle (0, 0, 1); Newton's law for all contacts at once gives (-1/3,"
         " 2/3, 2/3)",
         "Impact law `blend`. Equal balls of 1 kg at 1 m/s, e = 1; and e = 0.5, where the law is the mean of"

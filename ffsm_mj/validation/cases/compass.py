@@ -111,7 +111,8 @@ CASES = (
         Topic.SEVERAL_CONTACTS,
         Origin.PUBLISHED,
         "Model of Goswami, Espiau & Keramane 1996 and Goswami, Thuilot & Espiau 1998, A study of the passive gait of a"
-        " compass-like biped robot, Int. J. Robotics Research 17. Digits of its limit cycle on 3 degrees: public"
+        " compass-like biped robot: symmetry and chaos, Int. J. Robotics Research 17(12):1282-1301. Digits of its limit"
+        " cycle on 3 degrees: public"
         " programs of hybrid simulation (initial state of Hybrid_Systems_Simulation, 6 digits; reference energy of"
         " unstable-zeros/learning-hcbfs, commit 8f9b433). 8 digits: equations of the two legs and conservation of"
         " angular momentum at the strike, integrated apart by DOP853 to 1e-13",

@@ -108,7 +108,8 @@ CASES = (
         "Detumbling by taps of two arms in turn",
         Topic.IMPACTS,
         Origin.CLOSED_FORM,
-        "Parameters: Uchida, Uno & Yoshida 2024, arXiv 2405.00943, tables 4.1 and 4.2 of its public code"
+        "Parameters: Uchida, Uno & Yoshida 2024, Space debris reliable capturing by a dual-arm orbital robot: detumbling and"
+        " caging, arXiv 2405.00943, tables 4.1 and 4.2 of its public code"
         " (Space-Robotics-Laboratory/MATLAB_space_debri_capturing_sim, commit 5a65450); restitution of a spring and"
         " damper with F >= 0: e = exp(-2 zeta / s atan2(s, zeta)), s^2 = 1 - zeta^2; then conservation of both momenta"
         " at each tap",

@@ -161,8 +161,9 @@ CASES = (
         "Euler's equations of a free rigid body",
         Topic.FREE_MOTION,
         Origin.PUBLISHED,
-        "DETEST problem B5: Hull, Enright, Fellen & Sedgwick 1972, SIAM J. Numer. Anal. 9; reference solution at t = 20 as"
-        " distributed with the test set (Enright & Pryce 1987, ACM TOMS 13)",
+        "DETEST problem B5: Hull, Enright, Fellen & Sedgwick 1972, Comparing numerical methods for ordinary differential"
+        " equations, SIAM J. Numer. Anal. 9(4):603-637; reference solution at t = 20 as distributed with the test set"
+        " (Enright & Pryce 1987, Two FORTRAN packages for assessing initial value methods, ACM TOMS 13(1):1-27)",
         "A free body of inertia (2, 3, 1.5) kg m^2 in MuJoCo, scaled to y' = (y2 y3, -y1 y3, -0.51 y1 y2), y(0) = (0,"
         " 1, 1); RK4 at 5 ms.",
         (
@@ -197,8 +198,7 @@ CASES = (
         Topic.FREE_MOTION,
         Origin.CLOSED_FORM,
         "Zero angular momentum of two bodies; Umetani & Yoshida 1989, Resolved motion rate control of space"
-        " manipulators with"
-        " generalized Jacobian matrix",
+        " manipulators with generalized Jacobian matrix, IEEE Trans. Robotics and Automation 5(3):303-314",
         "Base 40 kg, 3.6 kg m^2; link 4 kg, 0.1 kg m^2, joint and centre 0.25 m away; 0.2 N m for 3 s.",
         (
             Number(
@@ -213,8 +213,8 @@ CASES = (
         "A reaction wheel takes up the spin of a bus",
         Topic.FREE_MOTION,
         Origin.CLOSED_FORM,
-        "I_b d(omega)/dt = -tau, angular momentum of the whole constant; Wertz 1978, Spacecraft Attitude Determination and"
-        " Control, 18",
+        "I_b d(omega)/dt = -tau, angular momentum of the whole constant; Wertz (ed.) 1978, Spacecraft Attitude"
+        " Determination and Control, 18",
         "Bus 2 kg m^2 at 0.05 rad/s, wheel 0.01 kg m^2, 0.02 N m for 5 s.",
         (
             Number("bus", "rate of the bus, rad/s", "0", 1e-9, "the spring that stands for the torque yields by 1e-9"),
@@ -234,8 +234,8 @@ CASES = (
         "Three reaction wheels stop a tumbling bus",
         Topic.FREE_MOTION,
         Origin.CLOSED_FORM,
-        "Angular momentum of the whole is constant: at rest the wheels have all of it, I_w omega_w = R^T L; Wertz 1978,"
-        " Spacecraft Attitude Determination and Control, 18",
+        "Angular momentum of the whole is constant: at rest the wheels have all of it, I_w omega_w = R^T L; Wertz (ed.)"
+        " 1978, Spacecraft Attitude Determination and Control, 18",
         "Bus of (2, 1.5, 1) kg m^2 at (0.1, -0.2, 0.15) rad/s, wheels of 0.02 kg m^2, torque against the rate by `base_pd`,"
         " 1 N m s; 70 s, RK4 and control at 50 ms.",
         (

@@ -115,7 +115,7 @@ CASES = (
         "A sphere slides and begins to roll",
         Topic.FRICTION,
         Origin.CLOSED_FORM,
-        "Billiard ball: t* = 2 v0 / (7 mu g), v = 5/7 v0; Routh 1905, Advanced Rigid Dynamics",
+        "Billiard ball: t* = 2 v0 / (7 mu g), v = 5/7 v0; Coriolis 1835, Théorie mathématique des effets du jeu de billard",
         "m = R = g = 1, mu = 0.2, v0 = 0.7, until t = 1.25; RK4 at 1 ms.",
         (
             Number("stick_s", "begins to roll, s", "1", 1e-9, "slip is smaller than 1e-9 of its start from then on"),
@@ -130,7 +130,7 @@ CASES = (
         "A spinning sphere slides along a parabola",
         Topic.FRICTION,
         Origin.CLOSED_FORM,
-        "Slip of a uniform sphere keeps its direction: t* = 2 |u0| / (7 mu g); Euler 1765; Coriolis 1835",
+        "Slip of a uniform sphere keeps its direction: t* = 2 |u0| / (7 mu g); Coriolis 1835, as above",
         "m = R = g = 1, mu = 0.2, v0 = (0.7, -0.4), spin (0.9, -0.6, 2); RK4 at 1 ms.",
         (
             Number("stick_s", "begins to roll, s", text_of(_STICK_S), 5e-9, "slip is smaller than 1e-9 of its start"),
@@ -145,8 +145,9 @@ CASES = (
         "Painlevé's sliding rod",
         Topic.FRICTION,
         Origin.PUBLISHED,
-        "Génot & Brogliato 1999, New results on Painlevé paradoxes, European Journal of Mechanics A/Solids 18: critical"
-        " coefficient of friction of a homogeneous rod 4/3, at tan(theta) = 2",
+        "Least coefficient of friction at which Coulomb's law has no solution for a sliding homogeneous rod, the minimum 4/3"
+        " of (4 + t^2) / (3 t) at t = tan(theta) = 2; Génot & Brogliato 1999, New results on Painlevé paradoxes, European"
+        " Journal of Mechanics A/Solids (report: HAL inria-00073323)",
         "Rod of 1 kg, half-length 1 m, pressed by 1 N at its centre, tip sliding at 0.5 m/s. Coulomb's law: F ="
         " 1 N / (1.6 - 1.2 mu).",
         (
@@ -166,7 +167,7 @@ CASES = (
         "Coulomb's law: the normal force is that on a fixed floor, 1 N / (1.6 - 1.2 mu), as the block yields along the"
         " slip only; conservation of momentum and energy. Arrangement after the rod and block of Potra, Anitescu, Gavrea"
         " & Trinkle 2006, A linearly implicit trapezoidal method for integrating stiff multibody dynamics with contact,"
-        " joints, and friction, Int. J. Numer. Meth. Engng 66",
+        " joints, and friction, Int. J. Numer. Meth. Engng 66(7):1079-1124",
         f"The rod of `painleve` at mu = 1.2 on a block of {_BLOCK_KG:g} kg that slides freely along the tip's way; 5 ms.",
         (
             Number("force", "normal force, N", "6.25", 1e-9, "one solve, conditioned by 1/0.16"),

@@ -140,7 +140,7 @@ CASES = (
         Topic.IMPACTS,
         Origin.CLOSED_FORM,
         "Energetic restitution W = (1 - e^2) W_c along Routh's incremental impulse; Stronge 1990, Rigid body collisions"
-        " with friction, Proc. R. Soc. A 431",
+        " with friction, Proc. R. Soc. Lond. A 431:169-181",
         "m = L = 1, 45 degrees, u_n = -1 m/s. mu = 0.7, e = 1, slip 0.3 m/s; mu = 1, e = 0.5, slip 0.2 m/s: both stick.",
         (
             Number("stick_loss", "mu = 0.7, e = 1: change of energy, J", "-0.126", 1e-12, _ROUNDING),

@@ -74,9 +74,9 @@ CASES = (
         "The simplest walker: fixed points of its gait",
         Topic.SEVERAL_CONTACTS,
         Origin.PUBLISHED,
-        "Garcia, Chatterjee, Ruina & Coleman 1998, The simplest walking model, J. Biomech. Eng. 120: fixed"
-        " points at a slope of"
-        " 0.009 rad; digits (1e-10) of the authors' program (Cornell, Ruina's group)",
+        "Garcia, Chatterjee, Ruina & Coleman 1998, The simplest walking model: stability, complexity, and scaling,"
+        " J. Biomech. Eng. 120(2):281-288: fixed points at a slope of 0.009 rad; digits (to 1e-10) of the program that"
+        " accompanies it",
         "One step from the printed fixed point. Point mass at the hip, massless legs, point feet; stepping stones"
         " instead of the ground, as the swing foot passes through the ground at mid-stance; e = 0, mu = 10. RK4 at 2 ms.",
         tuple(

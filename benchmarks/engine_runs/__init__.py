@@ -1,0 +1,1 @@
+"""Scenes, references and engine adapters of ``benchmarks/engines.py``."""
