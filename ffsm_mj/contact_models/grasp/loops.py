@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -57,6 +57,15 @@ class LoopClosing:
     mobility: int
 
 
+class _LoopState(NamedTuple):
+    """Forces at one state: tokens of state and forces, generalised forces, and point, force and torque by latch."""
+
+    place: object
+    load: object
+    generalised: FloatArray
+    wrenches: list[tuple[FloatArray, FloatArray, FloatArray]]
+
+
 class LoopForces(ForceSource):
     """Forces of the latches of further closed grasps; see :class:`~ffsm_mj.contact_models.interface.ContactModel`.
 
@@ -81,6 +90,7 @@ class LoopForces(ForceSource):
         self._projection = StateProjection(scene)
         self._exchanged = LoopExchange(scene)
         self._projected: Exchange | None = None
+        self._known: _LoopState | None = None
 
     @property
     def closed(self) -> tuple[str, ...]:
@@ -92,7 +102,7 @@ class LoopForces(ForceSource):
         if hasattr(self, "motion"):
             self.motion.loops = None
         super().bind(motion)
-        self._smooth = fastest(Smooth)(motion, self.scene.data)
+        self._smooth, self._known = fastest(Smooth)(motion, self.scene.data), None
         self._update()
 
     def _update(self) -> None:
@@ -100,7 +110,7 @@ class LoopForces(ForceSource):
         motion, latches = self.motion, tuple(self._latches.values())
         motion.loops = self._loops(latches) if latches else None
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
-        self.active, self._projected = bool(latches), None
+        self.active, self._projected, self._known = bool(latches), None, None
         self._exchanged.bind(motion, latches)
 
     def _loops(self, latches: Sequence[LatchedBodies]) -> ClosedLoops:
@@ -189,24 +199,31 @@ class LoopForces(ForceSource):
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
         """Forces of the latches on both bodies under the efforts in ``data``."""
-        loops = self.motion.loops
-        if loops is None:
-            return ()
-        forces, found = self._forces(), []
-        for i, latch in enumerate(loops.latches):
-            point, force, torque = loops.wrench(i, forces)
-            found += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
+        loops, found = self.motion.loops, list[Wrench]()
+        if loops is not None:
+            for latch, (point, force, torque) in zip(loops.latches, self._under_efforts().wrenches, strict=True):
+                found += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
         return found
 
-    def _forces(self) -> FloatArray:
-        """Forces of all rows at the state in ``data`` under its efforts, (n,)."""
-        loops, applied = self.motion.loops, np.zeros(self.motion.model.nv)
+    def add_forces(self, applied: FloatArray) -> None:
+        """Add the generalised forces of the latches under the efforts in ``data``."""
+        if self.motion.loops is not None:
+            applied += self._under_efforts().generalised
+
+    def _under_efforts(self) -> _LoopState:
+        """Forces of the latches at the state in ``data`` under its efforts."""
+        loops, applied, smooth = self.motion.loops, np.zeros(self.motion.model.nv), self._smooth
         assert loops is not None
         for each in self._others:
             if each.active and each.pushes:
                 each.add_forces(applied)
-        loops.generalised(self._smooth.force(applied))
-        return loops.forces
+        place, load, known = smooth.place(), smooth.load(applied), self._known
+        if known is None or known.place is not place or known.load is not load:
+            generalised = loops.generalised(smooth.force(applied))
+            forces = loops.forces
+            wrenches = [loops.wrench(i, forces) for i in range(len(loops.latches))]
+            known = self._known = _LoopState(place, load, generalised, wrenches)
+        return known
 
     def load(self, name: str) -> FloatArray:
         """Force in N, and torque about the object's site in N m, of a latch on the object, world axes, (6,).
@@ -214,12 +231,9 @@ class LoopForces(ForceSource):
         Under the efforts in ``data``; of least norm where rows depend on each other, see :meth:`is_unique`.
 
         Raises:
-            KeyError: No such latch is closed.
+            ValueError: No such latch is closed.
         """
-        return self._wrench([*self._latches].index(name) if name in self._latches else self._missing(name), self._forces())
-
-    def _missing(self, name: str) -> int:
-        raise KeyError(name)
+        return np.concatenate(self._under_efforts().wrenches[[*self._latches].index(name)][1:])
 
     def is_unique(self) -> bool:
         """Whether the loads of the latches follow from the motion: no row depends on others."""

@@ -11,16 +11,15 @@ Rows of rotation are multiplied by a length, so that all rows are speeds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.dynamics.body_twists import BodyTwist, BodyTwists, Vector, chain
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
-from ffsm_mj.dynamics.rigid_body import skew
 
 LENGTH_M = 1.0
 """Length by which rows of rotation are multiplied.
@@ -42,88 +41,96 @@ class LatchRows(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """One latch in a model: bodies, which dofs move them, and its components along axes fixed in a."""
+    """One latch in a model: its bodies, its rows, and their components along axes fixed in a.
+
+    Of each row a linear component is followed by an angular one, (2n, 3). ``turn`` is the sum of the products of equal axes
+    of both bodies, with the weights of the errors in orientation, (3, 3).
+    """
 
     latch: LatchedBodies
     first: int
     second: int
-    on_first: FloatArray
-    on_second: FloatArray
-    together: bool
-    components: FloatArray
-    about_axis: bool
     part: slice
+    stops: int
+    components: FloatArray
+    turn: FloatArray
 
 
 class LatchRowEvaluator:
-    """Evaluates the rows of some latches of a model, state by state."""
+    """Evaluates the rows of some latches of a model, state by state.
 
-    def __init__(
-        self,
-        model: Any,
-        data: Any,
-        latches: Sequence[LatchedBodies],
-        bodies: Sequence[int] | None = None,
-    ) -> None:
+    Attributes:
+        parts: Rows of each latch.
+    """
+
+    def __init__(self, model: Any, data: Any, latches: Sequence[LatchedBodies], bodies: Sequence[int]) -> None:
         """Take views of the arrays of ``data``, which MuJoCo does not move.
 
         Args:
             model: MuJoCo model.
             data: Its data.
             latches: The latches.
-            bodies: Id in this model of each body that the latches name; None: they name those of this model.
+            bodies: Id in this model of each body that the latches name.
         """
-        self._data, self._nv, self.latches = data, model.nv, tuple(latches)
+        self._model, self._data, self._qvel = model, data, data.qvel
         ends = np.cumsum([0, *(each.count for each in latches)]).tolist()
         self.parts = [slice(start, end) for start, end in pairwise(ends)]
-        ids: dict[int, int] = {}
+        self._shape = ends[-1], model.nv
         self._places = []
         for latch, part in zip(latches, self.parts, strict=True):
-            a, b = (each if bodies is None else bodies[each] for each in (latch.first, latch.second))
-            on_a, on_b = chain(model, a), chain(model, b)
-            together = bool(model.body_rootid[a] == model.body_rootid[b])
-            linear, angular = latch.stopped[:, :3], LENGTH_M * latch.stopped[:, 3:]
-            components = np.concatenate((linear, angular)) @ latch.axes_in_first.T
-            about_axis = bool(not latch.stopped[:, 5].any() and latch.stopped[:, 3].any())
-            if together:
-                on_a, on_b = np.zeros(model.nv), on_b - on_a
-            first, second = (ids.setdefault(body, len(ids)) for body in (a, b))
-            self._places.append(_Place(latch, first, second, on_a, on_b, together, components, about_axis, part))
-        self._ids = [*ids]
-        self._twists = BodyTwists(model, data, self._ids)
-        self._screws = data.cdof.T
-        self._xpos, self._xmat = [data.xpos[i] for i in self._ids], [data.xmat[i].reshape(3, 3) for i in self._ids]
+            both = latch.stopped.reshape(-1, 2, 3) * np.array((1.0, LENGTH_M))[:, None]
+            components = (both @ latch.axes_in_first.T).reshape(-1, 3)
+            # Half the sum of the cross products of equal axes is the rotation vector to second order in the error; where
+            # a rotation is free, the cross product of its axes is what is left of it.
+            about_axis = not latch.stopped[:, 5].any() and latch.stopped[:, 3].any()
+            axes = [2] if about_axis else [0, 1, 2]
+            turn = latch.axes_in_first[:, axes] @ latch.axes_in_second[:, axes].T / (1.0 if about_axis else 2.0)
+            ids = bodies[latch.first], bodies[latch.second]
+            self._places.append(_Place(latch, *ids, part, latch.count, components, turn))
+        self._own: FloatArray = np.empty((6, model.nv))
+        self._other: FloatArray = np.empty((6, model.nv))
+        self._outputs = [(rows[:3], rows[3:]) for rows in (self._own, self._other)]
 
     def at_state(self) -> LatchRows:
         """Rows at the state in ``data``; positions and velocities must be current."""
-        J, gamma = np.empty((self.parts[-1].stop, self._nv)), np.empty(self.parts[-1].stop)
-        twists, screws = self._twists.at_state(), self._screws
+        J, gamma = np.empty(self._shape), np.empty(self._shape[0])
         for place in self._places:
-            n, a, b = place.latch.count, twists[place.first], twists[place.second]
-            rows = place.components.dot(self._xmat[place.first].T)
-            linear, angular = rows[:n], rows[n:]
-            point = self._point(place)
-            arm_b = _minus(point, b.centre)
-            X = _about(linear, angular, arm_b)
-            np.dot(X, screws * place.on_second, out=J[place.part])
-            if not place.together:
-                J[place.part] -= _about(linear, angular, _minus(point, a.centre)).dot(screws * place.on_first)
-            along, turning = _relative_acceleration(a, b, _minus(point, a.centre), arm_b)
-            gamma[place.part] = linear.dot(along) + angular.dot(turning)
+            point, rows = self._point(place), self._rows(place)
+            relative, omega = self._relative(mujoco.mj_jac, place, point)
+            np.dot(rows, relative, out=J[place.part])
+            u, v, w, p, q, r = relative.dot(self._qvel).tolist()
+            x, y, z = omega.dot(self._qvel).tolist()
+            rates = self._relative(mujoco.mj_jacDot, place, point)[0].dot(self._qvel)
+            turning = 2.0 * (y * w - z * v), 2.0 * (z * u - x * w), 2.0 * (x * v - y * u)
+            rates -= (*turning, y * r - z * q, z * p - x * r, x * q - y * p)
+            gamma[place.part] = rows.dot(rates)
         return LatchRows(J, gamma)
+
+    def _relative(self, jacobian: Callable[..., None], place: _Place, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Jacobian of b less that of a at a point, or its rate, (6, nv), and the angular part of a; until the next call."""
+        for output, body in zip(self._outputs, (place.second, place.first), strict=True):
+            jacobian(self._model, self._data, *output, point, body)
+        self._own -= self._other
+        return self._own, self._other[3:]
+
+    def _rows(self, place: _Place) -> FloatArray:
+        """Components of a twist (linear, angular) that a latch stops, world axes, (n, 6)."""
+        rows: FloatArray = place.components.dot(self._frame(place.first).T).reshape(place.stops, 6)
+        return rows
+
+    def _frame(self, body: int) -> FloatArray:
+        frame: FloatArray = self._data.xmat[body].reshape(3, 3)
+        return frame
 
     def errors(self) -> FloatArray:
         """Errors in position of the rows at the state in ``data``, m, (n,)."""
-        found = np.empty(self.parts[-1].stop)
+        found, xpos = np.empty(self._shape[0]), self._data.xpos
         for place in self._places:
-            latch, frame, n = place.latch, self._xmat[place.first], place.latch.count
-            axes, turned = frame.dot(latch.axes_in_first).T.tolist(), self._xmat[place.second].dot(latch.axes_in_second)
-            offset = np.array(self._point(place)) - self._xpos[place.first] - frame.dot(latch.point_in_first)
-            crosses = [_cross((a, b, c), (x, y, z)) for (a, b, c), (x, y, z) in zip(axes, turned.T.tolist(), strict=True)]
-            # Half the sum of the cross products of equal axes: the rotation vector to second order in the error.
-            rotation = crosses[2] if place.about_axis else [0.5 * sum(each) for each in zip(*crosses, strict=True)]
-            rows = place.components.dot(frame.T)
-            found[place.part] = rows[:n].dot(offset) + rows[n:].dot(rotation)
+            latch, frame = place.latch, self._frame(place.first)
+            offset = self._point(place) - xpos[place.first] - frame.dot(latch.point_in_first)
+            # Sums of products of the axes of both bodies: their antisymmetric part is the sum of cross products.
+            (_, c, e), (d, _, g), (f, h, _) = frame.dot(place.turn).dot(self._frame(place.second).T).tolist()
+            found[place.part] = self._rows(place).dot((*offset.tolist(), g - h, f - e, c - d))
         return found
 
     def wrench(self, which: int, forces: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -134,36 +141,10 @@ class LatchRowEvaluator:
             forces: Forces of all rows, (n,).
         """
         place = self._places[which]
-        rows, own, n = place.components.dot(self._xmat[place.first].T), forces[place.part], place.latch.count
-        return np.array(self._point(place)), own.dot(rows[:n]), own.dot(rows[n:])
+        wrench = forces[place.part].dot(self._rows(place))
+        return self._point(place), wrench[:3], wrench[3:]
 
-    def _point(self, place: _Place) -> Vector:
-        x, y, z = (self._xpos[place.second] + self._xmat[place.second].dot(place.latch.point_in_second)).tolist()
-        return x, y, z
-
-
-def _about(linear: FloatArray, angular: FloatArray, arm: Vector) -> FloatArray:
-    """Map from a twist (angular, linear) about a centre to components at a point at ``arm`` from there, (n, 6)."""
-    return np.concatenate((angular + linear.dot(skew(np.array(arm)).T), linear), axis=1)
-
-
-def _relative_acceleration(a: BodyTwist, b: BodyTwist, arm_a: Vector, arm_b: Vector) -> tuple[Vector, Vector]:
-    """Vectors whose components are the rates of the linear and angular rows at zero generalised acceleration."""
-    own, other = _plus(b.velocity, _cross(b.omega, arm_b)), _plus(a.velocity, _cross(a.omega, arm_a))
-    linear = _minus(_plus(b.acceleration, _cross(b.alpha, arm_b)), _plus(a.acceleration, _cross(a.alpha, arm_a)))
-    linear = _plus(linear, _minus(_cross(b.omega, own), _cross(a.omega, other)))
-    relative = _minus(own, other)
-    linear = _minus(linear, _cross(a.omega, _plus(relative, relative)))
-    return linear, _minus(_minus(b.alpha, a.alpha), _cross(a.omega, b.omega))
-
-
-def _plus(v: Vector, w: Vector) -> Vector:
-    return v[0] + w[0], v[1] + w[1], v[2] + w[2]
-
-
-def _minus(v: Vector, w: Vector) -> Vector:
-    return v[0] - w[0], v[1] - w[1], v[2] - w[2]
-
-
-def _cross(v: Vector, w: Vector) -> Vector:
-    return v[1] * w[2] - v[2] * w[1], v[2] * w[0] - v[0] * w[2], v[0] * w[1] - v[1] * w[0]
+    def _point(self, place: _Place) -> FloatArray:
+        point: FloatArray = self._frame(place.second).dot(place.latch.point_in_second)
+        point += self._data.xpos[place.second]
+        return point

@@ -61,7 +61,7 @@ def test_the_order_of_two_grasps_does_not_matter_in_contact(tmp_path, chain, mu,
 def all_rows(bench):
     """Rows of both grasps in the logged system, and their rates."""
     latches = [bench.latch(side) for side in "lr"]
-    return LatchRowEvaluator(bench.system.mj, bench.data, latches).at_state()
+    return LatchRowEvaluator(bench.system.mj, bench.data, latches, range(bench.system.mj.nbody)).at_state()
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.05, 0.6])
@@ -76,9 +76,9 @@ def test_impulses_on_a_closed_loop(tmp_path, mu):
         )
         data.qpos[:], data.qvel[:] = record.qpos, after
         mujoco.mj_forward(model, data)
-        B = LatchRowEvaluator(model, data, [bench.loops.motion.loops.latches[0]]).at_state().J
+        B = LatchRowEvaluator(model, data, [bench.loops.motion.loops.latches[0]], range(model.nbody)).at_state().J
         first = bench.latch("l")
-        B = np.vstack((B, LatchRowEvaluator(model, data, [first]).at_state().J))
+        B = np.vstack((B, LatchRowEvaluator(model, data, [first], range(model.nbody)).at_state().J))
         pair = bench.pairs[0]
         contact = Contact(pair.body_a, pair.body_b, np.array(record.point_m), np.array(record.normal), 0.5, mu)
         along = record.impulse_N_s * np.array(record.normal) + np.array(record.tangential_impulse_N_s)
