@@ -20,6 +20,7 @@ from ffsm_mj.validation.cases import (
     servicer,
     single_impacts,
     sliding,
+    two_grasps,
     walker,
 )
 
@@ -41,6 +42,7 @@ _ALL: tuple[ValidationCase, ...] = (
     *grips.CASES,
     *captures.CASES,
     *servicer.CASES,
+    *two_grasps.CASES,
 )
 
 CASES: tuple[ValidationCase, ...] = tuple(case for topic in Topic for case in _ALL if case.topic is topic)

@@ -13,7 +13,7 @@ from ffsm_mj.validation.scene import final, model, run_scene, text_of, times
 _LATCHES = {"rigid": 6, "ball": 3, "hinge": 5, "cylindrical": 4}
 
 
-class _Pair:
+class Pair:
     """Two free bodies with axes along the world's, and their relative twist at a common point."""
 
     def __init__(
@@ -38,7 +38,7 @@ class _Pair:
         return float(0.5 * twist @ np.linalg.solve(rows @ inverse @ rows.T, twist))
 
 
-_SATELLITES = _Pair(
+_SATELLITES = Pair(
     (100.0, 90.0),
     (np.array([18.0, 20.0, 22.0]), np.array([12.0, 15.0, 10.0])),
     (np.array([1.2, 0.1, 0.0]), np.array([-0.6, 0.05, 0.1])),
@@ -47,7 +47,7 @@ _RATES = (0.05, 0.0, 0.01, 0.0, 0.0, 0.01, -0.02, 0.03, 0.0, 0.06, -0.02, 0.04)
 _FREE = {"rigid": (), "ball": (3, 4, 5), "hinge": (3,), "cylindrical": (0, 3)}
 """Components of the relative twist that a latch with its axis along x leaves free."""
 
-_SERVICER = _Pair(
+_SERVICER = Pair(
     (719.3, 7828.0),
     (np.array([320.0, 350.0, 400.0]), np.array([17023.0, 124826.0, 129112.0])),
     (np.array([2.5, 0.2, 0.1]), np.array([-1.5, 0.4, 0.3])),
@@ -56,7 +56,7 @@ _TUMBLE = np.radians(3.5)
 _APPROACH = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, _TUMBLE)
 
 
-def _captured(pair: _Pair, rates: tuple[float, ...], joint: str, axis: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Run:
+def _captured(pair: Pair, rates: tuple[float, ...], joint: str, axis: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Run:
     """Run in which a grasp closes at the start; ``axis``: of its latch, if it has one."""
 
     def body(name: str, i: int, site: str) -> str:
@@ -108,7 +108,7 @@ def _mission() -> Values:
     }
 
 
-_RODS = _Pair(
+_RODS = Pair(
     (1.0, 1.0), (np.array([0.1, 0.1, 0.1]), np.array([0.1, 0.1, 0.1])), (np.array([0.5, 0, 0]), np.array([-0.5, 0, 0]))
 )
 
