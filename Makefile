@@ -31,7 +31,7 @@ reproduce:   ## regenerate the reproduction report
 	uv run ffsm reproduce --out docs
 validate:    ## regenerate the validation page
 	uv run ffsm validate --page docs
-engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); 15 minutes
+engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); half an hour
 	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines --extra fast python benchmarks/engines.py
 campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
 	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed

@@ -110,9 +110,9 @@ def restitution(rows: list[Row]) -> str:
         f"{called(setting)} to {number(error)}" for setting, error in least.items() if setting not in inputs and error < 0.1
     ]
     return (
-        f"A restitution is an input of {listed(exact)}, which give the velocities after the impact to rounding,"
-        f" and of {listed(near)}. Spring, dashpot or dissipation calibrated for this e (and in Drake for this approach"
-        f" speed) give {listed(calibrated)}."
+        f"Velocities after the impact at e = 0.5, where a restitution is an input: to rounding by {listed(exact)};"
+        f" by {listed(near)}. With a spring, dashpot or dissipation calibrated for this e, in Drake for this approach"
+        f" speed too: by {listed(calibrated)}."
     )
 
 
