@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt, field_validator
 
 from ffsm_mj.campaign.plan.config import NAME_PATTERN, DispersedRuns, Name, without_duplicates
 from ffsm_mj.config import StrictModel
-from ffsm_mj.errors import unknown_name
 
 VariantName = Annotated[str, Field(pattern=NAME_PATTERN)]
 MetricNames = Annotated[tuple[Name, ...], AfterValidator(without_duplicates)]
@@ -77,14 +76,12 @@ class StudyFile(DispersedRuns):
     pareto: ParetoConfig | None = None
     limits: StudyLimits = StudyLimits()
 
-    @model_validator(mode="after")
-    def _validate_names(self) -> StudyFile:
-        if self.reference is not None and self.reference not in self.variants:
-            raise ValueError(f"reference: {unknown_name('variant', self.reference, self.variants)}")
-        for name in (self.pareto.error, self.pareto.effort) if self.pareto is not None else ():
-            if self.objectives.get(name) == "maximize":
-                raise ValueError(f"pareto: less of both metrics is better, but objectives says 'maximize' for {name}")
-        return self
+    @field_validator("metrics", mode="before")
+    @classmethod
+    def _list_or_mapping(cls, value: Any) -> Any:
+        if not isinstance(value, list | tuple | dict | MetricsConfig):
+            raise ValueError("should be a list of names, or a mapping with 'file' and 'names'")
+        return value
 
     @property
     def metrics_file(self) -> str | None:

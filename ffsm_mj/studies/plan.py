@@ -14,7 +14,7 @@ from ffsm_mj.campaign.execution.metrics import fault_of
 from ffsm_mj.campaign.plan.config import CampaignFile, LimitsConfig
 from ffsm_mj.campaign.plan.loading import Places, Plan, base_path, plan_of
 from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
-from ffsm_mj.errors import Fault, InputError
+from ffsm_mj.errors import Fault, InputError, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
@@ -74,6 +74,8 @@ def plan_study(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> StudyPlan
         config = StudyFile.model_validate(source.data)
     except ValidationError as error:
         raise InputError(source.lines(plain_faults(error, KindNames(StudyFile, (), (), {})))) from error
+    if faults := list(_faults_of_keys(config)):
+        raise InputError(source.lines(faults))
     own = own if own.metrics else replace(own, metrics=_of_file(config, source))
     planned, not_applicable = dict[str, Plan](), dict[str, str]()
     seed: int | None = None
@@ -86,12 +88,22 @@ def plan_study(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> StudyPlan
             not_applicable[name] = _reason(error)
             continue
         seed = plan.base.scenario.seed if seed is None else seed
-        _refuse_metrics(config, source, plan.base.system, own)
+        _refuse_built_in(own, source, plan.base.system)
         planned[name] = plan
     if not planned:
         name, reason = next(iter(not_applicable.items()))
         raise InputError(source.line(Fault(f"no variant is applicable; {name}: {reason}", ("variants",))))
     return StudyPlan(config, source, own, planned, not_applicable)
+
+
+def _faults_of_keys(config: StudyFile) -> Iterator[Fault]:
+    """Keys that do not agree with others."""
+    if config.reference is not None and config.reference not in config.variants:
+        yield Fault(unknown_name("variant", config.reference, config.variants), ("reference",))
+    axes = {} if config.pareto is None else {"error": config.pareto.error, "effort": config.pareto.effort}
+    for axis, name in axes.items():
+        if config.objectives.get(name) == "maximize":
+            yield Fault(f"less of {name} is better here, but objectives says 'maximize'", ("pareto", axis))
 
 
 def _of_file(config: StudyFile, source: YamlSource) -> dict[str, FileMetric]:
@@ -120,7 +132,7 @@ def _planned(
     Raises:
         InputError: The variant is invalid, or its control laws cannot be created.
     """
-    campaign, places = _campaign(config, name, variant, own), _places(name, variant)
+    campaign, places = _campaign(config, name, variant, own), _places(config, name, variant)
     plan = plan_of(campaign, source, own, places)
     if seed is None or plan.base.scenario.seed == seed or "seed" in campaign.overrides:
         return plan
@@ -129,7 +141,7 @@ def _planned(
 
 
 def _campaign(config: StudyFile, name: str, variant: VariantConfig, own: ScriptClasses) -> CampaignFile:
-    names = dict.fromkeys([*config.metric_names, *own.metrics, *(each.metric for each in config.conditions)])
+    names = dict.fromkeys([*config.metric_names, *own.metrics])
     return CampaignFile(
         campaign=name,
         description=variant.description,
@@ -144,14 +156,14 @@ def _campaign(config: StudyFile, name: str, variant: VariantConfig, own: ScriptC
     )
 
 
-def _places(name: str, variant: VariantConfig) -> Places:
+def _places(config: StudyFile, name: str, variant: VariantConfig) -> Places:
     """Where the keys of a variant stand in the study file."""
     scenario: KeyPath = ("variants", name, "scenario") if variant.scenario is not None else ("scenario",)
     places: dict[str, KeyPath] = {
         f"phases.{phase}.controller": ("variants", name, "controllers", phase) for phase in variant.controllers
     }
     places |= {key: ("variants", name, "overrides", key) for key in variant.overrides}
-    return Places(scenario, places)
+    return Places(scenario, places, dict(reversed(list(config.named_metrics()))))
 
 
 def _validates(config: StudyFile, name: str, variant: VariantConfig, source: YamlSource, own: ScriptClasses) -> bool:
@@ -165,7 +177,7 @@ def _validates(config: StudyFile, name: str, variant: VariantConfig, source: Yam
     kept = {key: value for key, value in variant.overrides.items() if not key.startswith(replaced)}
     without = variant.model_copy(update={"controllers": {}, "overrides": kept})
     try:
-        path = base_path(variant.scenario or config.scenario, source, _places(name, variant))
+        path = base_path(variant.scenario or config.scenario, source, _places(config, name, variant))
         load_scenario(path, as_overrides(variant.overrides_after(config.overrides)), own.controllers, own.estimators)
         _planned(config, name, without, source, own, None)
     except InputError:
@@ -178,21 +190,14 @@ def _reason(error: InputError) -> str:
     return "; ".join(error.lines)
 
 
-def _refuse_metrics(config: StudyFile, source: YamlSource, system: System, own: ScriptClasses) -> None:
-    """Refuse names that are not metrics, and metrics of the caller that have the name of another.
+def _refuse_built_in(own: ScriptClasses, source: YamlSource, system: System) -> None:
+    """Refuse metrics of the caller that have the name of a built-in one.
 
     Raises:
         InputError: One line per fault.
     """
-    faults = list(_faults_of_names(config, [identifier(name) for name in system.names("actuator")], own))
-    if faults:
-        raise InputError(source.lines(faults))
-
-
-def _faults_of_names(config: StudyFile, actuators: Sequence[str], own: ScriptClasses) -> Iterator[Fault]:
-    for name in own.metrics:
-        if fault_of(name, actuators) is None:
-            yield Fault(f"{name} is a built-in metric; give the function another name", ("metrics",))
-    for name, path in config.named_metrics():
-        if (fault := fault_of(name, actuators, own.metrics)) is not None:
-            yield Fault(fault, path)
+    actuators = [identifier(name) for name in system.names("actuator")]
+    taken = [name for name in own.metrics if fault_of(name, actuators) is None]
+    if taken:
+        message = "{} is a built-in metric; give the function another name"
+        raise InputError(source.lines([Fault(message.format(name), ("metrics",)) for name in taken]))

@@ -200,7 +200,10 @@ def test_faults_of_a_study_file_name_the_place(tmp_path: Path) -> None:
     assert "variants.b.overides: unknown key" in fault(variants={"a": {}, "b": {"overides": {}}})
     assert "objectives" in fault(objectives={IMPULSE: "least"})
     assert "'minimize' or 'maximize'" in fault(objectives={IMPULSE: "least"})
-    assert "unknown variant 'c'" in fault(reference="c")
+    assert "reference: unknown variant 'c'; allowed: a, b" in fault(reference="c")
+    assert "metrics: should be a list of names, or a mapping" in fault(metrics=5)
+    axes = {"error": IMPULSE, "effort": "steps"}
+    assert "pareto.effort: less of steps is better" in fault(pareto=axes, objectives={"steps": "maximize"})
     assert "unknown metric" in fault(objectives={"impulse": "minimize"})
     assert "metrics.0: unknown metric" in fault(metrics=["impulse"])
     assert "variants.b.overrides" in fault(variants={"a": {}, "b": {"overrides": {"duration": 3}}})

@@ -141,10 +141,12 @@ class Places:
     Attributes:
         scenario: Place of the scenario.
         overrides: Places of overrides by their keys; those that are not listed stand in ``overrides``.
+        metrics: Places of metrics by their names; those that are not listed stand in ``metrics``.
     """
 
     scenario: KeyPath = ("scenario",)
     overrides: Mapping[str, KeyPath] = field(default_factory=dict)
+    metrics: Mapping[str, KeyPath] = field(default_factory=dict)
 
     def override(self, key: str) -> KeyPath:
         """Place of an override."""
@@ -171,7 +173,7 @@ def plan_of(config: CampaignFile, source: YamlSource, own: ScriptClasses = NO_CL
         message = "a campaign needs a scenario that begins at t = 0: each of its runs has a seed of its own"
         raise located(ScenarioFaults([Fault(message, ("initial", "from"))]), base.source)
     try:
-        refuse_metrics(config, base.system, own.metrics)
+        refuse_metrics(config, base.system, own.metrics, places.metrics)
         refuse_levels(config)
         scalars = columns(config.dispersions)
         bindings = bind_dispersions(config.dispersions, Targets(base))
