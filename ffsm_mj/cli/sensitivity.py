@@ -76,15 +76,17 @@ def sentences(found: Sensitivity) -> list[str]:
 
 
 def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
-    """Sentences on the ``uncertainties`` of a scenario, also written as a table into the run folder; none without them."""
+    """Sentences on the ``uncertainties`` of a scenario, also written into the run folder, as a table and in its summary."""
     if not prepared.scenario.uncertainties or run.outcome != "completed":
         return []
     from ffsm_mj.log.run_folder import SENSITIVITY
+    from ffsm_mj.report.stated_sensitivity import KEY
     from ffsm_mj.sensitivity.of_run import of_prepared
 
     with progress() as shown:
         found = of_prepared(prepared, run, report=shown.stage("sensitivity", "runs"))
     _write(found, folder.path / SENSITIVITY)
+    folder.write_summary(run.summary() | {KEY: found.data()})
     return sentences(found)
 
 

@@ -11,6 +11,7 @@ from ffsm_mj.report.check_report import check_table, truncation_lines, verdict
 from ffsm_mj.report.momentum_report import momentum_table
 from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
+from ffsm_mj.report.stated_sensitivity import stated_sensitivity
 from ffsm_mj.report.text_table import wrapped
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
@@ -37,6 +38,7 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
         left = " in the readable part" if damage else ""
         parts.append(wrapped(verdict(run, checks) + left, 2) + "".join(f"\n{line}" for line in truncation_lines(checks)))
     parts.append(agreement(again))
+    parts.append("\n".join(wrapped(sentence, 2) for sentence in stated_sensitivity(run)))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
     if run.note:
@@ -83,6 +85,7 @@ def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> di
             "numbers": again.numbers,
             "worst": {name: _difference_data(worst) for name, worst in again.worst.items()},
         },
+        "sensitivity": stated_sensitivity(run),
         "complete": run.complete,
         "note": run.note,
         "damage": damage_of(run, again),

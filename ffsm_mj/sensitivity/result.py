@@ -80,6 +80,15 @@ class Sensitivity:
             {name: _MEANINGS[name] for name in columns},
         )
 
+    def data(self) -> dict[str, Any]:
+        """``sensitivity`` of ``summary.json``: the rows of the table, null for what does not exist, and the sentences."""
+        columns = {name: column.tolist() for name, column in self.table.columns.items()}
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        return {
+            "rows": [{name: _finite(value) for name, value in row.items()} for row in rows],
+            "sentences": [*self.sentences()],
+        }
+
     def sentences(self) -> Iterator[str]:
         """One sentence per outcome and parameter."""
         for k, parameter in enumerate(self.wrt):
@@ -118,6 +127,10 @@ class Sensitivity:
         if self.of[i].relative and nominal > 0.0:
             return f"{100.0 * change / nominal:.3g} %"
         return f"{change:.3g} {self.of[i].unit}".rstrip()
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 _MEANINGS = {

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import html
+import json
+
 import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from ffsm_mj.report.stated_sensitivity import sensitivity_html
 from ffsm_mj.sensitivity.parameters import in_words
 from tests.scenes import two_balls
 
@@ -130,6 +134,14 @@ def test_uncertainties_of_a_scenario_are_in_the_report_of_its_run(tmp_path, monk
     rows = (tmp_path / "a" / "sensitivity.csv").read_text().splitlines()
     assert rows[0].startswith("of,wrt,sigma,nominal,")
     assert len(rows) == 5
+    stated = json.loads((tmp_path / "a" / "summary.json").read_text())["sensitivity"]
+    assert all(sentence in out for sentence in stated["sentences"])
+    assert [row["wrt"] for row in stated["rows"]] == [row.split(",")[1].strip('"') for row in rows[1:]]
+    assert main(["analyze", "a"]) == 0
+    assert all(sentence in capsys.readouterr().out for sentence in stated["sentences"][:1])
+    assert main(["analyze", "a", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sensitivity"] == stated["sentences"]
+    assert html.escape(stated["sentences"][0]) in sensitivity_html(ffsm_mj.load_run("a"))
     assert main(["check", str(path)]) == 0
     assert "uncertain: 1 mm in initial.joints.target/x" in capsys.readouterr().out
     assert main(["run", "a", "--out", "b", "--no-rerun"]) == 0  # the scenario in the run folder has them too

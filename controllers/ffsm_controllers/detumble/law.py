@@ -132,12 +132,11 @@ class Detumble:
         u1 = model.M_c @ np.concatenate((share.accelerations, np.zeros(len(wanted) - self._n)))
         q0, q1 = model.coasting + u0 @ model.mobility, u1 @ model.mobility
         s, t = self._shares(data, u0, u1, q0, q1, by_thrust)
-        effort = u0 + s * u1
+        command.drive(model.joints.actuators, u0 + s * u1)
         if thrust is not None and self._thrusters is not None:
+            # A disturbance of the joints: an on-off thruster may not deliver what is asked of it.
             thrust = t * thrust
-            effort = effort - t * (model.M_c @ by_thrust[model.joints.dofs])
             command.drive(self._thrusters.actuators, thrust)
-        command.drive(model.joints.actuators, effort)
         return s, thrust
 
     def _thrust(self, data: Any, impulse: FloatArray | None) -> tuple[FloatArray | None, FloatArray]:

@@ -32,6 +32,7 @@ from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.scene import PageScene
 from ffsm_mj.report.run_card import card_html
 from ffsm_mj.report.run_report import what_is_missing
+from ffsm_mj.report.stated_sensitivity import sensitivity_html
 from ffsm_mj.verification.check_result import Check
 
 _TITLES = {
@@ -62,6 +63,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
         momentum=momentum_html(run),
+        sensitivity=sensitivity_html(run),
         phases=_phases(run),
         figures="\n".join(
             f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()

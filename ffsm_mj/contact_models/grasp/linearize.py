@@ -1,0 +1,210 @@
+"""First-order effect of small changes of the state before a capture: its saltation matrix, time, impulse and loss.
+
+A grasp closes where the largest ratio of its relative pose and velocity to their bounds falls to 1: g(q, v) = 0. With
+x = (q, v), f = dx/dt before (-) and after (+), n the gradient of g and R the plastic closing on the stopped rows,
+
+    S = DR + (f+ - DR f-) n^T / (n^T f-),    dt = -n^T dx / (n^T f-)
+
+as for an impact (:mod:`ffsm_mj.contact_models.impact.linearize`). Always S f- = f+. Coordinates are those of the logged
+system before and after: the accelerations after are those under the rows J a = -dJ/dt v of the closed latch. The closing
+takes the relative velocities of these rows: J (dv+/dv-) = 0, so det S = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.impulse import PlasticImpulse, plastic_impulse, relative_twist_rows
+from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.system import System
+from ffsm_mj.tolerances import RANK
+
+_STEP = 1e-5
+"""Step of central differences, rad, m, and of velocities over the largest one: error of truncation and rounding 1e-9."""
+_AT_BOUND = 1e-6
+"""A ratio this close to the largest one decides with it; one this far from 1 decides nothing."""
+
+
+@dataclass(frozen=True)
+class CaptureSaltation:
+    """First-order effects of a change (dq, dv) of the state just before a capture.
+
+    Attributes:
+        S: Change of the state just after, as if both motions had their capture at that time, (2 nv, 2 nv).
+        time: Change of the time of the capture, (2 nv,), s.
+        impulse: Change of the impulse on the object in N s and of its moment in N m s, (6, 2 nv).
+        loss: Change of the lost energy, (2 nv,), J.
+        bound: The bound at which the grasp closes: ``position_m``, ``angle_rad``, ``speed_m_s`` or ``rate_rad_s``.
+        guard: Gradient of the ratio to this bound, (2 nv,).
+        reset: Jacobian of the closing at a fixed time, DR, (2 nv, 2 nv).
+        f_before: (v, a) before, (2 nv,).
+        f_after: (v, a) after, (2 nv,).
+    """
+
+    S: FloatArray
+    time: FloatArray
+    impulse: FloatArray
+    loss: FloatArray
+    bound: str
+    guard: FloatArray
+    reset: FloatArray
+    f_before: FloatArray
+    f_after: FloatArray
+
+
+def linearize_capture(
+    system: System,
+    data: Any,
+    grasp: Grasp,
+    bounds: Sequence[float | None],
+    *,
+    effort_before: FloatArray | None = None,
+    effort_after: FloatArray | None = None,
+) -> CaptureSaltation:
+    """Linearize the closing of a grasp at the state in ``data``, which is not changed.
+
+    Args:
+        system: The system in which nothing is grasped.
+        data: Its state at the instant of the capture, with the velocities before it.
+        grasp: The grasp.
+        bounds: Greatest distance in m, angle in rad, speed in m/s and rate in rad/s at which it closes; None: no such bound.
+        effort_before: Generalised forces of the actuators just before, (nv,); None: off.
+        effort_after: Those just after; None: off.
+
+    Raises:
+        UnsupportedContactError: No bound, or more than one, is reached here, or its value does not fall: no derivative.
+    """
+    nv, event = system.mj.nv, _Closing(system, data, grasp, bounds)
+    qpos, qvel, zero = np.array(data.qpos), np.array(data.qvel), np.zeros(system.mj.nv)
+    columns = event.differences(qpos, qvel)
+    guard, by_state = columns[-1], columns[:-1]
+    closed = event.closing(qpos, qvel)
+    after = qvel + closed.change
+    reset = np.vstack((np.eye(nv, 2 * nv), by_state[:nv]))
+    f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, zero if effort_before is None else effort_before)))
+    force = zero if effort_after is None else effort_after
+    f_after = np.concatenate((after, event.closed_acceleration(qpos, after, force)))
+    falls = float(guard @ f_before)
+    if not falls < 0.0:
+        raise UnsupportedContactError(f"grasp {grasp.name!r}: {event.bound} does not fall to its bound here: no derivative")
+    time = -guard / falls
+    of_event = by_state[nv:]
+    # At the event of the neighbour its state has moved on by f- dt.
+    moved = of_event + np.outer(of_event @ f_before, time)
+    return CaptureSaltation(
+        S=reset + np.outer(f_after - reset @ f_before, guard) / falls,
+        time=time,
+        impulse=moved[:6],
+        loss=moved[6],
+        bound=event.bound,
+        guard=guard,
+        reset=reset,
+        f_before=f_before,
+        f_after=f_after,
+    )
+
+
+class _Closing:
+    """The closing of a grasp as a function of the state.
+
+    Attributes:
+        bound: Name of the bound that decides.
+    """
+
+    def __init__(self, system: System, data: Any, grasp: Grasp, bounds: Sequence[float | None]) -> None:
+        self._model, self._sites, self._grasp = system.mj, Sites(system, grasp), grasp
+        self._data = mujoco.MjData(system.mj)
+        self._take(np.array(data.qpos), np.array(data.qvel))
+        near = Nearness.of(self._sites.vectors(self._data))
+        ratios = np.array([0.0 if b is None else x / b for x, b in zip(near, bounds, strict=True)])
+        deciding = np.flatnonzero(ratios >= ratios.max() - _AT_BOUND)
+        names = Nearness._fields
+        if len(deciding) > 1:
+            both = ", ".join(names[i] for i in deciding)
+            raise UnsupportedContactError(f"grasp {grasp.name!r}: {both} reach their bounds at one instant: no derivative")
+        self._which = int(deciding[0])
+        self.bound, self._bound = names[self._which], float(bounds[self._which] or 0.0)
+        if abs(ratios.max() - 1.0) > _AT_BOUND:
+            raise UnsupportedContactError(
+                f"grasp {grasp.name!r}: no bound is reached here, the largest ratio is {ratios.max():.6g}: it closed when "
+                "it was armed, or at an impact, at a time that does not depend on the state"
+            )
+
+    def _take(self, qpos: FloatArray, qvel: FloatArray) -> Any:
+        data = self._data
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_fwdPosition(self._model, data)
+        mujoco.mj_fwdVelocity(self._model, data)
+        return data
+
+    def closing(self, qpos: FloatArray, qvel: FloatArray) -> PlasticImpulse:
+        """The plastic impulse."""
+        data, sites = self._take(qpos, qvel), self._sites
+        return plastic_impulse(self._model, data, sites.link, sites.root, sites.point(data), self._stopped(data))
+
+    def _stopped(self, data: Any) -> FloatArray:
+        """Components of the relative twist that the latch stops, (n, 6), in directions that are fixed in the link.
+
+        Their number and span are those of the closing; fixed directions make the rows smooth functions of the state.
+        """
+        joint, turn = self._grasp.joint, data.site_xmat[self._sites.robot].reshape(3, 3).T
+        local = stopped_components(joint.kind, np.array(joint.axis or (1.0, 0.0, 0.0)))
+        return np.hstack((local[:, :3] @ turn, local[:, 3:] @ turn))
+
+    def _outcome(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Velocities after, impulse, loss, and the ratio that decides, (nv + 8,)."""
+        found = self.closing(qpos, qvel)
+        ratio = Nearness.of(self._sites.vectors(self._data))[self._which] / self._bound
+        return np.concatenate((qvel + found.change, found.impulse, [found.loss_J, ratio]))
+
+    def differences(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Derivatives of the outcome by coordinates and velocities, (nv + 8, 2 nv)."""
+        columns, fast = [], _STEP * max(1.0, float(np.abs(qvel).max()))
+        for of_velocity in (False, True):
+            step = fast if of_velocity else _STEP
+            for unit in np.eye(self._model.nv):
+                ends = []
+                for h in (-step, step):
+                    q, v = qpos.copy(), qvel + h * unit if of_velocity else qvel
+                    if not of_velocity:
+                        mujoco.mj_integratePos(self._model, q, unit, h)
+                    ends.append(self._outcome(q, v))
+                columns.append((ends[1] - ends[0]) / (2.0 * step))
+        return np.array(columns).T
+
+    def acceleration(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray) -> FloatArray:
+        """Accelerations under generalised forces while nothing is grasped, (nv,)."""
+        data = self._data
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos, qvel, force, 0.0
+        mujoco.mj_forward(self._model, data)
+        data.qfrc_applied[:] = 0.0
+        return np.array(data.qacc)
+
+    def closed_acceleration(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray) -> FloatArray:
+        """Accelerations with the grasp closed: a + M^-1 J^T lambda with J a = -dJ/dt v, (nv,)."""
+        free = self.acceleration(qpos, qvel, force)
+        M, J = mass_matrix(self._model, self._data), self._rows(qpos)
+        ends = []
+        for h in (-_STEP, _STEP):
+            q = qpos.copy()
+            mujoco.mj_integratePos(self._model, q, qvel, h)
+            ends.append(self._rows(q))
+        drift = (ends[1] - ends[0]) @ qvel / (2.0 * _STEP)
+        answer = np.linalg.solve(M, J.T)
+        held = np.linalg.lstsq(J @ answer, J @ free + drift, rcond=RANK)[0]
+        return free - answer @ held
+
+    def _rows(self, qpos: FloatArray) -> FloatArray:
+        """Rows of the relative twist that the latch stops, at the object's site, (n, nv)."""
+        data, sites = self._take(qpos, np.zeros(self._model.nv)), self._sites
+        return self._stopped(data) @ relative_twist_rows(self._model, data, sites.link, sites.root, sites.point(data))
