@@ -76,7 +76,7 @@ def reasons(case: ComparedCase) -> list[str]:
     for number in case.numbers:
         if number.verdict is Verdict.EXPLAINED:
             found.setdefault(number.number.known, []).append(number.number.name)
-    return [f"{', '.join(names)}: differs, because {why}." for why, names in found.items()]
+    return [f"Difference in {', '.join(names)}: {why}." for why, names in found.items()]
 
 
 def ours(compared: ComparedNumber) -> str:
@@ -157,5 +157,7 @@ def _why(number: Number) -> str:
 
 def _decimals(number: Number) -> int:
     """Decimals of the tolerance, and, to the fifth, one more than the source prints."""
+    if number.tolerance == 0.0:  # a count
+        return max(0, number.decimals)
     shown = min(number.decimals + 1, 5)
     return max(0, shown, math.ceil(-math.log10(number.allowed) - 1e-9)) if number.allowed else max(0, shown)

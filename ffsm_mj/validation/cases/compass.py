@@ -88,10 +88,10 @@ def _values() -> Values:
 
 
 _WHAT = {
-    "swing": "angle of the swing leg after a step, rad",
-    "stance": "angle of the stance leg after a step, rad",
-    "swing_rate": "rate of the swing leg after a step, rad/s",
-    "stance_rate": "rate of the stance leg after a step, rad/s",
+    "swing": "swing angle after, rad",
+    "stance": "stance angle after, rad",
+    "swing_rate": "swing rate after, rad/s",
+    "stance_rate": "stance rate after, rad/s",
     "period": "time of a step, s",
 }
 _SIMULATED = (
