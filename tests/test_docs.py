@@ -119,6 +119,7 @@ def test_the_log_reference_is_current():
         "docs/contact-models.md",
         "docs/capture.md",
         "docs/probe-and-cone.md",
+        "docs/berth.md",
         "docs/campaigns.md",
         "docs/studies.md",
         "docs/accuracy.md",

@@ -8,25 +8,31 @@ from tests.scenes import scene
 _AXES = ("0 0 1", "0 1 0", "0 0 1", "1 0 0")
 
 
-def _arm(side: str, y: float, axes=_AXES) -> str:
+def _arm(side: str, y: float, axes, spring) -> str:
     """An arm of links along x; its last link has the hand and the site of the grasp."""
-    text = ""
+    text, sprung = "", f'stiffness="{spring[0]}" damping="{spring[1]}"' if spring else ""
     for k, axis in enumerate(axes):
         place = f"0.3 {y} 0" if k == 0 else "0.3 0 0"
-        text += f"""<body name="{side}_{k}" pos="{place}"><joint name="{side}_{k}" type="hinge" axis="{axis}"/>
+        text += f"""<body name="{side}_{k}" pos="{place}"><joint name="{side}_{k}" type="hinge" axis="{axis}" {sprung}/>
           <inertial pos="0.15 0.01 0" mass="{1.2 - 0.2 * k}" diaginertia="0.01 0.02 0.025"/>"""
     text += f"""<geom name="{side}_hand" type="sphere" pos="0.2 0 0" size="0.05" mass="0"/>
       <site name="{side}" pos="0.25 0 0"/>"""
     return text + "</body>" * len(axes)
 
 
-def robot(axes=_AXES) -> str:
-    """Base of 10 kg with two arms at y = 0.3 and -0.3, and a clamp between them."""
+def robot(axes=_AXES, spring=None) -> str:
+    """Base of 10 kg with two arms at y = 0.3 and -0.3, and a clamp between them.
+
+    Args:
+        axes: Axes of the joints of each arm.
+        spring: Stiffness and damping of the joints; None: there are none.
+    """
     motors = "".join(f'<motor name="{s}_{k}" joint="{s}_{k}"/>' for s in ("left", "right") for k in range(len(axes)))
     return f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="free"/>
       <inertial pos="0.02 0.01 0" mass="10" diaginertia="0.8 0.7 0.9"/>
       <geom name="hull" type="box" size="0.25 0.25 0.15" mass="0"/><site name="clamp" pos="0.6 0 0"/>
-      {_arm("left", 0.3, axes)}{_arm("right", -0.3, axes)}</body></worldbody><actuator>{motors}</actuator></mujoco>"""
+      {_arm("left", 0.3, axes, spring)}{_arm("right", -0.3, axes, spring)}
+      </body></worldbody><actuator>{motors}</actuator></mujoco>"""
 
 
 def plate(name: str = "plate") -> str:
@@ -61,13 +67,13 @@ PD = {
 }
 
 
-def holding(folder, captures=None, phases=None, objects=None, axes=_AXES, **changes):
+def holding(folder, captures=None, phases=None, objects=None, axes=_AXES, spring=None, **changes):
     """Both arms hold a plate from the first instant on; the left one lets go after half a second."""
     folder.mkdir(exist_ok=True)
     given = captures or {"left": LEFT, "right": RIGHT}
     return scene(
         folder,
-        robot(axes),
+        robot(axes, spring),
         {"plate": plate(), **(objects or {})},
         **{
             "duration_s": 0.8,
