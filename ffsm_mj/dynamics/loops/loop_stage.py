@@ -45,7 +45,9 @@ class LoopStage:
         """
         self._model, self._data, self._seen = model, data, seen
         self._evaluator = LatchRowEvaluator(model, data, latches, bodies)
-        self._qpos, self._qvel = data.qpos, data.qvel
+        self._qpos, self._qvel, self._ctrl, self._seen_ctrl = data.qpos, data.qvel, data.ctrl, seen.ctrl
+        self._passive, self._bias, self._actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
+        self._applied = data.qfrc_applied
         self._place: bytes | None = None
         self._T, self._others = np.empty((0, 0)), np.empty((0, 0))
         self.J, self.R, self.response, self.factor, self.gamma, self.y = (np.empty(0) for _ in range(6))
@@ -85,8 +87,10 @@ class LoopStage:
         pivots: list[float] = self.factor.diagonal().tolist()
         if pivots and (min(pivots) < LEAST_PIVOT or max(pivots) > LARGEST_PIVOT):
             return False
-        left = float(np.abs(self._others.dot(self.J)).max(initial=0.0))
-        return left <= VANISHES * float(np.abs(self.J).max(initial=0.0))
+        if not len(self._others):
+            return True
+        left = float(np.abs(self._others.dot(self.J)).max())
+        return left <= VANISHES * float(np.abs(self.J).max())
 
     def errors(self) -> FloatArray:
         """Errors in position of the rows R, (r,)."""
@@ -96,8 +100,9 @@ class LoopStage:
     def drift(self) -> tuple[float, float]:
         """Largest error in position, and largest velocity, of the rows R."""
         self.evaluate()
-        rates = self.R.dot(self._qvel)
-        return float(np.abs(self.errors()).max(initial=0.0)), float(np.abs(rates).max(initial=0.0))
+        both: list[list[float]] = [each.tolist() for each in (self.errors(), self.R.dot(self._qvel))]
+        gap, rate = (max(map(abs, each), default=0.0) for each in both)
+        return gap, rate
 
     def generalised(self, force: FloatArray) -> FloatArray:
         """Generalised forces of the latches, (nv,).
@@ -112,14 +117,13 @@ class LoopStage:
 
     def push(self) -> None:
         """Add the generalised forces of the latches to ``data.qfrc_applied``, which holds all other applied forces."""
-        data = self._data
-        if data is not self._seen:
-            data.ctrl[:] = self._seen.ctrl
-        mujoco.mj_fwdActuation(self._model, data)
-        force = data.qfrc_passive - data.qfrc_bias
-        force += data.qfrc_actuator
-        force += data.qfrc_applied
-        data.qfrc_applied[:] += self.generalised(force)
+        if self._data is not self._seen:
+            self._ctrl[:] = self._seen_ctrl
+        mujoco.mj_fwdActuation(self._model, self._data)
+        force = self._passive - self._bias
+        force += self._actuator
+        force += self._applied
+        self._applied += self.generalised(force)
 
 
 def solved(factor: FloatArray, right: FloatArray) -> FloatArray:
