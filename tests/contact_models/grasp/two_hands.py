@@ -150,10 +150,9 @@ class TwoHands:
             while left > 1e-12:
                 elapsed, source = self.integrator.advance(left)
                 left -= elapsed
+                self.integrator.exchanges(elapsed)
                 if source is not None:
                     self._apply(source)
-                else:
-                    self.integrator.exchanges(elapsed)
 
     def _apply(self, source):
         effect = self.integrator.act(source, EventTime(self.data.time, 0))
