@@ -99,8 +99,9 @@ def _listed(names: Sequence[str]) -> str:
 
 def confidence_sentence(pairs: int, metrics: int) -> str:
     """How the intervals are to be read."""
-    by_chance = (1.0 - CONFIDENCE) * pairs * metrics
+    by_chance, number = (1.0 - CONFIDENCE) * pairs * metrics, pairs * metrics
     return (
-        f"Intervals are two-sided, {100 * CONFIDENCE:g} % each: bootstrap of the mean paired difference, bias-corrected and "
-        f"accelerated. Of {pairs * metrics} intervals without a true difference {by_chance:.1f} exclude zero by chance."
+        f"Intervals are two-sided, {100 * CONFIDENCE:g} % each: bootstrap of the mean paired difference, bias-corrected, "
+        f"accelerated, and expanded for few runs. Of {number} intervals without a true difference {by_chance:.1f} exclude "
+        "zero by chance."
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 import ffsm_mj
 from ffsm_mj.campaign.campaign import Campaign
@@ -48,13 +49,23 @@ def test_no_campaign_wins_where_the_interval_contains_zero():
 
 
 def test_intervals_contain_the_mean_as_often_as_they_say():
-    """Exponential differences, 30 of them: 95 % of 100 intervals, within three deviations of that count."""
+    """Of 200 intervals of 16 normal values 190 contain the mean, and of 100 of 30 exponential ones 95.
+
+    Within three deviations; samples as skewed as the latter are some percent short. The widths of the former are those of
+    Student's intervals: their ratio is 1 in the mean, with a deviation of 2 % for one interval; without the expansion for few
+    values it is 0.89.
+    """
     rng = np.random.default_rng(5)
-    inside = 0
-    for _ in range(100):
-        low, high = bootstrap_interval(rng.exponential(size=30) - 1.0)
-        inside += low <= 0.0 <= high
-    assert 95 - 3 * np.sqrt(100 * 0.95 * 0.05) - 3 <= inside  # skewed samples of this size are some percent short
+    ratios = []
+    for draw, n, number, short in ((rng.normal, 16, 200, 0), (lambda size: rng.exponential(size=size) - 1.0, 30, 100, 3)):
+        samples = [draw(size=n) for _ in range(number)]
+        intervals = [bootstrap_interval(each) for each in samples]
+        inside = sum(low <= 0.0 <= high for low, high in intervals)
+        assert abs(inside - 0.95 * number + short) <= 3.0 * np.sqrt(number * 0.95 * 0.05) + short
+        student = [2.0 * t.ppf(0.975, n - 1) * each.std(ddof=1) / np.sqrt(n) for each in samples]
+        ratios.append(np.mean([(high - low) / each for (low, high), each in zip(intervals, student, strict=True)]))
+    assert ratios[0] == pytest.approx(1.0, abs=0.02)
+    assert bootstrap_interval(np.array([1.0, 2.0])) == (1.0, 2.0)
     assert all(np.isnan(bootstrap_interval(np.array([1.0]))))
 
 

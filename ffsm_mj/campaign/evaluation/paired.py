@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -191,16 +192,20 @@ def paired_difference(metric: str, first: FloatArray, second: FloatArray) -> Pai
 def bootstrap_interval(values: FloatArray) -> tuple[float, float]:
     """Bias-corrected and accelerated interval of a mean at the level CONFIDENCE (Efron 1987); NaN below two values.
 
-    The resamples have a seed of their own: the same values give the same interval.
+    The resamples have a seed of their own: the same values give the same interval. It is expanded as that of a normal sample
+    is by Student's distribution and the unbiased variance (Hesterberg 2015, The American Statistician 69(4):371), without
+    which intervals of few values are too narrow: some 92 % of those of 16 values contain the mean, not 95 %.
     """
-    if len(values) < 2:
+    n = len(values)
+    if n < 2:
         return float("nan"), float("nan")
     if np.ptp(values) == 0.0:
         return float(values[0]), float(values[0])
-    from scipy.stats import bootstrap  # slow to import
+    from scipy.stats import bootstrap, norm, t  # slow to import
 
-    found = bootstrap(
-        (values,), np.mean, n_resamples=_RESAMPLES, batch=_BLOCK, confidence_level=CONFIDENCE, rng=np.random.default_rng(0)
-    )
+    tail = norm.sf(math.sqrt(n / (n - 1.0)) * t.ppf(0.5 * (1.0 + CONFIDENCE), n - 1))
+    level = 1.0 - 2.0 * max(float(tail), 1.0 / _RESAMPLES)
+    random = np.random.default_rng(0)
+    found = bootstrap((values,), np.mean, n_resamples=_RESAMPLES, batch=_BLOCK, confidence_level=level, rng=random)
     low, high = found.confidence_interval
     return float(low), float(high)
