@@ -52,7 +52,7 @@ def test_intervals_contain_the_mean_as_often_as_they_say():
     """Of 200 intervals of 16 normal values 190 contain the mean, and of 100 of 30 exponential ones 95.
 
     Within three deviations; samples as skewed as the latter are some percent short. The widths of the former are those of
-    Student's intervals: their ratio is 1 in the mean, with a deviation of 2 % for one interval; without the expansion for few
+    Student's intervals: their ratio is 1 in the mean, deviation 2 % for one interval; without the expansion for few
     values it is 0.89.
     """
     rng = np.random.default_rng(5)
