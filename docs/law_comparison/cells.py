@@ -112,7 +112,8 @@ _SATELLITE_START = {
     "initial.rates.satellite/free.angular": {
         "offset": {"vector": {"direction": "random", "magnitude": {"uniform": [0.0, 0.02]}}}
     },
-}_MAIN_LAWS = tuple(law for law in LAWS if law.name in MAIN)
+}
+_MAIN_LAWS = tuple(law for law in LAWS if law.name in MAIN)
 
 CELLS = {
     cell.name: cell

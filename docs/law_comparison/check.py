@@ -20,9 +20,11 @@ import ffsm_mj
 CHECKED = Path(__file__).parent / "check.json"
 POINTS = 8
 _COARSE = {"duration_s": 22.575, "time_step_s": 0.005, "control_period_s": 0.005}
-TOLERANCES = {"cost": 1e-3, "error_integral": 1e-3, "effort_integral": 1e-3, "least_error": 1e-2, "impulse": 1e-8}
-"""Relative tolerances. Plain Python and the compiled twins agree to 1e-9 here, as do runs on another processor as long as a
-law is smooth; gains 1 % higher change the cost of every law by more than 1e-3 at most of its points."""
+METRICS = ("cost", "error_integral", "effort_integral", "least_error", "impulse")
+_TOLERANCE = 1e-6
+"""Relative. Plain Python and the compiled twins agree to 1e-9; a gain 0.1 % higher changes costs by more than 1e-6."""
+_CHATTERING = {"sdre 1": 0.05, "sdre 7": 0.05}
+"""Points with gains so high that torques held for 5 ms chatter between their bounds: rounding grows to 4e-3 there."""
 
 
 def computed() -> dict[str, Config]:
@@ -33,7 +35,7 @@ def computed() -> dict[str, Config]:
             controller = cell.controller(law, law.at(point))
             run = ffsm_mj.run(cell.scenario, _COARSE | {"phases.regulate.controller": controller})
             metrics = metrics_of(run)
-            found[f"{law.name} {number}"] = {"outcome": run.outcome} | {name: metrics[name] for name in TOLERANCES}
+            found[f"{law.name} {number}"] = {"outcome": run.outcome} | {name: metrics[name] for name in METRICS}
     return found
 
 
@@ -49,10 +51,11 @@ def differences() -> Iterator[str]:
     now = computed()
     for name in sorted(stored.keys() ^ now.keys()):
         yield f"{name}: is stored or computed, not both"
-    for name in stored.keys() & now.keys():
+    for name in (name for name in now if name in stored):
         if stored[name]["outcome"] != now[name]["outcome"]:
             yield f"{name}: outcome {now[name]['outcome']}, stored {stored[name]['outcome']}"
-        for metric, tolerance in TOLERANCES.items():
+        tolerance = _CHATTERING.get(name, _TOLERANCE)
+        for metric in METRICS:
             before, after = stored[name][metric], now[name][metric]
             if not math.isclose(before, after, rel_tol=tolerance):
                 yield f"{name}: {metric} {after:.8g}, stored {before:.8g} (tolerance {tolerance:g})"

@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from laws import law_of
 from table import Table
 
 from ffsm_mj.campaign.evaluation.paired import PairedDifference, paired_difference
-
-NAMES = {
-    "cost": "cost",
-    "error_integral": "integral of the squared error",
-    "effort_integral": "integral of the squared torques",
-    "least_error": "least error",
-    "final_error": "final error",
-    "base_turn": "turn of the base",
-}
 
 
 @dataclass(frozen=True)
@@ -41,22 +32,19 @@ class Gain:
         """Mean difference over the mean of the other law, %."""
         return 100.0 * self.difference.mean / self.difference.first
 
-    @property
-    def says(self) -> str:
-        """``less``, ``more``, or that nothing is shown."""
-        return {-1: "less", 0: "no difference shown", 1: "more"}[self.difference.sign]
-
-    def sentence(self) -> str:
-        """What the numbers show."""
-        difference, name = self.difference, NAMES[self.metric]
-        interval = f"[{difference.low:.3g}, {difference.high:.3g}]"
-        one, other = law_of(self.one).title, law_of(self.other).title
+    def told(self) -> str:
+        """The difference as a cell of a table; nothing is said of one whose interval contains zero."""
+        difference = self.difference
         if difference.sign == 0:
-            return f"{name}: no difference between {one} and {other} is shown, {difference.mean:+.3g} {interval}"
-        return (
-            f"{name}: {one} has {abs(self.percent):.0f} % {self.says} than {other} ({difference.second:.3g} and "
-            f"{difference.first:.3g}, difference {difference.mean:+.3g} {interval})"
-        )
+            return "none shown"
+        return f"{self.percent:+.2g} % [{difference.low:.2g}, {difference.high:.2g}]"
+
+
+def balance(gains: Sequence[Gain]) -> str:
+    """How many of some differences are shown, and in which direction."""
+    signs = [each.difference.sign for each in gains]
+    less, more, none = signs.count(-1), signs.count(1), signs.count(0)
+    return f"less in {less}, more in {more}, and no difference is shown in {none} of {len(signs)} rows"
 
 
 def gain(table: Table, cell: str, variant: str, metric: str, one: str, other: str) -> Gain | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from cells import CELLS, REACH_END_S
-from laws import LAWS, MAIN, Config
+from laws import LAWS, Config
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from once import curve
@@ -66,7 +66,7 @@ def _pareto(table: Table) -> None:
     handles: dict[str, Any] = {}
     for axes in panels[: len(cells)]:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=4)
+    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=5)
     write(figure, FOLDER, "pareto", ("svg",))
 
 
@@ -76,7 +76,7 @@ def _pareto_of_cell(axes: Axes, table: Table, cell: str) -> None:
         colour = _COLOUR[law.name]
         tried = [runs for _, runs in table.points(cell, law.name)]
         pairs = [(mean_of(runs, "effort_integral"), mean_of(runs, "error_integral")) for runs in tried]
-        axes.plot(*_columns(pairs), ".", color=colour, alpha=0.3, markersize=4, markeredgewidth=0)
+        axes.plot(*_columns(pairs), ".", color=colour, alpha=0.5, markersize=5, markeredgewidth=0)
         for variant, marker in (("default", "o"), ("tuned", "*")):
             effort, error = (
                 table.values(cell, law.name, variant, metric) for metric in ("effort_integral", "error_integral")
@@ -84,7 +84,7 @@ def _pareto_of_cell(axes: Axes, table: Table, cell: str) -> None:
             if np.isfinite(effort).any():
                 of = {"color": colour, "marker": marker, "markersize": 5 if marker == "o" else 8, "linestyle": "none"}
                 edge = {"markeredgecolor": BLACK, "markeredgewidth": 0.5}
-                label = f"{_TITLE[law.name]}, {variant}" if law.name in MAIN else f"{law.title}, {variant}"
+                label = _TITLE[law.name] if variant == "default" else None
                 axes.plot(float(np.nanmedian(effort)), float(np.nanmedian(error)), label=label, **of, **edge)
     axes.set_xscale("log")
     axes.set_yscale("log")

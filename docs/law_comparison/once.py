@@ -32,12 +32,16 @@ def compute_once(table: Table) -> None:
     with TemporaryDirectory() as folder:
         log = Path(folder) / "run"
         before = ffsm_mj.run("baseline", out=log, rerun=False)
+        told = _of_collision(before)
         found = {"restart": _restarts(log, tuned), "whole_task": {law.name: _whole_task(law) for law in LAWS}}
-    times = np.arange(0.0, END_S, 0.05)
-    start = before.phases[-1].start_s
-    curve = [0.0 if time < start else round(float(value), 6) for time, value in zip(times, floor(before, times), strict=True)]
-    told = {"impact_s": before.impacts[0].time_s, "start_s": start, "floor": curve}
     ONCE.write_text(json.dumps(found | told, indent=1) + "\n")
+
+
+def _of_collision(run: Run) -> Config:
+    """Times of the collision, and the floor of the error after it."""
+    times, start = np.arange(0.0, END_S, 0.05), run.phases[-1].start_s
+    least = [round(float(value), 6) for value in floor(run, times) * (times >= start)]
+    return {"impact_s": run.impacts[0].time_s, "start_s": start, "floor": least}
 
 
 def read_once() -> Config:

@@ -15,7 +15,7 @@ from typing import Any
 
 from cells import CELLS, STUDIES, Cell
 from floor import reach_end_s
-from laws import LAWS, Config, Law
+from laws import Config, Law
 from scipy.stats import qmc
 from table import METRICS, Table, TableRow
 

@@ -103,14 +103,15 @@ class Table:
         """Indices of the runs that all laws have with default and tuned parameters."""
         judged = [row for row in self.rows if row.cell == cell and not row.variant.isdecimal()]
         sets = [
-            {row.run for row in judged if (row.law, row.variant) == pair} for pair in {(row.law, row.variant) for row in judged}
+            {row.run for row in judged if (row.law, row.variant) == pair}
+            for pair in {(row.law, row.variant) for row in judged}
         ]
         return sorted(set.intersection(*sets)) if sets else []
 
     def values(self, cell: str, law: str, variant: str, metric: str) -> FloatArray:
         """A metric of the common runs of a variant, NaN for a run that is not good."""
         runs = self.of(cell, law, variant)
-        found = [runs[i].metrics[metric] if runs[i].is_good else math.nan for i in self.common(cell)]
+        found = [runs[i].metrics[metric] if i in runs and runs[i].is_good else math.nan for i in self.common(cell)]
         return np.array(found)
 
     def points(self, cell: str, law: str) -> list[tuple[tuple[float, float], list[TableRow]]]:
