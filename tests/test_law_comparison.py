@@ -1,4 +1,4 @@
-"""The comparison of control laws: tables say no more than their intervals, points are shared, the reach is that of the arm."""
+"""The comparison of control laws: tables say no more than their intervals, points are shared, the reach is the arm's."""
 
 import math
 import sys

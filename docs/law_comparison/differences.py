@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from laws import shown
 from table import Table
 
 from ffsm_mj.campaign.evaluation.paired import PairedDifference, paired_difference
@@ -37,7 +38,8 @@ class Gain:
         difference = self.difference
         if difference.sign == 0:
             return "none shown"
-        return f"{self.percent:+.2g} % [{difference.low:.2g}, {difference.high:.2g}]"
+        digits = ".0f" if abs(self.percent) >= 10.0 else ".2g"
+        return f"{self.percent:+{digits}} % [{shown(difference.low)}, {shown(difference.high)}]"
 
 
 def balance(gains: Sequence[Gain]) -> str:

@@ -115,7 +115,8 @@ def _rules(table: Table) -> Iterator[str]:
             "are also shown apart, as "
             "the weight decides much.",
             f"- `baseline` is scored until {REACH_END_S} s, when its target leaves the reach of the drifting robot.",
-            "- Runs that do not complete, fail a check or have an overlap in the phase are left out "
+            "- Runs that do not complete, fail a check (energy, by the truncation of the step, is "
+            "one) or have an overlap in the phase are left out "
             "of both laws of a pair, and "
             "are counted.",
         ]
