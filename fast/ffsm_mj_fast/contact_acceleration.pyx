@@ -14,7 +14,6 @@ from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport INFINITY, fabs
 
-from ffsm_mj_fast.face_group cimport FaceState
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
 
@@ -129,27 +128,19 @@ cdef class ContactAcceleration:
     def stage(self, const double[::1] qvel not None):
         """A stage in which all contacts are active, and the generalised forces, (nv,)."""
         cdef RowMemory own = self.own
-        cdef list groups = self.rows.groups
-        cdef Py_ssize_t i, d, g, end, at = 0, nv = own.nv
+        cdef Py_ssize_t i, d, nv = own.nv
         cdef double[::1] sums
         cdef const double[::1] forces
-        block, found = np.zeros(2 * nv + 6 * len(groups)), self.bilateral_forces(range(own.rows))
+        block, found = np.zeros(2 * nv + 6 * len(own.counts)), self.bilateral_forces(range(own.rows))
         sums, forces = block, found
         for i in range(own.rows):
             for d in range(nv):
                 sums[d] += forces[i] * own.J[i * nv + d]
         for d in range(nv):
             sums[nv + d] = sums[d] * qvel[d]
-        wrenches = block[2 * nv :].reshape(-1, 6)
-        for g, state in enumerate(groups):
-            end = at + <Py_ssize_t>state.count
-            if isinstance(state, FaceState):
-                (<FaceState>state).write_wrench(forces[at:end], None, &sums[2 * nv + 6 * g])
-            else:
-                wrenches[g] = state.wrench(found[at:end], None)
-            at = end
+        own.write_resultants(&forces[0], &sums[2 * nv])
         stage = Stage(self.rows, found, block[nv : 2 * nv])
-        stage.wrenches = wrenches
+        stage.wrenches = block[2 * nv :].reshape(-1, 6)
         return stage, block[:nv]
 
     def unilateral_forces(self, expected=()):

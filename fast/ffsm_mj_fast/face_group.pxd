@@ -12,8 +12,7 @@ cdef class FaceGroup:
     cdef double[3] normal
     cdef double level
     cdef double[:, ::1] centres, sides
-    cdef double[::1] first_radius, radius, either, others
-    cdef const double[:, ::1] screws
+    cdef double[::1] first_radius, radius
     cdef const double[::1] first_origin, second_origin, first_axes, second_axes
     cdef object face, made_of
 
@@ -32,13 +31,12 @@ cdef class FaceState:
     cdef double[:, ::1] own
 
     cdef int place_points(self, const double* omega) except -1
-    cdef void screw_row(self, const double* axis, const double* arm, double* J) noexcept
+    cdef const double* centre(self) noexcept
+    cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept
     cdef double normal_rate(self, const Twist* body, const double* arm) noexcept
     cdef double normal_gamma(self, Py_ssize_t p) noexcept
     cdef void outward(self, double* normal) noexcept
-    cdef void normal_rows(self, double* J, double* gamma, Py_ssize_t stride) noexcept
-    cdef void tangential_rows(self, const double* tangents, double* J, double* gamma) noexcept
+    cdef void normal_rows(self, double* rows, double* gamma, Py_ssize_t stride) noexcept
+    cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept
     cdef double inside(self, Py_ssize_t p) except? -1.0
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1
-    cdef void write_wrench(self, const double[:] forces, const double[:, :] across, double* out) noexcept
-    cdef void write_wrench_along(self, const double* axes, const double* forces, double* out) noexcept

@@ -7,7 +7,6 @@ Formulas are those of that module and of ffsm_mj.dynamics.body_twists, point by 
 import numpy as np
 
 from ffsm_mj.contact.features.gap_function import FeatureState
-from ffsm_mj.dynamics.body_twists import chain
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.math cimport fabs
@@ -57,19 +56,16 @@ cdef class FaceGroup:
     One point over a face is a group too.
     """
 
-    def __init__(self, features, pair, model, motion_data, data, *, in_patch):
+    def __init__(self, features, data, *, in_patch):
         """Store the points.
 
         Args:
             features: The points, see ``PointsOnFace.together``.
-            pair: Bodies b and a of the contact in the model of the motion.
-            model: This model.
-            motion_data: Its data.
             data: Data of the logged system.
             in_patch: See ``point_groups.py``.
         """
         cdef int i
-        self.made_of = (features, pair, model, motion_data, data, in_patch)
+        self.made_of = (features, data, in_patch)
         face, self.count, self.swapped, self.in_patch = features[0].face, len(features), features[0].swapped, in_patch
         self.face = face
         for i in range(3):
@@ -78,10 +74,6 @@ cdef class FaceGroup:
         self.centres = np.array([each.point.centre for each in features])
         self.first_radius, self.radius = np.ascontiguousarray(np.array([each.radii for each in features]).T)
         self.sides = np.array([(*inwards, level) for inwards, level in face.sides]).reshape(-1, 4)
-        body, other = reversed(pair) if self.swapped else pair
-        self.others = chain(model, other)
-        self.either = chain(model, body) - np.asarray(self.others)
-        self.screws = motion_data.cdof
         first, second = face.body.id, features[0].point.body.id
         self.first_origin, self.first_axes = data.xpos[first], data.xmat[first]
         self.second_origin, self.second_axes = data.xpos[second], data.xmat[second]
@@ -158,17 +150,16 @@ cdef class FaceState:
                 row[NORMAL + i] = self.sign * self.normal[i]
         return 0
 
-    cdef void screw_row(self, const double* axis, const double* arm, double* J) noexcept:
-        """Row of the velocity of the second body relative to the first along an axis, at an arm from the second centre."""
-        cdef FaceGroup group = self.group
-        cdef double[3] moment, beyond
-        cdef Py_ssize_t d
-        cdef const double* screw
-        cross(arm, axis, moment)
-        cross(self.offset, axis, beyond)
-        for d in range(group.either.shape[0]):
-            screw = &group.screws[d, 0]
-            J[d] = group.either[d] * (dot(moment, screw) + dot(axis, screw + 3)) - group.others[d] * dot(beyond, screw)
+    cdef const double* centre(self) noexcept:
+        """Centre of body b of the contact, about which moments of wrench rows are."""
+        return &self.first.centre[0] if self.group.swapped else &self.second.centre[0]
+
+    cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept:
+        """Moment and force of a unit force along an axis at a place."""
+        cdef double[3] arm
+        minus(place, self.centre(), arm)
+        cross(arm, axis, row)
+        row[3], row[4], row[5] = axis[0], axis[1], axis[2]
 
     cdef double normal_rate(self, const Twist* body, const double* arm) noexcept:
         """Acceleration of a material point along the normal at qacc = 0, and twice its velocity along the normal's rate."""
@@ -191,20 +182,20 @@ cdef class FaceState:
         for i in range(3):
             normal[i] = self.sign * self.normal[i]
 
-    cdef void normal_rows(self, double* J, double* gamma, Py_ssize_t stride) noexcept:
-        """Write the rows of the gap rates and the second rates of the gaps at qacc = 0, every so many rows."""
-        cdef Py_ssize_t p, nv = self.group.either.shape[0]
-        cdef double[3] arm
+    cdef void normal_rows(self, double* rows, double* gamma, Py_ssize_t stride) noexcept:
+        """Write the wrench rows of the normals and the second rates of the gaps at qacc = 0, every so many rows."""
+        cdef Py_ssize_t p
+        cdef double[3] normal
+        self.outward(normal)
         for p in range(self.count):
-            minus(&self.own[p, PLACE], self.second.centre, arm)
-            self.screw_row(self.normal, arm, J + stride * p * nv)
+            self.wrench_row(normal, &self.own[p, PLACE], rows + 6 * stride * p)
             gamma[stride * p] = self.normal_gamma(p)
 
-    cdef void tangential_rows(self, const double* tangents, double* J, double* gamma) noexcept:
-        """Write the rows of relative velocities along two tangents and their rates into rows (n, t1, t2) of each point."""
-        cdef Py_ssize_t p, nv = self.group.either.shape[0]
-        cdef int i, j
-        cdef double[3] arm, other, here, there, spin, axis
+    cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept:
+        """Write the wrench rows of two tangents and the rates along these into rows (n, t1, t2) of each point."""
+        cdef Py_ssize_t p
+        cdef int j
+        cdef double[3] arm, other, here, there, spin
         minus(self.second.omega, self.first.omega, spin)
         for p in range(self.count):
             minus(&self.own[p, POINT], self.second.centre, arm)
@@ -214,39 +205,9 @@ cdef class FaceState:
             minus(here, there, here)
             cross(spin, &self.own[p, POINT_RATE], there)
             for j in range(2):
+                self.wrench_row(tangents + 3 * j, &self.own[p, POINT], rows + 6 * (3 * p + j + 1))
                 # The second body moves along minus a tangent relative to the first one if it is a.
-                for i in range(3):
-                    axis[i] = self.sign * tangents[3 * j + i]
-                self.screw_row(axis, arm, J + (3 * p + j + 1) * nv)
-                gamma[3 * p + j + 1] = dot(axis, here) + dot(axis, there)
-
-    def wrench(self, const double[:] forces not None, friction):
-        """Resultant on geom b of normal forces, (m,), and of friction forces in world axes, (m, 3)."""
-        cdef const double[:, :] across
-        cdef double[6] out
-        if friction is None:
-            self.write_wrench(forces, None, out)
-        else:
-            across = friction
-            self.write_wrench(forces, across, out)
-        return out[0], out[1], out[2], out[3], out[4], out[5]
-
-    cdef void write_wrench(self, const double[:] forces, const double[:, :] across, double* out) noexcept:
-        """Write force and moment; without friction if there is none."""
-        cdef Py_ssize_t p
-        cdef int i
-        cdef double[3] one, about
-        for i in range(6):
-            out[i] = 0.0
-        for p in range(self.count):
-            for i in range(3):
-                one[i] = self.sign * forces[p] * self.normal[i]
-                if across is not None:
-                    one[i] += across[p, i]
-                out[i] += one[i]
-            cross(&self.own[p, POINT], one, about)
-            for i in range(3):
-                out[3 + i] += about[i]
+                gamma[3 * p + j + 1] = self.sign * (dot(tangents + 3 * j, here) + dot(tangents + 3 * j, there))
 
     @property
     def gaps(self):
@@ -284,24 +245,6 @@ cdef class FaceState:
             least = here if s == 0 or here < least else least
         return least
 
-    cdef void write_wrench_along(self, const double* axes, const double* forces, double* out) noexcept:
-        """The same of forces (n, t1, t2) along the axes of each point, (m, 3, 3)."""
-        cdef Py_ssize_t p
-        cdef int i
-        cdef const double* along
-        cdef const double* force
-        cdef double[3] one, about
-        for i in range(6):
-            out[i] = 0.0
-        for p in range(self.count):
-            along, force = axes + 9 * p, forces + 3 * p
-            for i in range(3):
-                one[i] = force[0] * along[i] + force[1] * along[3 + i] + force[2] * along[6 + i]
-                out[i] += one[i]
-            cross(&self.own[p, POINT], one, about)
-            for i in range(3):
-                out[3 + i] += about[i]
-
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1:
         """Extremes over these points and those before: distance to the bounds, absolute gap and rate, and lowest gap."""
         cdef Py_ssize_t p
@@ -333,9 +276,9 @@ cdef class FaceState:
         ]
 
 
-def face_group(features, pair, model, motion_data, data, in_patch):
+def face_group(features, data, in_patch):
     """Points over a face that were saved."""
-    return FaceGroup(features, pair, model, motion_data, data, in_patch=in_patch)
+    return FaceGroup(features, data, in_patch=in_patch)
 
 
 def face_state(FaceGroup group, bytes first, bytes second, normal, offset, turning, own_turning, table):

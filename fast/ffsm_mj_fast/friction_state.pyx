@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction import cone_depth, internal_forces
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldRows
@@ -14,7 +13,6 @@ from ffsm_mj.tolerances import CANCELLED
 
 from libc.math cimport INFINITY, fabs, sqrt
 
-from ffsm_mj_fast.face_group cimport FaceState
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
 
@@ -23,20 +21,6 @@ cdef double ON_CONE = cone_depth.ON_CONE, FRICTION_ROUNDING = internal_forces.FR
 
 cdef double _CANCELLED = CANCELLED
 NONE = np.zeros(0, dtype=np.intp)
-
-
-class StuckStage(Stage):
-    """A stage in which no point slides with friction."""
-
-    def __init__(self, rows, found, power, wrenches):
-        self.rows, self.found, self.power, self.wrenches, self.slide = rows, found, power, wrenches, None
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.rows, self.found, self.power, self.wrenches)
-
-    forces = cached_property(lambda self: self.found[:, 0])
-    friction = cached_property(lambda self: self.rows.across(self.found[:, 1:]))
 
 
 cdef class FrictionState:
@@ -180,12 +164,11 @@ cdef class FrictionState:
     def stuck_stage(self):
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
         cdef RowMemory own = self.own
-        cdef list groups = self.rows.groups
-        cdef Py_ssize_t i, d, g, at = 0, nv = own.nv
+        cdef Py_ssize_t i, d, nv = own.nv
         cdef double[:, ::1] forces
         cdef double[::1] sums
         cdef double force
-        found, block = self.stuck_forces(), np.zeros(2 * nv + 6 * len(groups))
+        found, block = self.stuck_forces(), np.zeros(2 * nv + 6 * len(own.counts))
         forces, sums = found, block
         for i in range(own.rows):
             force = (&forces[0, 0])[i]
@@ -193,12 +176,7 @@ cdef class FrictionState:
                 sums[d] += force * own.J[i * nv + d]
         for d in range(nv):
             sums[nv + d] = sums[d] * own.qvel[d]
-        wrenches = block[2 * nv :].reshape(-1, 6)
-        for g, state in enumerate(groups):
-            if isinstance(state, FaceState):
-                (<FaceState>state).write_wrench_along(own.axes + 9 * at, &forces[at, 0], &sums[2 * nv + 6 * g])
-            else:
-                part = slice(at, at + <Py_ssize_t>state.count)
-                wrenches[g] = state.wrench(found[part, 0], self.rows.across(found[:, 1:])[part])
-            at += <Py_ssize_t>state.count
-        return StuckStage(self.rows, found, block[nv : 2 * nv], wrenches), block[:nv]
+        own.write_resultants(&forces[0, 0], &sums[2 * nv])
+        stage = Stage(self.rows, found.reshape(-1), block[nv : 2 * nv])
+        stage.wrenches = block[2 * nv :].reshape(-1, 6)
+        return stage, block[:nv]

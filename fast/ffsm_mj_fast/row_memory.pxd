@@ -1,12 +1,16 @@
 cdef class RowMemory:
     cdef readonly Py_ssize_t points, rows, nv
+    cdef readonly tuple counts
     cdef object block, G_block
     cdef double* start
     cdef double* J
     cdef double* response
     cdef double* gamma
+    cdef double* wrenches
+    cdef double* centres
     cdef double* axes
     cdef double* qvel
     cdef double* G
 
     cdef double* delassus(self) except NULL
+    cdef int write_resultants(self, const double* forces, double* out) except -1

@@ -5,25 +5,62 @@ import numpy as np
 
 
 cdef class RowMemory:
-    """Rows at one state: J and J M^-1, (m, nv), gamma, (m,), and with friction axes, (k, 3, 3), and rates, (nv,).
+    """Rows of groups of points at one state.
 
-    The Delassus matrix J M^-1 J^T, (m, m), is computed when it is needed.
+    J and J M^-1, (m, nv), gamma, (m,), the wrench rows, (m, 6), and their centres, (g, 3); with friction axes, (k, 3, 3), and
+    rates, (nv,). The Delassus matrix J M^-1 J^T, (m, m), is computed when it is needed.
     """
 
-    def __init__(self, Py_ssize_t points, Py_ssize_t rows, Py_ssize_t nv, block=None):
+    def __init__(self, Py_ssize_t points, tuple counts, Py_ssize_t nv, bint frictional, block=None):
         cdef double[::1] memory
-        self.points, self.rows, self.nv = points, rows, nv
-        size = 2 * rows * nv + rows + (9 * points + nv if rows > points else 0)
+        cdef Py_ssize_t rows = sum(counts)
+        self.points, self.rows, self.nv, self.counts = points, rows, nv, counts
+        size = 2 * rows * nv + 7 * rows + 3 * len(counts) + (9 * points + nv if frictional else 0)
         self.block = np.zeros(size + 1) if block is None else block  # one more: no array is empty
         memory = self.block
         self.start = self.J = &memory[0]
         self.response, self.gamma = self.J + rows * nv, self.J + 2 * rows * nv
-        self.axes = self.gamma + rows
+        self.wrenches = self.gamma + rows
+        self.centres = self.wrenches + 6 * rows
+        self.axes = self.centres + 3 * <Py_ssize_t>len(counts)
         self.qvel = self.axes + 9 * points
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return type(self), (self.points, self.rows, self.nv, self.block)
+        frictional = len(self.block) > 2 * self.rows * self.nv + 7 * self.rows + 3 * len(self.counts) + 1
+        return type(self), (self.points, self.counts, self.nv, frictional, self.block)
+
+    cdef int write_resultants(self, const double* forces, double* out) except -1:
+        """Write force, and moment about the world origin, on geom b of each group, (g, 6), for forces along the rows."""
+        cdef const double* row = self.wrenches
+        cdef const double* centre = self.centres
+        cdef double[6] wrench
+        cdef Py_ssize_t count
+        cdef int j
+        for count in self.counts:
+            for j in range(6):
+                wrench[j] = 0.0
+            for _ in range(count):
+                for j in range(6):
+                    wrench[j] += forces[0] * row[j]
+                forces, row = forces + 1, row + 6
+            for j in range(3):
+                out[j] = wrench[3 + j]
+            out[3] = wrench[0] + centre[1] * wrench[5] - centre[2] * wrench[4]
+            out[4] = wrench[1] + centre[2] * wrench[3] - centre[0] * wrench[5]
+            out[5] = wrench[2] + centre[0] * wrench[4] - centre[1] * wrench[3]
+            out, centre = out + 6, centre + 3
+        return 0
+
+    def resultants(self, const double[:] forces not None):
+        """The same as a table, (g, 6)."""
+        cdef double[::1] given = np.ascontiguousarray(forces)
+        cdef double[:, ::1] found
+        table = np.empty((len(self.counts), 6))
+        found = table
+        if self.rows:
+            self.write_resultants(&given[0], &found[0, 0])
+        return table
 
     cdef double* delassus(self) except NULL:
         cdef Py_ssize_t i, j, d
@@ -57,6 +94,9 @@ cdef class RowMemory:
             self.delassus()
             return self.G_block[: m * m].reshape(m, m)
         at = 2 * m * nv + m
+        if name == "wrenches":
+            return self.block[at : at + 6 * m].reshape(m, 6)
+        at += 6 * m + 3 * len(self.counts)
         if name == "axes":
             return self.block[at : at + 9 * self.points].reshape(self.points, 3, 3)
         at += 9 * self.points

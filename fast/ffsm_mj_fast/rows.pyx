@@ -15,7 +15,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.rows import point_runs
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, Extremes, FrictionalRows
 from ffsm_mj.contact_models.persistent.single_point import SinglePoint
-from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian, chain
+from ffsm_mj.dynamics.body_twists import BodyTwist, PairTwist, chain
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport INFINITY, fabs, sqrt
@@ -99,6 +99,10 @@ class RowsInMemory(ContactRows):
 
     extremes = cached_property(lambda self: extremes_of(self._groups))
 
+    def wrenches(self, forces):
+        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows."""
+        return self.memory.resultants(forces)
+
     def resultant(self, part, forces, friction):
         """Resultant force of the points of one pair, its centre, and the mean unit normal."""
         return resultant_of(self._groups, part, forces, friction)
@@ -128,6 +132,10 @@ class FrictionalRowsInMemory(FrictionalRows):
     qvel = cached_property(lambda self: self.memory.array("qvel"))
 
     extremes = cached_property(lambda self: extremes_of(self._groups))
+
+    def wrenches(self, forces):
+        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows."""
+        return self.memory.resultants(forces)
 
     def resultant(self, part, forces, friction):
         """Resultant force of the points of one pair, its centre, and the mean unit normal."""
@@ -187,24 +195,30 @@ cdef tuple vector(const double* v):
 
 
 cdef class Group:
-    """Points evaluated together: their places among all, which bodies are b and a, and whether the pair has friction."""
+    """Points evaluated together: their places among all, their pair of bodies b and a, and whether it has friction."""
 
     cdef FaceGroup on_face
     cdef object other
-    cdef Py_ssize_t start, count, b, a
+    cdef Py_ssize_t start, count, pair, b, a
     cdef bint rubs
 
 
 cdef class RowEvaluator:
-    """Evaluates the rows of some contact points of a motion, state by state."""
+    """Evaluates the rows of some contact points of a motion, state by state.
+
+    The rows of a point are combinations of the six of the relative twist of its bodies: the mass matrix is solved for these.
+    """
 
     cdef readonly list at_limits
     cdef list groups, limits
+    cdef tuple counts, frictional_counts
     cdef const mjModel* m
     cdef mjData* d
     cdef object motion, data, made_of
     cdef Py_ssize_t k, nv, bodies
-    cdef double[:, ::1] chains, screw_rates, velocities, centres
+    cdef double[:, ::1] chains, screws, screw_rates, velocities, centres
+    cdef double[:, ::1] own, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1
+    cdef Py_ssize_t[:, ::1] pairs
     cdef double[::1] rates
     cdef Py_ssize_t[::1] ids, roots
     cdef object qvel
@@ -217,7 +231,7 @@ cdef class RowEvaluator:
         model, self.motion, self.data = motion.model, motion, data
         self.m, self.d = <const mjModel*>address(model), <mjData*>address(motion.data)
         self.k, self.nv, self.groups = len(contact_points), model.nv, []
-        bodies, runs = {}, point_runs(contact_points)
+        bodies, pairs, runs = {}, {}, point_runs(contact_points)
         groups_of_pairs = Counter(contact_points[places.start].pair for places in runs)
         patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
         for places in runs:
@@ -225,23 +239,31 @@ cdef class RowEvaluator:
             in_patch, both = pair in patches, (motion.bodies[pair.body_b], motion.bodies[pair.body_a])
             features = [each.feature for each in alike]
             if len(alike) > 1 or (isinstance(features[0], PointOnFace) and not in_patch):
-                group.on_face = FaceGroup(features, both, model, motion.data, data, in_patch=in_patch)
+                group.on_face = FaceGroup(features, data, in_patch=in_patch)
             else:
-                group.other = SinglePoint(features[0], RelativeJacobian(model, motion.data, *both), in_patch=in_patch)
+                group.other = SinglePoint(features[0], in_patch=in_patch)
             group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
             group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
+            group.pair = pairs.setdefault((group.b, group.a), len(pairs))
             self.groups.append(group)
+        self.counts = tuple([len(contact_points[run]) for run in runs])
+        self.frictional_counts = tuple([3 * count for count in self.counts])
+        self.pairs = np.array(list(pairs), dtype=np.intp).reshape(-1, 2)
         self.bodies = len(bodies)
         self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
         self.twists = <Twist*>&self.memory[0, 0]
         self.chains = np.array([chain(model, body) for body in bodies]).reshape(len(bodies), model.nv)
-        self.screw_rates, self.qvel = motion.data.cdof_dot, motion.data.qvel
+        self.screws, self.screw_rates, self.qvel = motion.data.cdof, motion.data.cdof_dot, motion.data.qvel
         self.rates, self.velocities, self.centres = self.qvel, motion.data.cvel, motion.data.subtree_com
         self.ids = np.array([*bodies], dtype=np.intp)
         self.roots = np.array([int(model.body_rootid[body]) for body in bodies], dtype=np.intp)
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
-        self.limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
+        self.limits = [(i, row) for row, i in enumerate(limits, 6 * len(pairs))]
+        own = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
+        for (_, row), limit in zip(self.limits, limits.values()):
+            own[row, motion.dofs[limit.dof]] = limit.sign
+        self.own, self.responses = own, np.zeros_like(own)
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
@@ -268,86 +290,133 @@ cdef class RowEvaluator:
                         twist.acceleration[i] += rate * self.screw_rates[dof, 3 + i]
         return 0
 
+    cdef int evaluate_pairs(self) except -1:
+        """Rows of the twist of b relative to a, about the centre of b, for each pair, and these times M^-1."""
+        cdef Py_ssize_t p, dof, n = self.nv
+        cdef int i
+        cdef double own, other
+        cdef double[3] offset
+        cdef const double* screw
+        cdef double* row
+        for p in range(self.pairs.shape[0]):
+            for i in range(3):
+                offset[i] = self.twists[self.pairs[p, 0]].centre[i] - self.twists[self.pairs[p, 1]].centre[i]
+            for dof in range(n):
+                own, other = self.chains[self.pairs[p, 0], dof], self.chains[self.pairs[p, 1], dof]
+                screw, row = &self.screws[dof, 0], &self.own[6 * p, dof]
+                for i in range(6):
+                    row[i * n] = (own - other) * screw[i]
+                if other != 0.0:
+                    row[3 * n] -= screw[1] * offset[2] - screw[2] * offset[1]
+                    row[4 * n] -= screw[2] * offset[0] - screw[0] * offset[2]
+                    row[5 * n] -= screw[0] * offset[1] - screw[1] * offset[0]
+        if self.own.shape[0] > 1:
+            mj.solveM(self.m, self.d, &self.responses[0, 0], &self.own[0, 0], <int>(self.own.shape[0] - 1))
+        return 0
+
+    cdef int combine(self, RowMemory own, Py_ssize_t per_point) except -1:
+        """Write J and J M^-1 of all points, and the centres of their moments."""
+        cdef Group group
+        cdef Py_ssize_t g, i, d, at, row, n = self.nv
+        cdef int j
+        cdef double share
+        cdef const double* twist
+        cdef const double* response
+        for g, group in enumerate(self.groups):
+            for j in range(3):
+                own.centres[3 * g + j] = self.twists[group.b].centre[j]
+            for i in range(per_point * group.start, per_point * (group.start + group.count)):
+                for j in range(6):
+                    share = own.wrenches[6 * i + j]
+                    if share != 0.0:
+                        twist, response = &self.own[6 * group.pair + j, 0], &self.responses[6 * group.pair + j, 0]
+                        for d in range(n):
+                            own.J[i * n + d] += share * twist[d]
+                            own.response[i * n + d] += share * response[d]
+        for at, row in self.limits:
+            for d in range(n):
+                own.J[per_point * at * n + d] = self.own[row, d]
+                own.response[per_point * at * n + d] = self.responses[row, d]
+        return 0
+
     cdef object twist(self, Py_ssize_t body):
         cdef Twist* of = &self.twists[body]
         return BodyTwist(
             vector(of.centre), vector(of.omega), vector(of.velocity), vector(of.alpha), vector(of.acceleration)
         )
 
+    cdef list states(self):
+        """The points of all groups at the current state."""
+        cdef Group group
+        self.evaluate_twists()
+        self.evaluate_pairs()
+        return [self.state(group) for group in self.groups]
+
     cdef object state(self, Group group):
         """The points of a group at the current state."""
         if group.on_face is not None:
             return group.on_face.at_state(&self.twists[group.b], &self.twists[group.a])
-        return group.other.at_state(self.data, self.twist(group.b), self.twist(group.a))
+        return group.other.at_state(self.data, PairTwist.of(self.twist(group.b), self.twist(group.a)))
 
     def rows(self):
         """Rows of the normals; positions and velocities current, mass matrix factored."""
         cdef Group group
-        cdef RowMemory own = RowMemory(self.k, self.k, self.nv)
-        cdef Py_ssize_t at, dof
-        self.evaluate_twists()
-        states = [self.state(group) for group in self.groups]
+        cdef RowMemory own = RowMemory(self.k, self.counts, self.nv, False)
+        cdef list states = self.states()
         for group, state in zip(self.groups, states):
             if group.on_face is not None:
-                (<FaceState>state).normal_rows(own.J + group.start * self.nv, own.gamma + group.start, 1)
+                (<FaceState>state).normal_rows(own.wrenches + 6 * group.start, own.gamma + group.start, 1)
             else:
                 part = slice(group.start, group.start + group.count)
-                state.normal_rows(own.array("J")[part], own.array("gamma")[part])
-        for at, dof, sign in self.limits:
-            own.J[at * self.nv + dof] = sign
-        if self.k:
-            mj.solveM(self.m, self.d, own.response, own.J, <int>self.k)
+                state.normal_rows(own.array("wrenches")[part], own.array("gamma")[part])
+        self.combine(own, 1)
         return RowsInMemory(states, own)
 
     def frictional_rows(self):
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
         cdef Group group
-        cdef RowMemory own = RowMemory(self.k, 3 * self.k, self.nv)
-        cdef Py_ssize_t p, dof
+        cdef RowMemory own = RowMemory(self.k, self.frictional_counts, self.nv, True)
+        cdef Py_ssize_t p
         cdef int i
         cdef double[3] normal
         cdef double[6] across
-        cdef double* J
+        cdef double* rows
         cdef double* gamma
-        self.evaluate_twists()
-        states = [self.state(group) for group in self.groups]
+        cdef list states = self.states()
         for group, state in zip(self.groups, states):
-            J, gamma = own.J + 3 * group.start * self.nv, own.gamma + 3 * group.start
+            rows, gamma = own.wrenches + 18 * group.start, own.gamma + 3 * group.start
             if group.on_face is None:
-                self.other_rows(group, state, own.array("axes"), own.array("J"), own.array("gamma"))
+                self.other_rows(group, state, own.array("axes"), own.array("wrenches"), own.array("gamma"))
                 continue
-            (<FaceState>state).normal_rows(J, gamma, 3)
+            (<FaceState>state).normal_rows(rows, gamma, 3)
             (<FaceState>state).outward(normal)
             for i in range(6):
                 across[i] = 0.0
             if group.rubs:
                 tangents(normal, across)
-                (<FaceState>state).tangential_rows(across, J, gamma)
+                (<FaceState>state).tangential_rows(across, rows, gamma)
             for p in range(group.start, group.start + group.count):
                 for i in range(3):
                     own.axes[9 * p + i], own.axes[9 * p + 3 + i], own.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
-        for p, dof, sign in self.limits:
-            own.J[3 * p * self.nv + dof] = sign
-        if self.k:
-            mj.solveM(self.m, self.d, own.response, own.J, <int>(3 * self.k))
+        self.combine(own, 3)
         for p in range(self.nv):
             own.qvel[p] = self.rates[p]
         return FrictionalRowsInMemory(states, own)
 
-    cdef int other_rows(self, Group group, state, axes, J, gamma) except -1:
+    cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""
         cdef double[6] across
         cdef double[3] normal
         cdef int i
         p = group.start
-        J, gamma = J.reshape(-1, 3, self.nv)[p : p + 1], gamma.reshape(-1, 3)[p : p + 1]
+        rows, gamma = wrenches.reshape(-1, 3, 6)[p : p + 1], gamma.reshape(-1, 3)[p : p + 1]
         axes[p, 0] = state.normals[0]
         if not group.rubs:
-            state.normal_rows(J[:, 0], gamma[:, 0])
+            state.normal_rows(rows[:, 0], gamma[:, 0])
             return 0
         for i in range(3):
             normal[i] = axes[p, 0, i]
         tangents(normal, across)
         axes[p, 1:] = [vector(across), vector(&across[3])]
-        state.frictional_rows(axes[p], J, gamma)
+        state.frictional_rows(axes[p], rows, gamma)
         return 0

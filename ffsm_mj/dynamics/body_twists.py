@@ -1,4 +1,4 @@
-"""Twists of bodies, their accelerations at zero joint accelerations, and Jacobians of relative velocities of two bodies.
+"""Twists of bodies and of pairs of bodies, their accelerations at zero joint accelerations, and Jacobians of those of pairs.
 
 Quantities are those of MuJoCo's spatial vectors: about the mass centre of the body's kinematic tree, in world axes. With the
 arm r of a material point from there, its velocity is v + omega x r, and its acceleration at zero joint accelerations is
@@ -11,14 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 
 Vector = tuple[float, float, float]
-_UNIT_MOMENTS = np.cross(np.eye(3), np.eye(3)[:, None]).reshape(3, 9)
-"""Moments of an axis at unit arms: axis times this is e_x x axis, e_y x axis, e_z x axis."""
 
 
 class BodyTwist(NamedTuple):
@@ -59,75 +56,66 @@ class BodyTwists:
         return found
 
 
-class RelativeScrews:
-    """Velocities of one body relative to another per unit rate of each degree of freedom."""
+class PairTwist(NamedTuple):
+    """Motion of body b relative to body a at one state: that of the material points that pass the centre of b.
 
-    def __init__(self, model: Any, data: Any, body: int, other: int) -> None:
-        """Take views of the arrays of ``data``: velocities of ``body`` relative to ``other``."""
-        self._pair = model, data, body, other
-        self._others = chain(model, other)
-        self._either = chain(model, body) - self._others
-        self._angular, self._linear = data.cdof[:, :3].T, data.cdof[:, 3:]
+    Attributes:
+        b: Twist of body b.
+        a: Twist of body a.
+        offset: Position of the centre of b from the one of a, m.
+        omega: Relative angular velocity, rad/s.
+        velocity: Relative velocity, m/s.
+        alpha: Angular part of the relative spatial acceleration at zero joint accelerations, rad/s^2.
+        acceleration: Its linear part, m/s^2.
+    """
 
-    def reversed(self) -> RelativeScrews:
-        """The screws of the other body relative to this one."""
-        model, data, body, other = self._pair
-        return RelativeScrews(model, data, other, body)
+    b: BodyTwist
+    a: BodyTwist
+    offset: Vector
+    omega: Vector
+    velocity: Vector
+    alpha: Vector
+    acceleration: Vector
 
-    def rows(self, axis: Vector, arms: FloatArray, offset: Vector) -> FloatArray:
-        """Rows of relative velocities along an axis at several points, (m, nv).
-
-        Args:
-            axis: Unit vector.
-            arms: Positions of the points from the centre of the body's tree, m, (m, 3).
-            offset: Position of that centre from the one of the other body, m.
-        """
-        x, y, z = axis
-        i, j, k = offset
-        # Moments of the axis: arms x axis about the own centre, and offset x axis more about the other one.
-        moments = np.array((0.0, -z, y, z, 0.0, -x, -y, x, 0.0, j * z - k * y, k * x - i * z, i * y - j * x)).reshape(4, 3)
-        turned = moments.dot(self._angular)
-        rows: FloatArray = arms.dot(turned[:3])
-        rows += self._linear.dot(axis)
-        rows *= self._either
-        rows -= self._others * turned[3]
-        return rows
-
-    def rows_along(self, axes: FloatArray, arms: FloatArray, offset: Vector) -> FloatArray:
-        """The same along several axes, (n, 3), at once: (m, n, nv)."""
-        n, nv = len(axes), self._angular.shape[1]
-        # Velocities per unit arm: row 3 i + j is that along axis j by component i of the arm, and the last of the offset.
-        moments = axes.dot(_UNIT_MOMENTS).reshape(n, 3, 3).transpose(1, 0, 2).reshape(3 * n, 3)
-        turned = moments.dot(self._angular).reshape(3, n * nv)
-        rows: FloatArray = arms.dot(turned).reshape(-1, n, nv)
-        rows += axes.dot(self._linear.T)
-        rows *= self._either
-        rows -= self._others * np.dot(offset, turned).reshape(n, nv)
-        return rows
+    @classmethod
+    def of(cls, b: BodyTwist, a: BodyTwist) -> PairTwist:
+        """Relate two bodies."""
+        (i, j, k), (p, q, r), (u, v, w), (e, f, g), (x, y, z) = b
+        (ai, aj, ak), (ap, aq, ar), (au, av, aw), (ae, af, ag), (ax, ay, az) = a
+        i, j, k = i - ai, j - aj, k - ak
+        return cls(
+            b,
+            a,
+            (i, j, k),
+            (p - ap, q - aq, r - ar),
+            (u - au - aq * k + ar * j, v - av - ar * i + ap * k, w - aw - ap * j + aq * i),
+            (e - ae, f - af, g - ag),
+            (x - ax - af * k + ag * j, y - ay - ag * i + ae * k, z - az - ae * j + af * i),
+        )
 
 
-class RelativeJacobian:
-    """Jacobian of the velocity of one body relative to another at a point."""
+class PairTwistRows:
+    """Jacobians of the twists of some pairs of bodies, b relative to a.
 
-    def __init__(self, model: Any, data: Any, body: int, other: int) -> None:
-        """Bind to a model: velocities of ``body`` relative to ``other``."""
-        self._model, self._data, self._body, self._other, self._qvel = model, data, body, other, data.qvel
-        self._own: FloatArray = np.empty((3, model.nv))
-        self._others: FloatArray = np.empty((3, model.nv))
+    A pair has six rows: the relative angular velocity, and the relative velocity at the centre of b. Rows of velocities at
+    points of the pair are combinations of these.
+    """
 
-    def at(self, point: FloatArray) -> FloatArray:
-        """Relative velocity of the two material points at a point per unit rate, (3, nv); valid until the next call."""
-        mujoco.mj_jac(self._model, self._data, self._own, None, point, self._body)
-        mujoco.mj_jac(self._model, self._data, self._others, None, point, self._other)
-        self._own -= self._others
-        return self._own
+    def __init__(self, model: Any, data: Any, pairs: Sequence[tuple[int, int]]) -> None:
+        """Take views of the arrays of ``data``; pairs are bodies (b, a)."""
+        self._others = [chain(model, a) for _, a in pairs]
+        either = [chain(model, b) - other for (b, _), other in zip(pairs, self._others, strict=True)]
+        self._either = np.array(either).reshape(len(pairs), model.nv)
+        self._screws = data.cdof.T
 
-    def acceleration(self, axis: FloatArray, point: FloatArray, other_point: FloatArray) -> float:
-        """Relative acceleration along an axis at zero joint accelerations, of a material point of each body, m/s^2."""
-        mujoco.mj_jacDot(self._model, self._data, self._own, None, point, self._body)
-        mujoco.mj_jacDot(self._model, self._data, self._others, None, other_point, self._other)
-        self._own -= self._others
-        return float(axis.dot(self._own).dot(self._qvel))
+    def write(self, twists: Sequence[PairTwist], out: FloatArray) -> None:
+        """Write the rows at the current state, (6 p, nv)."""
+        rows = out.reshape(len(self._others), 6, out.shape[1])
+        np.multiply(self._either[:, None], self._screws, out=rows)
+        for own, other, twist in zip(rows, self._others, twists, strict=True):
+            i, j, k = twist.offset
+            if i or j or k:  # the velocity of a at the centre of b: omega x offset more than at its own centre
+                own[3:] -= np.array(((0.0, k, -j), (-k, 0.0, i), (j, -i, 0.0))).dot(self._screws[:3]) * other
 
 
 def chain(model: Any, body: int) -> FloatArray:

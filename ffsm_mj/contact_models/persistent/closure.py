@@ -1,11 +1,20 @@
-"""When a pair closes: tolerances on its gap rate, and the test for contact at rest."""
+"""When a pair closes: tolerances on its gap rate, the test for contact at rest, and the pairs to be tested."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
+
 import numpy as np
 
+from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.tolerances import CLOSED_RATE, CONTACT_GAP_M, FEATURE_BOUND_M, RATE
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.tolerances import CLEARLY_APART_M, CLOSED_RATE, CONTACT_GAP_M, FEATURE_BOUND_M, RATE
+
+ClosingPair: TypeAlias = tuple[UnilateralConstraint, Proximity, float]
+"""A pair, its gap and normal, and the gap rate in m/s below which it is at rest."""
 
 _REST_SHARE = 1e-9
 """Post-impact normal velocities below this share of the approach velocity are rounding: the contact is at rest."""
@@ -31,3 +40,22 @@ def switched_rate_tolerance(near: Proximity) -> float:
 def closed_and_still(near: Proximity, still: float) -> bool:
     """Whether a pair is in contact and one of its points neither approaches nor separates."""
     return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)
+
+
+def closed_after_change(pairs: ClosedPairs, held: Sequence[UnilateralConstraint]) -> Iterator[ClosingPair]:
+    """Pairs in contact after a change of motion; those in ``held`` were closed before it."""
+    for pair, near in pairs:
+        # A deeper overlap at release is not a closed contact: the impact model resolves it.
+        if abs(near.gap) <= CONTACT_GAP_M:
+            yield pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance
+
+
+def closed_at(
+    scene: Scene, pairs: Sequence[UnilateralConstraint], held: Sequence[UnilateralConstraint]
+) -> Iterator[ClosingPair]:
+    """Pairs near contact at the state in ``data``; those in ``held`` were closed before it."""
+    model, data = scene.system.mj, scene.data
+    for pair in pairs:
+        if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
+            near = pair.proximity(model, data)
+            yield pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance

@@ -17,9 +17,9 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.point_groups import Wrench
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, point_runs
+from ffsm_mj.contact_models.persistent.wrench_rows import Wrench
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
@@ -41,27 +41,29 @@ class Stage:
 
     Attributes:
         rows: States and Jacobians of the contact points.
-        forces: Normal forces, N, (k,).
+        along: Forces along the rows, N, (r,): normal forces, with friction (n, t1, t2) of each point.
         power: Power of the contact forces by degree of freedom, W, (nv,).
-        friction: Friction force on geom b of each point, world axes, N, (k, 3); None without friction.
         slide: Heat and slip of the points; None where none slides with friction.
     """
 
-    def __init__(
-        self,
-        rows: PointRows,
-        forces: FloatArray,
-        power: FloatArray,
-        friction: FloatArray | None = None,
-        slide: Slide | None = None,
-    ) -> None:
+    def __init__(self, rows: PointRows, along: FloatArray, power: FloatArray, slide: Slide | None = None) -> None:
         """Store the forces; see the attributes."""
-        self.rows, self.forces, self.power, self.friction, self.slide = rows, forces, power, friction, slide
+        self.rows, self.along, self.power, self.slide = rows, along, power, slide
+
+    @property
+    def forces(self) -> FloatArray:
+        """Normal forces, N, (k,)."""
+        return self.rows.normal_forces(self.along)
+
+    @property
+    def friction(self) -> FloatArray | None:
+        """Friction force on geom b of each point, world axes, N, (k, 3); None without friction."""
+        return self.rows.friction_forces(self.along)
 
     @cached_property
     def wrenches(self) -> list[Wrench]:
         """Force, and moment about the world origin, on geom b of each group of points of one pair."""
-        return self.rows.wrenches(self.forces, self.friction)
+        return self.rows.wrenches(self.along)
 
 
 class StageSums:

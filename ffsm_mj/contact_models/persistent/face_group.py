@@ -16,105 +16,112 @@ from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scal
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
-from ffsm_mj.contact_models.persistent.affine_motion import Affine, acceleration_along, turning_matrix, velocity_along
-from ffsm_mj.contact_models.persistent.point_groups import Wrench
-from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeScrews
+from ffsm_mj.contact_models.persistent.affine_motion import Affine
+from ffsm_mj.contact_models.persistent.wrench_rows import wrench_rows
+from ffsm_mj.dynamics.body_twists import PairTwist
+
+_NOTHING: Vector = (0.0, 0.0, 0.0)
+
+
+def _turning_rows(omega: Vector) -> tuple[Vector, Vector, Vector]:
+    """Rows of the matrix K with r K = omega x r for row vectors r."""
+    x, y, z = omega
+    return (0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)
 
 
 class FaceGroup:
     """Points of one body over a face of another; the first body is that of the face, the second that of the points."""
 
-    def __init__(self, features: Sequence[PointOnFace], screws: RelativeScrews, *, in_patch: bool) -> None:
-        """Store the points, see :meth:`PointsOnFace.together`, and the screws of b relative to a."""
-        self._gaps = PointsOnFace(features)
-        self._screws = screws.reversed() if self._gaps.swapped else screws
-        self._in_patch = in_patch
+    def __init__(self, features: Sequence[PointOnFace], *, in_patch: bool) -> None:
+        """Store the points; see :meth:`PointsOnFace.together`."""
+        self._gaps, self._in_patch = PointsOnFace(features), in_patch
 
-    def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> FaceState:
+    def at_state(self, data: Any, twist: PairTwist) -> FaceState:
         """Evaluate; see :class:`~.point_groups.PointGroup`."""
-        assert b is not None
-        assert a is not None
-        first, second = (b, a) if self._gaps.swapped else (a, b)
-        return FaceState(self._gaps, self._screws, data, (first, second), a.omega if self._in_patch else first.omega)
+        return FaceState(self._gaps, data, twist, in_patch=self._in_patch)
 
 
 class FaceState:
-    """Points over a face at one state; see :class:`~.point_groups.GroupState`."""
+    """Points over a face at one state; see :class:`~.point_groups.GroupState`.
 
-    def __init__(
-        self,
-        gaps: PointsOnFace,
-        screws: RelativeScrews,
-        data: Any,
-        bodies: tuple[BodyTwist, BodyTwist],
-        omega: Vector,
-    ) -> None:
-        """Place the points; ``omega`` is the angular velocity with which the normal turns."""
-        self._gaps, self._screws, (self._first, self._second), self._omega = gaps, screws, bodies, omega
-        first, second = bodies
-        self.count = gaps.count
+    Quantities are of body b relative to a, along the normal n from a to b: also where the face is that of b.
+    """
+
+    def __init__(self, gaps: PointsOnFace, data: Any, twist: PairTwist, *, in_patch: bool) -> None:
+        """Place the points."""
+        self._gaps, self._twist, self.count = gaps, twist, gaps.count
         self._places, self._local, normal = gaps.place(data)
         x, y, z = normal.tolist()
-        self._normal: Vector = (x, y, z)
-        self._offset = minus(second.centre, first.centre)
-        self._arms = self._places - second.centre
+        self._outward: Vector = (x, y, z)
+        self._sign = -1.0 if gaps.swapped else 1.0
+        self._normal = scaled(self._sign, self._outward)
+        self._first = twist.b if gaps.swapped else twist.a
+        self._turning = cross(self._first.omega, self._normal)
+        self._patch_turning = cross(twist.a.omega, self._normal) if in_patch else self._turning
+        self._arms = np.ones((gaps.count, 4))
+        np.subtract(self._places, twist.b.centre, out=self._arms[:, :3])
 
-    def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
+    def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
         """Write the normal rows: gap'' contains 2 n' times the relative velocity, as the normal is fixed to the face."""
-        J[:] = self._screws.rows(self._normal, self._arms, self._offset)
-        gamma[:] = self._normal_gamma()
+        rows[:] = wrench_rows(np.array((self._normal,)), self._arms)[:, 0]
+        normal, twist = self._normal, self._twist
+        across, (omega, velocity) = cross(normal, twist.omega), self._second
+        x, y, z = shifted(cross(normal, twist.alpha), 1.0, cross(across, omega))
+        constant, (u, v, w) = self._velocity_along(self._bend_axis)
+        constant += dot(normal, twist.acceleration) + dot(across, velocity)
+        gamma[:] = self._arms.dot((x + u, y + v, z + w, constant))
 
-    def _normal_gamma(self) -> FloatArray:
-        normal = self._normal
-        (x, y, z), (a, b, c) = normal, self._omega
-        turning = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
-        return self._relative(
-            self._arms, acceleration_along(normal, self._second, turning), acceleration_along(normal, self._first, turning)
-        )
+    @property
+    def _second(self) -> tuple[Vector, Vector]:
+        """Angular velocity of the body of the points, and its velocity at the centre of b."""
+        b, a, offset = self._twist.b, self._twist.a, self._twist.offset
+        if not self._gaps.swapped:
+            return b.omega, b.velocity
+        return a.omega, shifted(a.velocity, 1.0, cross(a.omega, offset))
 
-    def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
-        """See :class:`~.point_groups.GroupState`."""
-        # The second body moves along minus an axis relative to the first one if it is a, which b moves along it from.
-        along = -axes if self._gaps.swapped else axes
-        J[:] = self._screws.rows_along(along, self.points - self._second.centre, self._offset)
-        gamma[:, 0] = self._normal_gamma()
-        (c, one), (d, other) = (self._tangential_rate(axis) for axis in along[1:].tolist())
-        # The points are beyond their places by the level along the normal, and move there with the rate of the gap.
-        of_points = np.column_stack((self._arms, self._levels[1], self.rates))
-        gamma[:, 1:] = of_points.dot(np.array((one, other)).T)
-        gamma[:, 1:] += c, d
+    @property
+    def _bend_axis(self) -> Vector:
+        """2 n' less the n' of the face: what the relative velocity of the material points adds to gap''.
 
-    def _tangential_rate(self, axis: Vector) -> tuple[float, tuple[float, ...]]:
-        """Rate at qacc = 0 of the relative velocity along an axis at the contact points.
-
-        It is affine in the arms of the places, how far the contact points are beyond these, and the rates of the gaps.
+        With the contact point c of rate c' that of the body of the points, n . (omega x c') contains n' once already.
         """
-        first, second, normal = self._first, self._second, self._normal
-        turn, spin = minus(second.alpha, first.alpha), minus(second.omega, first.omega)
-        rise = minus(minus(second.acceleration, first.acceleration), cross(first.alpha, self._offset))
-        # axis . (turn x arm + spin x point rate), with the parts of the point rate; see ``point_rates``.
-        bend, weight = cross(axis, turn), cross(axis, spin)
-        x, y, z = shifted(bend, 1.0, cross(weight, second.omega))
-        level = dot(bend, normal) + dot(weight, cross(first.omega, normal))
-        return dot(axis, rise) + dot(weight, second.velocity), (x, y, z, level, -0.5 * dot(weight, normal))
+        return shifted(scaled(2.0, self._patch_turning), -1.0, self._turning)
 
-    def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
+    def _velocity_along(self, axis: Vector) -> Affine:
+        """Relative velocity along an axis: at the centre of b, and its gradient."""
+        return dot(axis, self._twist.velocity), cross(axis, self._twist.omega)
+
+    def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
-        # A shift of a normal force along itself, from the place to the contact point, does not change its moment.
-        normal = scaled(-1.0, self._normal) if self._gaps.swapped else self._normal
-        x, y, z = scaled(float(forces.sum()), normal)
-        a, b, c = cross(forces.dot(self._places).tolist(), normal)
-        if friction is None:
-            return x, y, z, a, b, c
-        u, v, w = friction.sum(axis=0).tolist()
-        (_, xy, xz), (yx, _, yz), (zx, zy, _) = self.points.T.dot(friction).tolist()
-        return x + u, y + v, z + w, a + yz - zy, b + zx - xz, c + xy - yx
+        # The contact points are beyond their places by the level along the normal, and move there with the rate of the gap.
+        terms = np.empty((self.count, 6))
+        terms[:, :4], terms[:, 4], terms[:, 5] = self._arms, self._beyond, self._rates
+        terms[:, :3] += np.multiply.outer(self._beyond, self._normal)
+        rows[:] = wrench_rows(axes, terms[:, :4])
+        gamma[:] = terms.dot(self._rates_along(axes))
 
-    def _relative(self, arms: FloatArray, of_second: Affine, of_first: Affine) -> FloatArray:
-        """Difference of affine functions of the two bodies at some arms from the centre of the second one, (m,)."""
-        (c, (x, y, z)), (d, (u, v, w)), (i, j, k) = of_second, of_first, self._offset
-        values: FloatArray = arms.dot((x - u, y - v, z - w))
-        values += c - d - (i * u + j * v + k * w)
+    def _rates_along(self, axes: FloatArray) -> FloatArray:
+        """Rates at qacc = 0 of the relative velocity along the axes at the contact points, (6, 3).
+
+        They are affine in the arms of these, in how far they are beyond their places, and in the rates of the gaps.
+        """
+        twist, normal, turning = self._twist, self._normal, self._turning
+        omega, velocity = self._second
+        beyond = minus(turning, cross(omega, normal))
+        point_rates = np.array((*_turning_rows(omega), velocity, beyond, scaled(-0.5, self._outward)))
+        passing = np.array((*_turning_rows(twist.alpha), twist.acceleration, _NOTHING, _NOTHING))
+        passing += point_rates.dot(_turning_rows(twist.omega))
+        rates: FloatArray = passing.dot(axes.T)
+        constant, gradient = self._velocity_along(self._bend_axis)
+        # The normal of a patch turns with body a: its bend is that at the places.
+        level = 2.0 * dot(normal, cross(twist.omega, minus(self._patch_turning, turning)))
+        rates[:5, 0] += (*gradient, constant, level)
+        return rates
+
+    def _at_places(self, along: Affine) -> FloatArray:
+        """Values at the places of an affine function of the arm, (m,)."""
+        constant, (x, y, z) = along
+        values: FloatArray = self._arms.dot((x, y, z, constant))
         return values
 
     @cached_property
@@ -128,20 +135,24 @@ class FaceState:
         return gaps
 
     @cached_property
+    def _beyond(self) -> FloatArray:
+        """How far the contact points are from their places along the normal from a to b, m, (m,)."""
+        return self._sign * self._levels[1]
+
+    @cached_property
+    def _rates(self) -> FloatArray:
+        return self._at_places(self._velocity_along(self._normal))
+
+    @property
     def rates(self) -> list[float]:
         """See :class:`~.point_groups.GroupState`."""
-        found = self._relative(
-            self._arms, velocity_along(self._normal, self._second), velocity_along(self._normal, self._first)
-        )
-        rates: list[float] = found.tolist()
+        rates: list[float] = self._rates.tolist()
         return rates
 
     @cached_property
     def _bends(self) -> list[float]:
         """Curvature terms of the second rates, m/s^2, (m,)."""
-        turning = scaled(2.0, cross(self._first.omega, self._normal))
-        found = self._relative(self._arms, velocity_along(turning, self._second), velocity_along(turning, self._first))
-        bends: list[float] = found.tolist()
+        bends: list[float] = self._at_places(self._velocity_along(scaled(2.0, self._turning))).tolist()
         return bends
 
     @property
@@ -157,23 +168,22 @@ class FaceState:
     @cached_property
     def points(self) -> FloatArray:
         """See :class:`~.point_groups.GroupState`."""
-        return self._places + np.multiply.outer(self._levels[1], self._normal)
+        return self._places + np.multiply.outer(self._beyond, self._normal)
 
     @cached_property
     def point_rates(self) -> FloatArray:
         """Velocities of ``points``, which move over both surfaces, (m, 3)."""
-        second, turning = self._second, cross(self._first.omega, self._normal)
-        rates: FloatArray = self._arms.dot(turning_matrix(second.omega))
-        rates += second.velocity
-        rates += np.multiply.outer(self._levels[1], turning)
-        rates -= np.multiply.outer(0.5 * np.array(self.rates), self._normal)
+        omega, velocity = self._second
+        rates: FloatArray = self._arms.dot((*_turning_rows(omega), velocity))
+        rates += np.multiply.outer(self._beyond, self._turning)
+        rates -= np.multiply.outer(0.5 * self._rates, self._outward)
         return rates
 
     @cached_property
     def normals(self) -> FloatArray:
         """See :class:`~.point_groups.GroupState`."""
         normals = np.empty_like(self._places)
-        normals[:] = scaled(-1.0, self._normal) if self._gaps.swapped else self._normal
+        normals[:] = self._normal
         return normals
 
     @cached_property

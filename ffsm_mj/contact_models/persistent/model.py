@@ -27,22 +27,14 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.change_records import PAIR_KINDS, ChangeRecords, by_kind, listed_pairs, name_of
 from ffsm_mj.contact_models.persistent.changes import ContactChanges
-from ffsm_mj.contact_models.persistent.closure import (
-    closed_and_still,
-    held_rate_tolerance,
-    rate_tolerance,
-)
+from ffsm_mj.contact_models.persistent.closure import closed_after_change, closed_and_still, closed_at, rate_tolerance
 from ffsm_mj.contact_models.persistent.drift import DriftProjection
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
-from ffsm_mj.contact_models.persistent.record import (
-    CONTACT_BEGINS,
-    CONTACT_ENDS,
-    FRICTION_KINDS,
-)
-from ffsm_mj.contact_models.persistent.refusals import refusal
+from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_ENDS, FRICTION_KINDS
+from ffsm_mj.contact_models.persistent.refusals import refusal_in
 from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.persistent.step_account import StepAccount
 from ffsm_mj.dynamics.motion import Motion
@@ -50,9 +42,7 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
-from ffsm_mj.tolerances import CLEARLY_APART_M, CONTACT_GAP_M
-
-_OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
+from ffsm_mj.tolerances import CLEARLY_APART_M
 
 
 class PersistentContactModel(EventSource, ForceSource, Replayable):
@@ -102,16 +92,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
                 self._active_set.set_points(pair, ())
         before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
         if before is not None and before != self._previous:
-            self._update_pairs(held)
+            for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), held):
+                self._update_pair(pair, near, still)
         self._update_activity()
         self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
-
-    def _update_pairs(self, held: Sequence[UnilateralConstraint]) -> None:
-        """Update all pairs near contact after a change of motion; pairs in ``held`` were closed in the previous one."""
-        for pair, near in closed_pairs(self._broad_phase, self.scene, self.motion):
-            # A deeper overlap at release is not a closed contact: the impact model resolves it.
-            if abs(near.gap) <= CONTACT_GAP_M:
-                self._update_pair(pair, near, held_rate_tolerance(near) if pair in held else near.rate_tolerance)
 
     def restart(self) -> None:
         """Discard the forces of the last step: the state or the efforts changed discontinuously."""
@@ -145,9 +129,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def refusal(self, _: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
-        if self.motion.data is not self.scene.data and not self.motion.grasp:
-            return _OTHER_MODEL
-        return refusal(self.scene.system.mj)
+        return refusal_in(self.motion, self.scene)
 
     def _update_pair(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         if closed_and_still(near, still) and not self.refusal(pair):
@@ -171,7 +153,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:
         """Find the closed contacts at the state in ``data``; the last record lists those with a logged start."""
-        data, model = self.scene.data, self.scene.system.mj
         for pair in tuple(self._active_set.by_pair):
             self._active_set.remove(pair)
         geoms, closed_rules = by_kind(self._pairs)[0], self._report.closed_rules()
@@ -179,11 +160,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         # Records may be lost with a damaged part of the log: columns then say of which rules pairs are closed.
         listed = {pair.rule for pair in self._changes.logged if isinstance(pair, ContactPair)}
         unlisted = closed_rules - listed
-        for pair in (self._pairs[i] for i in self._broad_phase.within(data, CLEARLY_APART_M)):
-            if pair.gap(model, data, 1.0) <= CLEARLY_APART_M:
-                near = pair.proximity(model, data)
-                held = pair in self._changes.logged or pair.rule in unlisted
-                self._update_pair(pair, near, held_rate_tolerance(near) if held else near.rate_tolerance)
+        near_pairs = [self._pairs[i] for i in self._broad_phase.within(self.scene.data, CLEARLY_APART_M)]
+        held = [pair for pair in near_pairs if pair in self._changes.logged or pair.rule in unlisted]
+        for pair, near, still in closed_at(self.scene, near_pairs, held):
+            self._update_pair(pair, near, still)
         self._changes.logged += [pair for pair in self._active_set.by_pair if pair.rule in unlisted]
         self._update_activity()
 

@@ -14,10 +14,7 @@ from typing import Any, Protocol
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.gap_function import FeatureState
-from ffsm_mj.dynamics.body_twists import BodyTwist
-
-Wrench = tuple[float, float, float, float, float, float]
-"""Force, and moment about the world origin."""
+from ffsm_mj.dynamics.body_twists import PairTwist
 
 
 class GroupState(Protocol):
@@ -57,32 +54,25 @@ class GroupState(Protocol):
     @property
     def points(self) -> FloatArray: ...  # noqa: D102
 
-    def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
-        """Write the rows of the gap rates, (m, nv), and the second rates of the gaps at qacc = 0, (m,)."""
+    def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
+        """Write the wrench rows of the normals, (m, 6), and the second rates of the gaps at qacc = 0, (m,)."""
         ...
 
-    def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
-        """Write the rows of gap rates, and of relative velocities along two tangents.
+    def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
+        """Write the wrench rows of the normals and of two tangents; see ``wrench_rows.py``.
 
         Args:
             axes: Normal and tangents of all points, (3, 3).
-            J: Rows, (m, 3, nv).
+            rows: Rows about the centre of b, (m, 3, 6).
             gamma: Second rates of the gaps, and rates of the relative velocity at the contact points, which move over both
                 surfaces, at qacc = 0, (m, 3).
         """
-        ...
-
-    def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
-        """Resultant on geom b of normal forces, (m,), and of friction forces in world axes, (m, 3)."""
         ...
 
 
 class PointGroup(Protocol):
     """Contact points of one pair, evaluated together."""
 
-    def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> GroupState:
-        """Evaluate at the state in ``data``, with the twists of both bodies there; None if only normals are needed.
-
-        Several points on a face always need them.
-        """
+    def at_state(self, data: Any, twist: PairTwist) -> GroupState:
+        """Evaluate at the state in ``data``, with the twist of both bodies there."""
         ...

@@ -12,7 +12,8 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.gap_function import FeatureState
-from ffsm_mj.contact_models.persistent.point_groups import GroupState, Wrench
+from ffsm_mj.contact_models.persistent.point_groups import GroupState
+from ffsm_mj.contact_models.persistent.wrench_rows import Wrench, WrenchRows
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, RATE
 
@@ -46,9 +47,11 @@ class PointRows:
 
     loop_rates: FloatArray | None = None
 
-    def __init__(self, groups: Sequence[GroupState], J: FloatArray, gamma: FloatArray, response: FloatArray) -> None:
+    def __init__(
+        self, groups: Sequence[GroupState], wrenches: WrenchRows, J: FloatArray, response: FloatArray, gamma: FloatArray
+    ) -> None:
         """Store the rows of some groups of points."""
-        self._groups, self.J, self.gamma, self.response = groups, J, gamma, response
+        self._groups, self._wrenches, self.J, self.response, self.gamma = groups, wrenches, J, response, gamma
 
     @cached_property
     def G(self) -> FloatArray:
@@ -98,20 +101,17 @@ class PointRows:
         """First contact point of each group of points of one pair."""
         return [0, *accumulate(group.count for group in self._groups[:-1])]
 
-    def wrenches(self, forces: FloatArray, friction: FloatArray | None = None) -> list[Wrench]:
-        """Force, and moment about the world origin, on geom b of each group of points.
+    def wrenches(self, forces: FloatArray) -> list[Wrench]:
+        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows, N."""
+        return self._wrenches.resultants(forces)
 
-        Args:
-            forces: Normal forces, N, (k,).
-            friction: Friction forces on geom b, world axes, N, (k, 3).
-        """
-        if len(self._groups) == 1:
-            return [self._groups[0].wrench(forces, friction)]
-        parts = [slice(start, start + group.count) for start, group in zip(self.starts, self._groups, strict=True)]
-        return [
-            group.wrench(forces[part], None if friction is None else friction[part])
-            for part, group in zip(parts, self._groups, strict=True)
-        ]
+    def normal_forces(self, forces: FloatArray) -> FloatArray:
+        """Normal forces of the points among forces along the rows, N, (k,)."""
+        raise NotImplementedError
+
+    def friction_forces(self, forces: FloatArray) -> FloatArray | None:
+        """Friction forces on geom b for forces along the rows, world axes, N, (k, 3); None without tangents."""
+        raise NotImplementedError
 
     def resultant(
         self, part: slice, forces: FloatArray, friction: FloatArray | None
@@ -148,6 +148,14 @@ class PointRows:
 class ContactRows(PointRows):
     """Rows of the normals: gap' = J qdot and gap'' = J qddot + gamma, J (k, nv)."""
 
+    def normal_forces(self, forces: FloatArray) -> FloatArray:
+        """See :class:`PointRows`."""
+        return forces
+
+    def friction_forces(self, forces: FloatArray) -> None:  # noqa: ARG002
+        """See :class:`PointRows`."""
+        return
+
 
 class FrictionalRows(PointRows):
     """Rows of normals and tangents, J (3k, nv); row 3 i + j is axis j (n, t1, t2) of point i.
@@ -163,16 +171,25 @@ class FrictionalRows(PointRows):
     def __init__(
         self,
         groups: Sequence[GroupState],
-        axes: FloatArray,
+        wrenches: WrenchRows,
         J: FloatArray,
-        gamma: FloatArray,
         response: FloatArray,
+        gamma: FloatArray,
+        axes: FloatArray,
         qvel: FloatArray,
     ) -> None:
         """Store the rows of some groups of points."""
-        super().__init__(groups, J, gamma, response)
+        super().__init__(groups, wrenches, J, response, gamma)
         self.axes, self.qvel = axes, qvel
         self.held: dict[tuple[bytes, bytes], Any] = {}
+
+    def normal_forces(self, forces: FloatArray) -> FloatArray:
+        """See :class:`PointRows`."""
+        return forces[::3]
+
+    def friction_forces(self, forces: FloatArray) -> FloatArray:
+        """See :class:`PointRows`."""
+        return self.across(forces.reshape(-1, 3)[:, 1:])
 
     @cached_property
     def slips(self) -> FloatArray:

@@ -7,6 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.dynamics.motion import Motion
+
+_OTHER_MODEL = "the motion uses another model than the scenario's, and no grasp of the scenario is closed in it"
+
+
+def refusal_in(motion: Motion, scene: Scene) -> str:
+    """Why no pair of a scene can stay in contact in a motion; empty if all can."""
+    if motion.data is not scene.data and not motion.grasp:
+        return _OTHER_MODEL
+    return refusal(scene.system.mj)
+
 
 def refusal(model: Any) -> str:
     """Why no pair of a model can stay in contact; empty if all can."""

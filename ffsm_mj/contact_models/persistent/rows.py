@@ -30,7 +30,8 @@ from ffsm_mj.contact_models.persistent.face_group import FaceGroup
 from ffsm_mj.contact_models.persistent.point_groups import GroupState, PointGroup
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows
 from ffsm_mj.contact_models.persistent.single_point import SinglePoint
-from ffsm_mj.dynamics.body_twists import BodyTwists, RelativeJacobian, RelativeScrews
+from ffsm_mj.contact_models.persistent.wrench_rows import WrenchRows
+from ffsm_mj.dynamics.body_twists import BodyTwists, PairTwist, PairTwistRows
 from ffsm_mj.dynamics.motion import Motion
 
 
@@ -43,17 +44,19 @@ class ContactPoint:
 
 
 class _Group(NamedTuple):
-    """Points evaluated together, their places among all, which bodies are b and a, and whether the pair has friction."""
+    """Points evaluated together, their places among all, which pair of bodies they are of, and whether it has friction."""
 
     points: PointGroup
     places: slice
-    b: int
-    a: int
+    bodies: int
     rubs: bool
 
 
 class RowEvaluator:
     """Evaluates the rows of some contact points of a motion, state by state.
+
+    The rows of a point are combinations of the six of the relative twist of its bodies, see ``wrench_rows.py``: the mass
+    matrix is solved for these.
 
     Attributes:
         at_limits: Indices of the joint limits among the contact points.
@@ -75,7 +78,7 @@ class RowEvaluator:
             flat: Pairs that are held at three points of a flat patch at least.
         """
         self._motion, self._data, self._shape = motion, data, (len(contact_points), motion.model.nv)
-        bodies: dict[int, int] = {}
+        pairs: dict[tuple[int, int], int] = {}
         self._groups = []
         together = point_runs(contact_points)
         groups_of_pairs = Counter(contact_points[places.start].pair for places in together)
@@ -83,59 +86,80 @@ class RowEvaluator:
         patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
         for places in together:
             alike, pair = contact_points[places], contact_points[places.start].pair
-            b, a = motion.bodies[pair.body_b], motion.bodies[pair.body_a]
-            both = motion.model, motion.data, b, a
-            points: PointGroup
-            if len(alike) > 1:
-                on_face = [each.feature for each in alike if isinstance(each.feature, PointOnFace)]
-                points = FaceGroup(on_face, RelativeScrews(*both), in_patch=pair in patches)
-            else:
-                points = SinglePoint(alike[0].feature, RelativeJacobian(*both), in_patch=pair in patches)
-            own, other = (bodies.setdefault(body, len(bodies)) for body in (b, a))
-            self._groups.append(_Group(points, places, own, other, pair.mu > 0.0))
-        self._twists = BodyTwists(motion.model, motion.data, list(bodies))
-        self._still = [None] * len(bodies)
-        self._needs_twists = bool(patches) or any(isinstance(group.points, FaceGroup) for group in self._groups)
+            both, points = (motion.bodies[pair.body_b], motion.bodies[pair.body_a]), _points(alike, in_patch=pair in patches)
+            self._groups.append(_Group(points, places, pairs.setdefault(both, len(pairs)), pair.mu > 0.0))
+        self._bodies = list(dict.fromkeys(body for both in pairs for body in both))
+        self._pairs = [(self._bodies.index(b), self._bodies.index(a)) for b, a in pairs]
+        self._twists = BodyTwists(motion.model, motion.data, self._bodies)
+        self._twist_rows = PairTwistRows(motion.model, motion.data, list(pairs))
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
-        self._limits = [(i, motion.dofs[limit.dof], limit.sign) for i, limit in limits.items()]
+        # Of the twists of all pairs, then of the limits, which are rows of their own.
+        self._own_rows, self._end = np.zeros((6 * len(pairs) + len(limits), motion.model.nv)), 6 * len(pairs)
+        self._responses = np.zeros_like(self._own_rows)
+        for row, limit in enumerate(limits.values(), self._end):
+            self._own_rows[row, motion.dofs[limit.dof]] = limit.sign
 
     def rows(self) -> ContactRows:
         """Rows of the normals; positions and velocities current, mass matrix factored."""
-        states = self._at_state(with_twists=self._needs_twists)
-        J, gamma = np.empty(self._shape), np.empty(self._shape[0])
-        for group, state in zip(self._groups, states, strict=True):
-            state.normal_rows(J[group.places], gamma[group.places])
-        for i, dof, sign in self._limits:
-            J[i, dof] = sign
-        return ContactRows(states, J, gamma, self._response(J))
+        groups, k = self._at_state(), self._shape[0]
+        wrenches, gamma = np.empty((k, 6)), np.empty(k)
+        for group, state in zip(self._groups, groups, strict=True):
+            state.normal_rows(wrenches[group.places], gamma[group.places])
+        return ContactRows(groups, self._wrenches(wrenches[:, None]), *self._combined(wrenches[:, None]), gamma)
 
     def frictional_rows(self) -> FrictionalRows:
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
-        groups, (k, nv) = self._at_state(with_twists=True), self._shape
-        J, gamma, axes = np.zeros((k, 3, nv)), np.zeros((k, 3)), np.zeros((k, 3, 3))
+        groups, k = self._at_state(), self._shape[0]
+        wrenches, gamma, axes = np.zeros((k, 3, 6)), np.zeros((k, 3)), np.zeros((k, 3, 3))
         for group, state in zip(self._groups, groups, strict=True):
             places, normals = group.places, state.normals
             axes[places, 0] = normals
             if group.rubs:
                 axes[places, 1:] = tangents(normals[0])
-                state.frictional_rows(axes[places.start], J[places], gamma[places])
+                state.frictional_rows(axes[places.start], wrenches[places], gamma[places])
             else:
-                state.normal_rows(J[places, 0], gamma[places, 0])
-        for i, dof, sign in self._limits:
-            J[i, 0, dof] = sign
-        J = J.reshape(3 * k, nv)
-        return FrictionalRows(groups, axes, J, gamma.reshape(-1), self._response(J), np.array(self._motion.data.qvel))
+                state.normal_rows(wrenches[places, 0], gamma[places, 0])
+        qvel = np.array(self._motion.data.qvel)
+        of_twists = self._wrenches(wrenches), *self._combined(wrenches)
+        return FrictionalRows(groups, *of_twists, gamma.reshape(-1), axes, qvel)
 
-    def _at_state(self, *, with_twists: bool) -> list[GroupState]:
-        twists = self._twists.at_state() if with_twists else self._still
-        return [group.points.at_state(self._data, twists[group.b], twists[group.a]) for group in self._groups]
+    def _combined(self, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """J and J M^-1 for n rows of each point, (k, n, 6), from those of the twists and limits."""
+        own, responses = self._own_rows, self._responses
+        if len(own):
+            mujoco.mj_solveM(self._motion.model, self._motion.data, responses, own)
+        if self._end == len(own) == 6:  # one pair of bodies
+            flat = wrenches.reshape(-1, 6)
+            return flat.dot(own), flat.dot(responses)
+        k, n, _ = wrenches.shape
+        J, response = np.zeros((2, k, n, self._shape[1]))
+        for group in self._groups:
+            part, six = group.places, slice(6 * group.bodies, 6 * group.bodies + 6)
+            J[part], response[part] = wrenches[part].dot(own[six]), wrenches[part].dot(responses[six])
+        for row, i in enumerate(self.at_limits, self._end):
+            J[i, 0], response[i, 0] = own[row], responses[row]
+        return J.reshape(k * n, len(own.T)), response.reshape(k * n, len(own.T))
 
-    def _response(self, J: FloatArray) -> FloatArray:
-        """J M^-1, like J."""
-        response = np.empty_like(J)
-        mujoco.mj_solveM(self._motion.model, self._motion.data, response, J)
-        return response
+    def _wrenches(self, wrenches: FloatArray) -> WrenchRows:
+        """Wrench rows, (k, n, 6), with the groups and centres that they belong to."""
+        n = wrenches.shape[1]
+        parts = [slice(n * group.places.start, n * group.places.stop) for group in self._groups]
+        return WrenchRows(wrenches.reshape(-1, 6), parts, self._centres)
+
+    def _at_state(self) -> list[GroupState]:
+        twists = self._twists.at_state()
+        pairs = [PairTwist.of(twists[b], twists[a]) for b, a in self._pairs]
+        self._twist_rows.write(pairs, self._own_rows[: self._end])
+        self._centres = [pairs[group.bodies].b.centre for group in self._groups]
+        return [group.points.at_state(self._data, pairs[group.bodies]) for group in self._groups]
+
+
+def _points(alike: Sequence[ContactPoint], *, in_patch: bool) -> PointGroup:
+    """Points that are evaluated together, or a single one."""
+    if len(alike) == 1:
+        return SinglePoint(alike[0].feature, in_patch=in_patch)
+    return FaceGroup([each.feature for each in alike if isinstance(each.feature, PointOnFace)], in_patch=in_patch)
 
 
 def point_runs(contact_points: Sequence[ContactPoint]) -> list[slice]:

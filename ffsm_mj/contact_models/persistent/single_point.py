@@ -4,35 +4,39 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.features.body_motion import cross, dot, minus, shifted
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
-from ffsm_mj.contact_models.persistent.affine_motion import spatial_acceleration_along
-from ffsm_mj.contact_models.persistent.point_groups import Wrench
-from ffsm_mj.dynamics.body_twists import BodyTwist, RelativeJacobian
+from ffsm_mj.contact_models.persistent.affine_motion import acceleration_along
+from ffsm_mj.contact_models.persistent.wrench_rows import wrench_rows
+from ffsm_mj.dynamics.body_twists import BodyTwist, PairTwist
 
 
 class SinglePoint:
     """A contact point by itself, or a joint limit: its normal is zero, and so are the rows that this gives."""
 
-    def __init__(self, feature: Feature, bodies: RelativeJacobian, *, in_patch: bool) -> None:
-        """Store the feature and the Jacobian of b relative to a."""
-        self._feature, self._bodies, self._in_patch = feature, bodies, in_patch
+    def __init__(self, feature: Feature, *, in_patch: bool) -> None:
+        """Store the feature."""
+        self._feature, self._in_patch = feature, in_patch
 
-    def at_state(self, data: Any, b: BodyTwist | None, a: BodyTwist | None) -> SingleState:
+    def at_state(self, data: Any, twist: PairTwist) -> SingleState:
         """Evaluate; see :class:`~.point_groups.PointGroup`."""
         here = self._feature.at(data)
-        return SingleState(_in_patch(here, b, a) if self._in_patch else here, self._bodies, b, a)
+        return SingleState(_in_patch(here, twist) if self._in_patch else here, twist)
 
 
 class SingleState:
     """A contact point at one state; see :class:`~.point_groups.GroupState`."""
 
-    def __init__(self, here: FeatureState, bodies: RelativeJacobian, b: BodyTwist | None, a: BodyTwist | None) -> None:
-        """Store its state and the twists of both bodies."""
+    def __init__(self, here: FeatureState, twist: PairTwist) -> None:
+        """Store its state and the twist of both bodies."""
         self.states, self.count = (here,), 1
         self.gaps, self.rates, self.scales, self.insides = (here.gap,), (here.rate,), (here.scale,), (here.inside,)
-        self._here, self._bodies, self._b, self._a = here, bodies, b, a
+        self._here, self._twist = here, twist
+        x, y, z = here.point.tolist()
+        self._arm = minus((x, y, z), twist.b.centre)
 
     @property
     def normals(self) -> FloatArray:
@@ -44,47 +48,44 @@ class SingleState:
         """See :class:`~.point_groups.GroupState`."""
         return self._here.point[None]
 
-    def normal_rows(self, J: FloatArray, gamma: FloatArray) -> None:
+    def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
+        rows[0] = self._wrench_rows(self._here.normal[None])
+        gamma[0] = self._normal_gamma()
+
+    def _wrench_rows(self, axes: FloatArray) -> FloatArray:
+        rows: FloatArray = wrench_rows(axes, np.array((*self._arm, 1.0))[None])[0]
+        return rows
+
+    def _normal_gamma(self) -> float:
+        """Acceleration of the material points along the normal, and the curvature terms of the moving contact point."""
         here = self._here
-        J[0] = here.normal.dot(self._bodies.at(here.point))
-        # n . (Jdot qdot) of the material points, and the curvature terms of the moving contact point.
-        gamma[0] = self._bodies.acceleration(here.normal, here.point_b, here.point_a) + here.bend
+        i, j, k = here.normal.tolist()
+        own, other = (
+            _acceleration((i, j, k), body, point)
+            for body, point in ((self._twist.b, here.point_b), (self._twist.a, here.point_a))
+        )
+        return own - other + here.bend
 
-    def wrench(self, forces: FloatArray, friction: FloatArray | None) -> Wrench:
+    def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
-        here, size = self._here, forces.item(0)
-        (x, y, z), (a, b, c) = here.normal.tolist(), here.point.tolist()
-        x, y, z = size * x, size * y, size * z
-        if friction is not None:
-            ((u, v, w),) = friction.tolist()
-            x, y, z = x + u, y + v, z + w
-        return x, y, z, b * z - c * y, c * x - a * z, a * y - b * x
-
-    def frictional_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
-        """See :class:`~.point_groups.GroupState`."""
-        self.normal_rows(J[:, 0], gamma[:, 0])
-        self.tangential_rows(axes[1:], J[:, 1:], gamma[:, 1:])
-
-    def tangential_rows(self, axes: FloatArray, J: FloatArray, gamma: FloatArray) -> None:
-        """Write the rows of relative velocities along two tangents, (2, 3), and their rates."""
-        here, b, a = self._here, self._b, self._a
-        assert b is not None
-        assert a is not None
-        J[0] = axes.dot(self._bodies.at(here.point))
-        x, y, z = here.point.tolist()
-        arm, other, spin = minus((x, y, z), b.centre), minus((x, y, z), a.centre), minus(b.omega, a.omega)
-        for j, axis in enumerate(axes.tolist()):
-            (c, gradient), (d, others) = spatial_acceleration_along(axis, b), spatial_acceleration_along(axis, a)
-            gamma[0, j] = c + dot(gradient, arm) - d - dot(others, other) + dot(here.point_rate, cross(axis, spin))
+        twist, (u, v, w) = self._twist, self._here.point_rate
+        rows[0] = self._wrench_rows(axes)
+        passing = shifted(twist.acceleration, 1.0, cross(twist.alpha, self._arm))
+        gamma[0] = axes.dot(shifted(passing, 1.0, cross(twist.omega, (u, v, w))))
+        gamma[0, 0] = self._normal_gamma()
 
 
-def _in_patch(here: FeatureState, b: BodyTwist | None, a: BodyTwist | None) -> FeatureState:
+def _acceleration(axis: Vector, body: BodyTwist, point: FloatArray) -> float:
+    """Acceleration of a material point along an axis at qacc = 0, m/s^2."""
+    x, y, z = point.tolist()
+    constant, gradient = acceleration_along(axis, body)
+    return constant + dot(gradient, minus((x, y, z), body.centre))
+
+
+def _in_patch(here: FeatureState, twist: PairTwist) -> FeatureState:
     """The state of a point of a flat patch, whose normal turns with body a."""
-    assert b is not None
-    assert a is not None
     (x, y, z), (i, j, k) = here.point.tolist(), here.normal.tolist()
-    own, other = minus((x, y, z), b.centre), minus((x, y, z), a.centre)
-    w = minus(shifted(b.velocity, 1.0, cross(b.omega, own)), shifted(a.velocity, 1.0, cross(a.omega, other)))
-    bend = 2.0 * dot(cross(a.omega, (i, j, k)), w)
+    w = shifted(twist.velocity, 1.0, cross(twist.omega, minus((x, y, z), twist.b.centre)))
+    bend = 2.0 * dot(cross(twist.a.omega, (i, j, k)), w)
     return here._replace(point_a=here.point, point_b=here.point, bend=bend, scale=max(here.scale, abs(bend)))

@@ -59,7 +59,7 @@ def same_rows(pair, model, data, found, *, flat=()):
         values.append(1e12 * with_friction.acceleration_rounding(np.linspace(-1.0, 1.0, model.nv)))
         for rows in (with_friction, without):
             values += [rows.J, rows.gamma, rows.response, rows.G, rows.gaps, rows.rates, rows.scales, rows.insides]
-            values += [rows.normals, rows.points, rows.starts, rows.wrenches(forces), rows.wrenches(forces, friction)]
+            values += [rows.normals, rows.points, rows.starts, rows.wrenches(np.linspace(-1.0, 1.0, len(rows.J)))]
             values += [*rows.resultant(slice(0, k), forces, friction), *rows.resultant(slice(0, k), 0.0 * forces, None)]
             values.append(rows.extremes)
             values += [np.hstack([np.ravel(value) for value in state]) for state in rows.states]

@@ -38,11 +38,11 @@ def stage_of(here: FrictionState, implicit: StageVelocity | None) -> tuple[Stage
     if not modes.any_slides:
         return here.stuck_stage()
     forces, u = _sliding_forces(here, implicit), rows.slips
-    generalised = forces.ravel().dot(rows.J)
+    along = forces.reshape(-1)
+    generalised = along.dot(rows.J)
     heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
     slip_speeds = np.hypot(u[:, 0], u[:, 1]) * modes.slides
-    friction, slide = rows.across(forces[:, 1:]), Slide(heat, slip_speeds)
-    return Stage(rows, forces[:, 0], generalised * rows.qvel, friction, slide), generalised
+    return Stage(rows, along, generalised * rows.qvel, Slide(heat, slip_speeds)), generalised
 
 
 def _sliding_forces(here: FrictionState, implicit: StageVelocity | None) -> FloatArray:

@@ -68,6 +68,6 @@ class FrictionState:
 
     def stuck_stage(self) -> tuple[Stage, FloatArray]:
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
-        rows, forces = self.rows, self._stuck_forces
-        generalised = forces.ravel().dot(rows.J)
-        return Stage(rows, forces[:, 0], generalised * rows.qvel, rows.across(forces[:, 1:])), generalised
+        rows, along = self.rows, self._stuck_forces.reshape(-1)
+        generalised = along.dot(rows.J)
+        return Stage(rows, along, generalised * rows.qvel), generalised

@@ -51,16 +51,16 @@ def fixed_in_the_bodies(monkeypatch):
     """The rate of a row is that of a point fixed in each body, as from ``mj_jacDot``."""
     monkeypatch.setenv("FFSM_COMPILED", "0")  # the twin has rates of its own
     group = single_point.SingleState
-    right = group.tangential_rows
+    right = group.frictional_rows
 
-    def wrong(self, axes, J, gamma):
-        right(self, axes, J, gamma)
+    def wrong(self, axes, rows, gamma):
+        right(self, axes, rows, gamma)
         c, rate = self._here.point, self._here.point_rate
-        for sign, body in ((1.0, self._b), (-1.0, self._a)):
+        for sign, body in ((1.0, self._twist.b), (-1.0, self._twist.a)):
             relative = rate - np.array(body.velocity) - np.cross(body.omega, c - np.array(body.centre))
-            gamma[0] -= sign * (axes @ np.cross(body.omega, relative))
+            gamma[0, 1:] -= sign * (axes[1:] @ np.cross(body.omega, relative))
 
-    monkeypatch.setattr(group, "tangential_rows", wrong)
+    monkeypatch.setattr(group, "frictional_rows", wrong)
 
 
 def frozen_for_a_step(monkeypatch):
