@@ -93,9 +93,15 @@ def _verdict(found: dict[Setting, list[Row]], panel: Panel, target: float) -> st
     if not others:
         return "reached by ffsm-mj alone."
     cost, setting = others[0]
-    how = f"{ratio(ours / cost)} times less CPU time than" if cost < ours else f"{ratio(cost / ours)} times the CPU time of"
     engines = listed(sorted({other[0] for _, other in others}))
-    return f"reached by {engines} too; the cheapest, {called(setting)}, takes {how} ffsm-mj."
+    return f"reached by {engines} too; the cheapest, {called(setting)}, takes {_compared(cost, ours)} ffsm-mj."
+
+
+def _compared(cost: float, ours: float) -> str:
+    """A cost beside ours; on a busy machine a tenth is no difference."""
+    if abs(cost - ours) < 0.1 * ours:
+        return "about the CPU time of"
+    return f"{ratio(ours / cost)} times less CPU time than" if cost < ours else f"{ratio(cost / ours)} times the CPU time of"
 
 
 def restitution(rows: list[Row]) -> str:
