@@ -15,10 +15,12 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF
 from tests.contact_models.grasp.test_runs import holds
-from tests.contact_models.grasp.two_arms import CLAMP, JOINTS, LEFT, PD, POSE, RATES, RIGHT, holding, plate
+from tests.contact_models.grasp.two_arms import CLAMP, JOINTS, LEFT, PD, POSE, RATES, RIGHT, holding, plate, robot
+from tests.scenes import scene
 
 
 def leave(*names, **phase):
+    """A phase in which some grasps let go."""
     return {"name": f"leave_{names[0]}", "release": [*names], "controller": OFF, **phase}
 
 
@@ -67,6 +69,56 @@ def test_the_order_of_grasps_that_close_at_one_instant_does_not_matter(both, tmp
     np.testing.assert_allclose(states(other), states(both), rtol=0, atol=1e-12)
     losses = [sum(record.loss_J for record in run.records["capture_impulses"]) for run in (other, both)]
     assert losses[0] == pytest.approx(losses[1], rel=1e-13)
+
+
+def test_all_that_close_at_one_instant_do_so_before_what_the_first_leads_to(both, tmp_path):
+    """The phase ends with the first capture, and the next one disarms the other grasp: it has closed by then."""
+    phases = [
+        {"name": "take", "until": "capture", "arm": ["left", "right"], "controller": PD},
+        {"name": "hold", "for_s": 0.2, "controller": PD},
+        {"name": "again", "until": "end", "arm": ["left"], "controller": PD},
+    ]
+    run = ffsm_mj.run(holding(tmp_path, phases=phases, duration_s=0.3))
+    assert [(each.grasp, each.time_s) for each in run.captures] == [("left", 0.0), ("right", 0.0)]
+    assert not run.records["near_misses"]
+    assert len(run.records["armings"]) == 2  # arming a closed grasp does nothing
+    same = both.time < 0.2
+    np.testing.assert_allclose(states(run)[: same.sum()], states(both)[same], rtol=0, atol=1e-12)
+
+
+def test_two_touches_at_one_instant_close_both(tmp_path):
+    """A plate meets both hands at once: the impact is resolved first, then both latch in one instant."""
+    touch = [{"touch": [f"{side}_hand-plate/plate"]} for side in ("left", "right")]
+    rigid = dict.fromkeys(JOINTS, 0.0)
+    initial = {"joints": {"plate/free": [1.8, 0, 0, 1, 0, 0, 0], **rigid}, "rates": {"plate/free": [-0.3, 0, 0, 0, 0, 0]}}
+    rules = {"rules": [{"between": [f"{side}_hand", "plate/plate"], "restitution": 0.5} for side in ("left", "right")]}
+    captures = {"left": LEFT | {"when": touch[0]}, "right": RIGHT | {"when": touch[1]}}
+    phases = [{"name": "meet", "until": "capture", "arm": ["left", "right"], "controller": OFF}]
+    phases += [{"name": "hold", "until": "end", "controller": OFF}]
+    wide = plate().replace('size="0.1 0.25 0.05"', 'size="0.1 0.35 0.05"').replace('pos="0.03 0.02 0"', 'pos="0.03 0 0"')
+    run = holds(
+        ffsm_mj.run(
+            holding(
+                tmp_path,
+                captures,
+                phases,
+                {"plate": wide},
+                initial=initial,
+                contacts=rules,
+                duration_s=1.2,
+            )
+        )
+    )
+    assert len({record.time_s for record in (*run.impacts, *run.records["capture_impulses"])}) == 1
+    assert sorted(each.grasp for each in run.captures) == ["left", "right"]
+
+
+def test_an_estimator_of_one_grasp_says_so(tmp_path):
+    sites, kinds = ("robot/clamp", "plate/to_clamp"), ("framepos", "framequat")
+    sensors = {f"{of.partition('/')[0]}_{kind}": {"kind": kind, "of": of} for of in sites for kind in kinds}
+    run = ffsm_mj.run(holding(tmp_path, estimator={"kind": "mekf"}, sensors=sensors))
+    assert run.outcome == "controller_failed"
+    assert "the grasp 'right' closes while another is closed: kind mekf knows one at a time" in run.message
 
 
 def test_loads_are_what_moves_the_plate(tmp_path):
@@ -172,7 +224,29 @@ def two_objects():
     return changes | {"captures": captures}, [(6, 20), (6, 14)]
 
 
-@pytest.mark.parametrize("scenario", [soft_and_hard, three, two_objects])
+MATE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="mate"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="6" diaginertia="0.3 0.2 0.3"/><geom name="mate" type="box" size="0.1 0.1 0.1" mass="0"/>
+  <body name="m0" pos="-0.2 0 0"><joint name="m0" axis="0 0 1"/><inertial pos="-0.1 0 0" mass="1" diaginertia=".01 .01 .01"/>
+  <body name="m1" pos="-.3 0 0"><joint name="m1" axis="0 1 0"/><inertial pos="-0.1 0 0" mass=".8" diaginertia=".01 .01 .01"/>
+  <site name="mate_tip" pos="-0.25 0 0"/></body></body></body></worldbody></mujoco>"""
+
+
+def two_robots():
+    """The plate links the robot with another one, which takes it first and keeps it while the robot lets go and returns."""
+    captures = {"mate": CLAMP | {"robot_site": "mate_tip"}, "left": LEFT}
+    joints = {"plate/free": POSE, "mate/free": [2.6, 0.1, 0, 1, 0, 0, 0], **JOINTS}
+    rates = RATES | {"mate/free": [0.05, -0.1, 0.02, 0.1, 0.2, 0.05]}
+    phases = [
+        {"name": "link", "for_s": 0.1, "arm": [*captures], "controller": PD},
+        leave("left", for_s=0.1),
+        {"name": "again", "for_s": 0.1, "arm": ["left"], "controller": PD},
+        leave("mate", until="end"),
+    ]
+    changes = {"objects": {"mate": MATE}, "initial": {"joints": joints, "rates": rates}, "phases": phases}
+    return changes | {"captures": captures}, [(6, 22), (6, 16), (6, 16)]
+
+
+@pytest.mark.parametrize("scenario", [soft_and_hard, three, two_objects, two_robots])
 def test_chains(tmp_path, scenario):
     """Rank and mobility by counting, and every check through the whole of it."""
     changes, counted = scenario()
@@ -217,3 +291,42 @@ def test_what_is_refused_by_name(tmp_path):
         with pytest.raises(InputError) as error:
             ffsm_mj.prepare(holding(tmp_path / str(k), captures))
         assert words in str(error.value)
+
+
+WALL = """<mujoco><option gravity="0 0 0"/><worldbody><body name="wall">
+  <geom name="wall" type="box" size="0.05 1.5 1.5"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("friction", [{}, {"mu": 0.4}])
+def test_a_grasp_closes_and_another_opens_while_the_plate_is_pressed_on_a_wall(tmp_path, friction):
+    """The first arm presses the plate on the wall; the second one latches it there, and takes it over."""
+    press = PD | {"kp": 4.0, "target": [-0.3, 0.1, 0.4, 0.1, 0.25, -0.2, -0.35, 0.2]}
+    captures = {"left": LEFT, "right": RIGHT}
+    phases = [
+        {"name": "press", "for_s": 0.35, "arm": ["left"], "controller": press},
+        {"name": "both", "for_s": 0.15, "arm": ["right"], "controller": press},
+        leave("left", for_s=0.1, controller=press),
+        leave("right", until="end"),
+    ]
+    path = scene(
+        tmp_path,
+        robot(),
+        {"plate": plate(), "wall": WALL},
+        fixed={"wall": {"position_m": [1.85, 0, 0]}},
+        duration_s=0.7,
+        time_step_s=2e-3,
+        control_period_s=1e-2,
+        initial={
+            "joints": {"plate/free": [1.6, 0.03, -0.02, 1, 0, 0, 0], **JOINTS},
+            "rates": {"plate/free": [0.3, 0.02, 0, 0, 0, 0], "robot/free": [0.25, 0, 0, 0, 0, 0]},
+        },
+        captures=captures,
+        contacts={"rules": [{"between": ["plate/plate", "wall/wall"], "restitution": 0.0, **friction}]},
+        phases=phases,
+    )
+    run = holds(ffsm_mj.run(path))
+    closes, opens = run.captures[1].time_s, run.captures[0].release_s
+    pressed = [(each.start_s, each.end_s or run.time[-1]) for each in run.contacts]
+    assert any(start < closes <= end for start, end in pressed)
+    assert any(start < opens <= end + 1e-2 for start, end in pressed)
