@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ffsm_mj.campaign.plan.description import description
 from ffsm_mj.studies.plan import StudyPlan
 
@@ -32,4 +34,13 @@ def study_description(plan: StudyPlan) -> list[str]:
 
 def _kind(value: object) -> str:
     """A value of an override; of a control law its kind."""
-    return f"kind {value['kind']}" if isinstance(value, dict) and "kind" in value else str(value)
+    return f"kind {value['kind']}" if isinstance(value, Mapping) and "kind" in value else flow(value)
+
+
+def flow(value: object) -> str:
+    """A value of a study file as YAML on one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(flow, value)) + "]"
+    return str(value).lower() if isinstance(value, bool) or value is None else str(value)

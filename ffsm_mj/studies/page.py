@@ -13,6 +13,7 @@ from ffsm_mj.campaign.evaluation.statistics import Proportion
 from ffsm_mj.report.markdown_text import code, escaped, number, percent
 from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.studies.comparison import StudyComparison, VariantPair
+from ffsm_mj.studies.description import flow
 from ffsm_mj.studies.results import SUCCESS, StudyResults
 from ffsm_mj.studies.sentences import confidence_sentence, difference_sentence, sentences
 
@@ -84,15 +85,6 @@ def _variants(results: StudyResults) -> str:
     head = ("variant", "description", "changes", "applicable")
     keep = [i for i in range(len(head)) if i != 1 or described]
     return markdown_table([head[i] for i in keep], [[row[i] for i in keep] for row in rows], texts=head)
-
-
-def flow(value: object) -> str:
-    """A value of a study file as YAML on one line."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {flow(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(flow, value)) + "]"
-    return str(value).lower() if isinstance(value, bool) or value is None else str(value)
 
 
 def _outcomes(results: StudyResults) -> str:

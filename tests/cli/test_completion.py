@@ -82,7 +82,7 @@ def test_bash_completes_scenarios_and_places(complete):
 
 def test_bash_completes_campaigns_tables_and_folders(complete):
     assert complete("ffsm", "campaign", "run", "base") == ["baseline-dispersed", "bases"]
-    assert complete("ffsm", "check", "capture-d") == ["capture-dispersed"]
+    assert complete("ffsm", "check", "capture-di") == ["capture-dispersed"]
     assert complete("ffsm", "campaign", "resume", "b") == ["bases"]
     assert complete("ffsm", "study", "run", "laws") == ["laws-after-impact"]
     assert complete("ffsm", "study", "run", "--metrics", "mi") == ["mine.yaml"]
