@@ -66,7 +66,7 @@ def _pareto(table: Table) -> None:
     handles: dict[str, Any] = {}
     for axes in panels[: len(cells)]:
         handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=5)
+    figure.legend([*handles.values()], [*handles], loc="outside lower center", ncols=3)
     write(figure, FOLDER, "pareto", ("svg",))
 
 
