@@ -16,12 +16,13 @@ schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
 	uv run ffsm schema --study > scenarios/ffsm-study.schema.json
-figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/probe-and-cone.md, docs/berth.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md and docs/sensitivity.md
+figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/probe-and-cone.md, docs/berth.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md and docs/sensitivity.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
 	uv run python docs/contact_force.py
 	uv run python docs/capture_figures.py
 	uv run python docs/sensitivity_figure.py
+	uv run python docs/detumble_figure.py
 	uv run python docs/probe_and_cone.py
 	uv run python docs/berth.py
 	uv run python docs/flexible_figure.py

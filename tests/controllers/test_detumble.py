@@ -128,6 +128,16 @@ def test_thrusters_take_over_from_saturated_wheels_without_net_force(tmp_path, k
     np.testing.assert_allclose(robot[-1], robot[0], atol=1e-9)
 
 
+@pytest.mark.parametrize("jets", [False, True])
+def test_what_no_wheel_has_an_axis_for_is_left_to_the_thrusters(tmp_path, jets):
+    """One wheel takes its part; the rest stays and is told of, or goes out by proportional jets, to less than 1e-6."""
+    law = {"wheels": ["wheel_1"], "rate_1_s": 1.0} | ({"thrusters": JETS} if jets else {})
+    run = detumbled(tmp_path, law, robot=spacecraft(jets="couples"), duration_s=20.0)
+    note = run.summary(checks=False)["controller"]["phases"][0]["reports"].get("note", "")
+    assert ("no wheel has an axis" in note) != jets
+    assert (left(run) < 1e-6) == jets
+
+
 def test_a_single_jet_drifts_and_the_ledger_has_its_share(tmp_path):
     """One jet is no couple: P changes, and the angular impulse of the log is its moment about the moving centre of mass."""
     run = detumbled(

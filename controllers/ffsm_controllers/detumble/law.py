@@ -214,8 +214,8 @@ class Detumble:
         left = share.left / self._config.rate_1_s
         if not self._n:
             return -rest
-        if share.full.any() and np.linalg.norm(left) > self._config.tolerance_N_m_s:
-            self._dumping = True
+        beyond = bool(np.linalg.norm(left) > self._config.tolerance_N_m_s)
+        self._dumping |= beyond
         if not self._dumping:
             return None
         rates, most = self._rates(data), self._config.unload_to * self._limits_of_wheels()
@@ -224,7 +224,7 @@ class Detumble:
         size = float(np.linalg.norm(excess))
         if size == 0.0:
             self._dumping = False
-            return None
+            return -left if beyond else None
         direction = excess / size
         opposite = min(size, _ABSORBED * self._least_wheel_torque() / self._config.rate_1_s)
         along = max(float(rest @ direction) + opposite, 0.0)

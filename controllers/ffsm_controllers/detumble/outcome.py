@@ -27,6 +27,7 @@ class DetumbleOutcome:
         self._first: float | None = None
         self._saturated_s: float | None = None
         self._full: tuple[str, ...] = ()
+        self._left = 0.0
         self._fired, self._alone, self._least_share = False, 0.0, 1.0
 
     def start(self) -> None:
@@ -42,9 +43,9 @@ class DetumbleOutcome:
         self.is_below = left < self._config.tolerance_N_m_s
         if self._first is None:
             self._first = left
+        self._left = math.hypot(*share.left.tolist()) / self._config.rate_1_s
         full = tuple(name for name, is_full in zip(self._wheels, share.full.tolist(), strict=True) if is_full)
-        beyond = math.hypot(*share.left.tolist()) > self._config.rate_1_s * self._config.tolerance_N_m_s
-        if full and beyond:
+        if full and self._left > self._config.tolerance_N_m_s:
             self._full = full
             self._saturated_s = time_s if self._saturated_s is None else self._saturated_s
         self._fired |= thrust is not None and bool(thrust.any())
@@ -85,6 +86,8 @@ class DetumbleOutcome:
                 f"{', '.join(self._full)} saturated at {self._saturated_s:.3f} s, there are no thrusters: {left:.4g} N m s "
                 "is left in the stack without its wheels"
             )
+        elif self._saturated_s is None and self._left > config.tolerance_N_m_s and not config.thrusters:
+            notes.append(f"no wheel has an axis along {self._left:.4g} N m s of the momentum, there are no thrusters")
         elif self._saturated_s is not None:
             after = "thrusters unload them" if self._fired else "thrusters did not fire"
             notes.append(f"{', '.join(self._full)} saturated at {self._saturated_s:.3f} s, {after}")
