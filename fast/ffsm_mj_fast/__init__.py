@@ -23,7 +23,7 @@ from ffsm_mj_fast.stage_sums import StageSums
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "b809e80d73ef"
+INTERFACE = "400078d35b5e"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
