@@ -29,6 +29,7 @@ from ffsm_mj.assembly.run import simulate
 from ffsm_mj.contact_models.interface import EventEffect, EventSource
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.simulation.grid_step import GridStep
+from ffsm_mj.simulation.log_writer import LogWriter
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import EventDue
 
@@ -74,10 +75,10 @@ def measured(prepared: PreparedRun) -> Cost:
     blocks: list[tuple[float, bool]] = []
     events: list[tuple[str, float]] = []
     began = in_blocks = 0.0
-    record, after, apply, pass_on = Simulation._record, Simulation._settle, GridStep._apply, Recorder.pass_on
+    row, after, apply, pass_on = LogWriter.row, Simulation._settle, GridStep._apply, Recorder.pass_on
 
-    def noted(self: Simulation, time_s: float) -> None:
-        record(self, time_s)
+    def noted(self: LogWriter, time_s: float) -> None:
+        row(self, time_s)
         ticks.append((time.perf_counter() - in_blocks, bool(self._plant.integrator.motion.grasp)))
 
     def passing(self: Recorder) -> None:
@@ -99,7 +100,8 @@ def measured(prepared: PreparedRun) -> Cost:
         after(self, due, commanded)
 
     with (
-        patch.multiple(Simulation, _record=noted, _settle=done),
+        patch.object(LogWriter, "row", noted),
+        patch.object(Simulation, "_settle", done),
         patch.object(GridStep, "_apply", applying),
         patch.object(Recorder, "pass_on", passing),
     ):
