@@ -114,6 +114,8 @@ def _rules(table: Table) -> Iterator[str]:
             "error of the tip in m and u the applied torques of the joints in N m. Error and effort "
             "are also shown apart, as "
             "the weight decides much.",
+            "- In the approach of the capture the target moves. All laws use its position and rate, `osdre` and "
+            "`task_ct` its acceleration too.",
             f"- `baseline` is scored until {REACH_END_S} s, when its target leaves the reach of the drifting robot.",
             "- Runs that do not complete, fail a check or have an overlap in the phase are left out of both laws of a pair. "
             "The tables count them. In the approach of the capture the default of resolved rate fails the check of angular "
@@ -123,10 +125,18 @@ def _rules(table: Table) -> Iterator[str]:
     yield _text(
         "In full, hours: `uv run --extra fast python docs/law_comparison` (64 points, 4 runs each). "
         "The stored table is made by "
-        f"`uv run --extra fast python docs/law_comparison --points {tried} --tuning-runs {runs}`; runs that "
+        f"`uv run --extra fast python docs/law_comparison --points {tried} --tuning-runs {runs}`"
+        f"{_fewer(table)}; runs that "
         "`logs/law-comparison` already has are not repeated. `--check` repeats "
         f"{CHECKED_POINTS} points of each law and compares them with stored numbers."
     )
+
+
+def _fewer(table: Table) -> str:
+    """The options for cells with fewer judged runs than the command computes without."""
+    fewer = {cell: len(table.common(cell)) for cell in table.cells if len(table.common(cell)) < CELLS[cell].runs}
+    options = [f"`--cells {cell} --runs {n}`" for cell, n in fewer.items()]
+    return f", and by itself for some cells: {', '.join(options)}" if options else ""
 
 
 def _tuning_size(table: Table) -> tuple[int, int]:
