@@ -152,8 +152,8 @@ def test_a_record_is_a_table_for_other_tools(plain_run, tmp_path, capsys):
     recorded(plain_run, tmp_path / "none", kinds=())
     assert main(["export", str(tmp_path / "none"), "--csv", "--table", "grips"]) == 2
     known = (
-        "checks, contact_beginnings, contact_changes, contact_endings, contacts, impacts, internal_errors, phases, samples, "
-        "unhandled_contacts"
+        "angular_momentum, checks, contact_beginnings, contact_changes, contact_endings, contacts, impacts, "
+        "internal_errors, phases, samples, unhandled_contacts"
     )
     assert f"unknown table 'grips'; allowed: {known}" in capsys.readouterr().err
 

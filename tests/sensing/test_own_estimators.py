@@ -200,5 +200,5 @@ def test_another_estimator_is_another_campaign(tmp_path):
     campaign = Campaign.load(path, tmp_path / "out", estimators={"mine": Frozen})
     assert pickle.loads(pickle.dumps(campaign._job(own=True))).own.estimators == {"mine": Frozen}
     campaign.run(loop().open())
-    with pytest.raises(InputError, match="its rows were made with other settings: estimators"):
+    with pytest.raises(InputError, match="holds a campaign with other settings: estimators"):
         Campaign.load(path, tmp_path / "out", estimators={"mine": Raises}).run(loop().open())
