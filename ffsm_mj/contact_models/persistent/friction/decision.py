@@ -40,11 +40,11 @@ class FrictionalDecision:
             modes: Present modes.
         """
         self.here, self.contact_points, self.rows = here, here.contact_points, here.rows
-        self._modes, self._released, self._struck = modes, modes.released, modes.struck
+        self._modes, self._released, self._struck, self._stops = modes, modes.released, modes.struck, modes.stops
 
     def is_for(self, modes: FrictionModes) -> bool:
         """Whether the decision is that after the same events; it may differ at the same state."""
-        return self._released == modes.released and self._struck == modes.struck
+        return (self._released, self._struck, self._stops) == (modes.released, modes.struck, modes.stops)
 
     @property
     def problem(self) -> FrictionProblem:
@@ -97,6 +97,7 @@ class FrictionalDecision:
             modes.straight,
             modes.drifts,
             struck=self._struck,
+            stops=self._stops,
         )
         return slides & (modes.mu > 0.0)
 

@@ -32,6 +32,7 @@ class FrictionModes:
     Attributes:
         released: Whether sticking points have reached the limit of friction at the current state: those there slide.
         struck: Whether the velocities are those after an impact, which leaves sticking points a slip of rounding.
+        stops: Whether a sliding point is known to stop at the current state, as at a logged stop that is replayed.
         beginning: Points that begin to slide at the current state. The slip that they have is the drift of sticking points;
             it is projected out like that before they move.
         estimates: Forces with the least use of friction found last, N, (m, 3), by the points that share a load.
@@ -39,7 +40,7 @@ class FrictionModes:
 
     def __init__(self) -> None:
         """Start without modes."""
-        self.released = self.struck = False
+        self.released = self.struck = self.stops = False
         self.beginning: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
         self.estimates: dict[tuple[ContactPoint, ...], FloatArray] = {}
@@ -92,7 +93,8 @@ class FrictionModes:
             slides: Points that slip already; others only begin to slide, (k,).
         """
         before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
-        self.released, self.struck, self._straight = False, False, {}
+        self.released = self.struck = self.stops = False
+        self._straight = {}
         self.forget_structures()
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         begins = ((kinds == SLIDE) & ~slides).tolist()
@@ -123,7 +125,7 @@ class FrictionModes:
             return False
         if self._kinds != dict(zip(contact_points, values, strict=True)):
             return False
-        self.released = self.struck = False
+        self.released = self.struck = self.stops = False
         for modes in self._of.values():
             modes.structures.clear()
         return True
@@ -136,19 +138,20 @@ class FrictionModes:
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores all that decides on the modes of the next step."""
-        flags, points = (self.released, self.struck), (self.beginning, self._straight)
+        flags, points = (self.released, self.struck, self.stops), (self.beginning, self._straight)
         kept = self._kinds, self._directions, self._largest_slip
 
         def restore() -> None:
-            (self.released, self.struck), (self.beginning, self._straight) = flags, points
+            (self.released, self.struck, self.stops), (self.beginning, self._straight) = flags, points
             self._kinds, self._directions, self._largest_slip = kept
             self.forget_structures()
 
         return restore
 
     def assume(self, contact_points: Sequence[ContactPoint], *, sticks: bool) -> None:
-        """Make the points that slide or stick do what they did before an event: stick, or slide."""
+        """Make the points that slide or stick do what they did before an event: stick, or slide until they stop there."""
         before, after = (STICK, SLIDE) if sticks else (SLIDE, STICK)
+        self.stops = not sticks
         self.forget_structures()
         for contact in contact_points:
             if self._kinds.get(contact) == after:
@@ -178,6 +181,7 @@ def sliding(
     drifts: BoolArray,
     *,
     struck: bool,
+    stops: bool = False,
 ) -> BoolArray:
     """Points that slip, (k,).
 
@@ -192,13 +196,16 @@ def sliding(
         straight: Points that go straight on to their stop, and stop where their slip is zero, (k,).
         drifts: Points that stick or begin to slide, (k,).
         struck: Whether the velocities are those after an impact.
+        stops: Whether a sliding point is known to stop here.
     """
     if struck:
         return np.asarray(slips > _STRUCK * rounding)
     close = TOGETHER * np.maximum(stop_speeds, rounding)
     least = np.maximum(np.where(straight, 0.0, stop_speeds), rounding)
     slide = kinds == SLIDE
-    if np.any(slide & (slips <= least)):
+    # A run locates a stop just below this speed. At the logged state a replay may find the slip above it, by rounding: the
+    # pose of a grasped object is transferred to the motion and back, which changes it by 1e-15 m, and slips with it.
+    if np.any(slide & (slips <= (least + rounding if stops else least))):
         least = np.where(slide, close, least)
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)
     return np.asarray(slips > np.where(drifts, drift, least))
