@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
@@ -101,21 +102,23 @@ class PairTwistRows:
     points of the pair are combinations of these.
     """
 
-    def __init__(self, model: Any, data: Any, pairs: Sequence[tuple[int, int]]) -> None:
-        """Take views of the arrays of ``data``; pairs are bodies (b, a)."""
-        self._others = [chain(model, a) for _, a in pairs]
-        either = [chain(model, b) - other for (b, _), other in zip(pairs, self._others, strict=True)]
-        self._either = np.array(either).reshape(len(pairs), model.nv)
-        self._screws = data.cdof.T
+    def __init__(self, model: Any, data: Any, pairs: Sequence[tuple[int, int]], out: FloatArray) -> None:
+        """Bind to ``data`` and to the array for the rows, (6 p, nv); pairs are bodies (b, a)."""
+        self._model, self._data = model, data
+        self._of_a: FloatArray = np.empty((6, model.nv))
+        self._angular, self._linear = self._of_a[:3], self._of_a[3:]
+        self._pairs = [
+            (rows, rows[:3], rows[3:], data.subtree_com[int(model.body_rootid[b])], b, a)
+            for rows, (b, a) in zip(out.reshape(len(pairs), 6, model.nv), pairs, strict=True)
+        ]
 
-    def write(self, twists: Sequence[PairTwist], out: FloatArray) -> None:
-        """Write the rows at the current state, (6 p, nv)."""
-        rows = out.reshape(len(self._others), 6, out.shape[1])
-        np.multiply(self._either[:, None], self._screws, out=rows)
-        for own, other, twist in zip(rows, self._others, twists, strict=True):
-            i, j, k = twist.offset
-            if i or j or k:  # the velocity of a at the centre of b: omega x offset more than at its own centre
-                own[3:] -= np.array(((0.0, k, -j), (-k, 0.0, i), (j, -i, 0.0))).dot(self._screws[:3]) * other
+    def write(self) -> None:
+        """Write the rows at the current state."""
+        model, data = self._model, self._data
+        for rows, angular, linear, centre, b, a in self._pairs:
+            mujoco.mj_jac(model, data, linear, angular, centre, b)
+            mujoco.mj_jac(model, data, self._linear, self._angular, centre, a)
+            np.subtract(rows, self._of_a, out=rows)
 
 
 def chain(model: Any, body: int) -> FloatArray:

@@ -16,8 +16,8 @@ from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scal
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
-from ffsm_mj.contact_models.persistent.affine_motion import Affine
-from ffsm_mj.contact_models.persistent.wrench_rows import wrench_rows
+from ffsm_mj.contact_models.persistent.affine_motion import Affine, acceleration_along, velocity_along
+from ffsm_mj.contact_models.persistent.wrench_rows import normal_wrench_rows, wrench_rows
 from ffsm_mj.dynamics.body_twists import PairTwist
 
 _NOTHING: Vector = (0.0, 0.0, 0.0)
@@ -58,18 +58,16 @@ class FaceState:
         self._first = twist.b if gaps.swapped else twist.a
         self._turning = cross(self._first.omega, self._normal)
         self._patch_turning = cross(twist.a.omega, self._normal) if in_patch else self._turning
-        self._arms = np.ones((gaps.count, 4))
+        self._arms = np.empty((gaps.count, 4))
+        self._arms[:, 3] = 1.0
         np.subtract(self._places, twist.b.centre, out=self._arms[:, :3])
 
     def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
         """Write the normal rows: gap'' contains 2 n' times the relative velocity, as the normal is fixed to the face."""
-        rows[:] = wrench_rows(np.array((self._normal,)), self._arms)[:, 0]
-        normal, twist = self._normal, self._twist
-        across, (omega, velocity) = cross(normal, twist.omega), self._second
-        x, y, z = shifted(cross(normal, twist.alpha), 1.0, cross(across, omega))
-        constant, (u, v, w) = self._velocity_along(self._bend_axis)
-        constant += dot(normal, twist.acceleration) + dot(across, velocity)
-        gamma[:] = self._arms.dot((x + u, y + v, z + w, constant))
+        rows[:] = normal_wrench_rows(self._normal, self._arms)
+        constant, (x, y, z) = acceleration_along(self._normal, self._twist, *self._second)
+        bend, (u, v, w) = velocity_along(self._bend_axis, self._twist)
+        gamma[:] = self._at_places((constant + bend, (x + u, y + v, z + w)))
 
     @property
     def _second(self) -> tuple[Vector, Vector]:
@@ -85,11 +83,8 @@ class FaceState:
 
         With the contact point c of rate c' that of the body of the points, n . (omega x c') contains n' once already.
         """
-        return shifted(scaled(2.0, self._patch_turning), -1.0, self._turning)
-
-    def _velocity_along(self, axis: Vector) -> Affine:
-        """Relative velocity along an axis: at the centre of b, and its gradient."""
-        return dot(axis, self._twist.velocity), cross(axis, self._twist.omega)
+        (x, y, z), (u, v, w) = self._patch_turning, self._turning
+        return 2.0 * x - u, 2.0 * y - v, 2.0 * z - w
 
     def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
@@ -112,7 +107,7 @@ class FaceState:
         passing = np.array((*_turning_rows(twist.alpha), twist.acceleration, _NOTHING, _NOTHING))
         passing += point_rates.dot(_turning_rows(twist.omega))
         rates: FloatArray = passing.dot(axes.T)
-        constant, gradient = self._velocity_along(self._bend_axis)
+        constant, gradient = velocity_along(self._bend_axis, twist)
         # The normal of a patch turns with body a: its bend is that at the places.
         level = 2.0 * dot(normal, cross(twist.omega, minus(self._patch_turning, turning)))
         rates[:5, 0] += (*gradient, constant, level)
@@ -141,7 +136,7 @@ class FaceState:
 
     @cached_property
     def _rates(self) -> FloatArray:
-        return self._at_places(self._velocity_along(self._normal))
+        return self._at_places(velocity_along(self._normal, self._twist))
 
     @property
     def rates(self) -> list[float]:
@@ -152,7 +147,7 @@ class FaceState:
     @cached_property
     def _bends(self) -> list[float]:
         """Curvature terms of the second rates, m/s^2, (m,)."""
-        bends: list[float] = self._at_places(self._velocity_along(scaled(2.0, self._turning))).tolist()
+        bends: list[float] = self._at_places(velocity_along(scaled(2.0, self._turning), self._twist)).tolist()
         return bends
 
     @property

@@ -55,8 +55,8 @@ class _Group(NamedTuple):
 class RowEvaluator:
     """Evaluates the rows of some contact points of a motion, state by state.
 
-    The rows of a point are combinations of the six of the relative twist of its bodies, see ``wrench_rows.py``: the mass
-    matrix is solved for these.
+    The rows of a point are combinations of the six of the relative twist of its bodies, see ``wrench_rows.py``. The mass
+    matrix is solved for the rows of the points or for those of the twists, whichever are fewer.
 
     Attributes:
         at_limits: Indices of the joint limits among the contact points.
@@ -88,15 +88,17 @@ class RowEvaluator:
             alike, pair = contact_points[places], contact_points[places.start].pair
             both, points = (motion.bodies[pair.body_b], motion.bodies[pair.body_a]), _points(alike, in_patch=pair in patches)
             self._groups.append(_Group(points, places, pairs.setdefault(both, len(pairs)), pair.mu > 0.0))
+        # Rows of each group, for normals only and with two tangents.
+        self._parts = {n: [slice(n * run.start, n * run.stop) for run in together] for n in (1, 3)}
         self._bodies = list(dict.fromkeys(body for both in pairs for body in both))
         self._pairs = [(self._bodies.index(b), self._bodies.index(a)) for b, a in pairs]
         self._twists = BodyTwists(motion.model, motion.data, self._bodies)
-        self._twist_rows = PairTwistRows(motion.model, motion.data, list(pairs))
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
         self.at_limits = list(limits)
         # Of the twists of all pairs, then of the limits, which are rows of their own.
         self._own_rows, self._end = np.zeros((6 * len(pairs) + len(limits), motion.model.nv)), 6 * len(pairs)
         self._responses = np.zeros_like(self._own_rows)
+        self._twist_rows = PairTwistRows(motion.model, motion.data, list(pairs), self._own_rows[: self._end])
         for row, limit in enumerate(limits.values(), self._end):
             self._own_rows[row, motion.dofs[limit.dof]] = limit.sign
 
@@ -106,7 +108,7 @@ class RowEvaluator:
         wrenches, gamma = np.empty((k, 6)), np.empty(k)
         for group, state in zip(self._groups, groups, strict=True):
             state.normal_rows(wrenches[group.places], gamma[group.places])
-        return ContactRows(groups, self._wrenches(wrenches[:, None]), *self._combined(wrenches[:, None]), gamma)
+        return ContactRows(groups, self._wrenches(wrenches[:, None]), *self._with_responses(wrenches[:, None]), gamma)
 
     def frictional_rows(self) -> FrictionalRows:
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
@@ -121,38 +123,48 @@ class RowEvaluator:
             else:
                 state.normal_rows(wrenches[places, 0], gamma[places, 0])
         qvel = np.array(self._motion.data.qvel)
-        of_twists = self._wrenches(wrenches), *self._combined(wrenches)
+        of_twists = self._wrenches(wrenches), *self._with_responses(wrenches)
         return FrictionalRows(groups, *of_twists, gamma.reshape(-1), axes, qvel)
 
-    def _combined(self, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """J and J M^-1 for n rows of each point, (k, n, 6), from those of the twists and limits."""
-        own, responses = self._own_rows, self._responses
-        if len(own):
-            mujoco.mj_solveM(self._motion.model, self._motion.data, responses, own)
-        if self._end == len(own) == 6:  # one pair of bodies
-            flat = wrenches.reshape(-1, 6)
-            return flat.dot(own), flat.dot(responses)
+    def _with_responses(self, wrenches: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """J and J M^-1 for n rows of each point, (k, n, 6)."""
+        model, data, own = self._motion.model, self._motion.data, self._own_rows
+        J = self._combined(wrenches, own)
+        if len(J) > len(own):
+            mujoco.mj_solveM(model, data, self._responses, own)
+            return J, self._combined(wrenches, self._responses)
+        response = np.empty(J.shape)
+        if len(J):
+            mujoco.mj_solveM(model, data, response, J)
+        return J, response
+
+    def _combined(self, wrenches: FloatArray, own: FloatArray) -> FloatArray:
+        """Rows of the points, (k n, nv), from those of the twists and limits."""
         k, n, _ = wrenches.shape
-        J, response = np.zeros((2, k, n, self._shape[1]))
+        combined = np.empty((k * n, self._shape[1]))
+        if self._end == len(own) == 6:  # one pair of bodies
+            return np.dot(wrenches.reshape(-1, 6), own, out=combined)
+        of_points = combined.reshape(k, n, self._shape[1])
         for group in self._groups:
-            part, six = group.places, slice(6 * group.bodies, 6 * group.bodies + 6)
-            J[part], response[part] = wrenches[part].dot(own[six]), wrenches[part].dot(responses[six])
+            of_points[group.places] = wrenches[group.places].dot(own[6 * group.bodies : 6 * group.bodies + 6])
         for row, i in enumerate(self.at_limits, self._end):
-            J[i, 0], response[i, 0] = own[row], responses[row]
-        return J.reshape(k * n, len(own.T)), response.reshape(k * n, len(own.T))
+            of_points[i, 0] = own[row]
+        return combined
 
     def _wrenches(self, wrenches: FloatArray) -> WrenchRows:
         """Wrench rows, (k, n, 6), with the groups and centres that they belong to."""
-        n = wrenches.shape[1]
-        parts = [slice(n * group.places.start, n * group.places.stop) for group in self._groups]
-        return WrenchRows(wrenches.reshape(-1, 6), parts, self._centres)
+        return WrenchRows(wrenches.reshape(-1, 6), self._parts[wrenches.shape[1]], self._centres)
 
     def _at_state(self) -> list[GroupState]:
         twists = self._twists.at_state()
         pairs = [PairTwist.of(twists[b], twists[a]) for b, a in self._pairs]
-        self._twist_rows.write(pairs, self._own_rows[: self._end])
-        self._centres = [pairs[group.bodies].b.centre for group in self._groups]
-        return [group.points.at_state(self._data, pairs[group.bodies]) for group in self._groups]
+        self._twist_rows.write()
+        states, self._centres = [], []
+        for group in self._groups:
+            twist = pairs[group.bodies]
+            self._centres.append(twist.b.centre)
+            states.append(group.points.at_state(self._data, twist))
+        return states
 
 
 def _points(alike: Sequence[ContactPoint], *, in_patch: bool) -> PointGroup:

@@ -50,27 +50,21 @@ class SingleState:
 
     def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
-        rows[0] = self._wrench_rows(self._here.normal[None])
+        x, y, z = self._here.normal.tolist()
+        rows[0] = *cross(self._arm, (x, y, z)), x, y, z
         gamma[0] = self._normal_gamma()
-
-    def _wrench_rows(self, axes: FloatArray) -> FloatArray:
-        rows: FloatArray = wrench_rows(axes, np.array((*self._arm, 1.0))[None])[0]
-        return rows
 
     def _normal_gamma(self) -> float:
         """Acceleration of the material points along the normal, and the curvature terms of the moving contact point."""
         here = self._here
-        i, j, k = here.normal.tolist()
-        own, other = (
-            _acceleration((i, j, k), body, point)
-            for body, point in ((self._twist.b, here.point_b), (self._twist.a, here.point_a))
-        )
-        return own - other + here.bend
+        x, y, z = here.normal.tolist()
+        own = _acceleration((x, y, z), self._twist.b, here.point_b)
+        return own - _acceleration((x, y, z), self._twist.a, here.point_a) + here.bend
 
     def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
         """See :class:`~.point_groups.GroupState`."""
         twist, (u, v, w) = self._twist, self._here.point_rate
-        rows[0] = self._wrench_rows(axes)
+        rows[0] = wrench_rows(axes, np.array((*self._arm, 1.0))[None])[0]
         passing = shifted(twist.acceleration, 1.0, cross(twist.alpha, self._arm))
         gamma[0] = axes.dot(shifted(passing, 1.0, cross(twist.omega, (u, v, w))))
         gamma[0, 0] = self._normal_gamma()
@@ -79,8 +73,10 @@ class SingleState:
 def _acceleration(axis: Vector, body: BodyTwist, point: FloatArray) -> float:
     """Acceleration of a material point along an axis at qacc = 0, m/s^2."""
     x, y, z = point.tolist()
-    constant, gradient = acceleration_along(axis, body)
-    return constant + dot(gradient, minus((x, y, z), body.centre))
+    i, j, k = body.centre
+    constant, (u, v, w) = acceleration_along(axis, body, body.omega, body.velocity)
+    acceleration: float = constant + (x - i) * u + (y - j) * v + (z - k) * w
+    return acceleration
 
 
 def _in_patch(here: FeatureState, twist: PairTwist) -> FeatureState:

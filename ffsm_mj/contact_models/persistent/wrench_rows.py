@@ -52,6 +52,12 @@ def _of_unit_axes() -> FloatArray:
 _UNIT: FloatArray = _of_unit_axes().reshape(3, 24)
 
 
+def normal_wrench_rows(normal: Vector, places: FloatArray) -> FloatArray:
+    """Rows along one axis at several places, (m, 6): :func:`wrench_rows` for a single axis."""
+    rows: FloatArray = places.dot(np.array(normal).dot(_UNIT).reshape(4, 6))
+    return rows
+
+
 def wrench_rows(axes: FloatArray, places: FloatArray) -> FloatArray:
     """Rows along the same axes at several places, (m, n, 6).
 
