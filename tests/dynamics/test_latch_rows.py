@@ -12,6 +12,7 @@ from ffsm_mj.dynamics.loops.latch import LatchedBodies, axes_about, stopped_alon
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import no_contacts, project
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
+from tests.contact_models.grasp.two_hands import arm
 from tests.model.test_pinocchio import oracle, to_pinocchio
 
 HEAD = '<mujoco><compiler angle="radian"/><option gravity="0 0 0" integrator="RK4"/><worldbody>'
@@ -128,21 +129,6 @@ def test_a_planar_body_on_a_hinge_in_space():
 
 ARMS = """<body name="base"><freejoint/><inertial pos="0 0 0" mass="10" diaginertia=".8 .7 .9"/>{left}{right}</body>
 <body name="object" pos="{at}"><freejoint/><inertial pos=".03 .02 0" mass="3" diaginertia=".05 .08 .06"/></body>"""
-LINKS = ((1.2, ".25 0 0", ".03 .01 .03"), (0.9, ".2 0 0", ".02 .008 .02"), (0.5, ".1 0 0", ".005 .003 .005"))
-
-
-def arm(name, sign, axes):
-    """Three hinges along y at lengths 0, .5, .9 of an arm at x = +-.3."""
-    text, ends = "", ""
-    for k, (mass, centre, inertia) in enumerate(LINKS):
-        along = centre.split()[0]
-        pos = f"{sign * 0.3} 0 0" if k == 0 else f"0 {(0.5, 0.4)[k - 1]} 0"
-        text += (
-            f'<body name="{name}{k}" pos="{pos}"><joint axis="{axes[k]}"/>'
-            f'<inertial pos="0 {along} 0" mass="{mass}" diaginertia="{inertia}"/>'
-        )
-        ends += "</body>"
-    return text + ends
 
 
 def two_arms(axes, step_s=1e-3):

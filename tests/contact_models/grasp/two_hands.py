@@ -38,7 +38,7 @@ def robot(axes, geoms=""):
     """A base of 10 kg with two arms of three hinges, at lengths 0, .5 and .9."""
     return (
         '<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="free"/>'
-        f'<inertial pos="0 0 0" mass="10" diaginertia=".8 .7 .9"/>{geoms}{_arm("l", -1, axes)}{_arm("r", 1, axes)}</body>'
+        f'<inertial pos="0 0 0" mass="10" diaginertia=".8 .7 .9"/>{geoms}{arm("l", -1, axes)}{arm("r", 1, axes)}</body>'
         f"</worldbody><actuator>{''.join(f'<motor name={n!r} joint={n!r}/>' for n in _joints())}</actuator></mujoco>"
     )
 
@@ -47,7 +47,8 @@ def _joints():
     return [f"{name}{k}" for name in "lr" for k in range(3)]
 
 
-def _arm(name, sign, axes):
+def arm(name, sign, axes):
+    """Three hinges at lengths 0, .5, .9 of an arm along y at x = +-.3, with a hand that weighs nothing."""
     text, ends = "", ""
     for k, (mass, centre, inertia) in enumerate(LINKS):
         along = centre.split()[0]
