@@ -34,6 +34,7 @@ from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.contact_models.persistent.stage_forces import StageForces
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
@@ -404,6 +405,7 @@ PLAIN = (
     RowEvaluator,
     Sampler,
     Smooth,
+    StageForces,
     StageSums,
     following.StateTransfer,
     TipKinematics,

@@ -19,11 +19,12 @@ from ffsm_mj_fast.riccati_planar import PlanarRiccati
 from ffsm_mj_fast.rows import RowEvaluator
 from ffsm_mj_fast.sampler import Sampler
 from ffsm_mj_fast.smooth import Smooth
+from ffsm_mj_fast.stage_forces import StageForces
 from ffsm_mj_fast.stage_sums import StageSums
 from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "400078d35b5e"
+INTERFACE = "7d7c8b5111ec"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "RowEvaluator",
     "Sampler",
     "Smooth",
+    "StageForces",
     "StageSums",
     "StateTransfer",
     "TipKinematics",

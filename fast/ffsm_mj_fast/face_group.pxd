@@ -30,7 +30,8 @@ cdef class FaceState:
     cdef object table
     cdef double[:, ::1] own
 
-    cdef int place_points(self, const double* omega) except -1
+    cdef void move(self, const Twist* b, const Twist* a) noexcept
+    cdef void place_points(self, const double* omega) noexcept
     cdef const double* centre(self) noexcept
     cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept
     cdef double normal_rate(self, const Twist* body, const double* arm) noexcept
@@ -39,4 +40,18 @@ cdef class FaceState:
     cdef void normal_rows(self, double* rows, double* gamma, Py_ssize_t stride) noexcept
     cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept
     cdef double inside(self, Py_ssize_t p) except? -1.0
+    cdef Py_ssize_t write_scales(self, double* scales) noexcept
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1
+    cdef int add_resultant(
+        self, const double[:] forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
+    ) except -1
+
+cdef int add_resultant(
+    const double[:, :] normals,
+    const double[:, :] points,
+    const double[:] forces,
+    Py_ssize_t at,
+    double total,
+    Py_ssize_t count,
+    double* found,
+) except -1

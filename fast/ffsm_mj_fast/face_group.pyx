@@ -85,10 +85,9 @@ cdef class FaceGroup:
     cdef FaceState at_state(self, const Twist* b, const Twist* a):
         """The points at the current state, with the twists of both bodies of the contact there."""
         cdef FaceState state = FaceState.__new__(FaceState)
-        state.group, state.count = self, self.count
-        state.first = b[0] if self.swapped else a[0]
-        state.second = a[0] if self.swapped else b[0]
-        state.place_points(&a.omega[0] if self.in_patch else &state.first.omega[0])
+        state.group, state.count, state.table = self, self.count, np.empty((self.count, <int>COLUMNS))
+        state.own, state.sign = state.table, -1.0 if self.swapped else 1.0
+        state.move(b, a)
         return state
 
 
@@ -101,15 +100,19 @@ cdef class FaceState:
         cdef bytes second = PyBytes_FromStringAndSize(<char*>&self.second, sizeof(Twist))
         return face_state, (self.group, first, second, self.normal, self.offset, self.turning, self.own_turning, self.table)
 
-    cdef int place_points(self, const double* omega) except -1:
+    cdef void move(self, const Twist* b, const Twist* a) noexcept:
+        """Take the current state, with the twists of both bodies of the contact there."""
+        self.first = b[0] if self.group.swapped else a[0]
+        self.second = a[0] if self.group.swapped else b[0]
+        self.place_points(&a.omega[0] if self.group.in_patch else &self.first.omega[0])
+
+    cdef void place_points(self, const double* omega) noexcept:
         cdef FaceGroup group = self.group
         cdef Py_ssize_t p
         cdef int i
         cdef double height
         cdef double* row
         cdef double[3] arm, other, w, one
-        self.table = np.empty((self.count, <int>COLUMNS))
-        self.own, self.sign = self.table, -1.0 if group.swapped else 1.0
         for i in range(3):
             self.normal[i] = (
                 group.first_axes[3 * i] * group.normal[0]
@@ -148,7 +151,6 @@ cdef class FaceState:
                 row[POINT + i] = row[PLACE + i] + row[LEVEL] * self.normal[i]
                 row[POINT_RATE + i] += row[LEVEL] * self.own_turning[i] - 0.5 * row[RATE] * self.normal[i]
                 row[NORMAL + i] = self.sign * self.normal[i]
-        return 0
 
     cdef const double* centre(self) noexcept:
         """Centre of body b of the contact, about which moments of wrench rows are."""
@@ -227,6 +229,13 @@ cdef class FaceState:
         cdef Py_ssize_t p
         return [fabs(self.own[p, BEND]) for p in range(self.count)]
 
+    cdef Py_ssize_t write_scales(self, double* scales) noexcept:
+        """Write these; the number of points."""
+        cdef Py_ssize_t p
+        for p in range(self.count):
+            scales[p] = fabs(self.own[p, BEND])
+        return self.count
+
     @property
     def insides(self):
         """Distances to the bounds of the features, m."""
@@ -254,6 +263,14 @@ cdef class FaceState:
             gap[0], rate[0] = max(gap[0], fabs(self.own[p, GAP])), max(rate[0], fabs(self.own[p, RATE]))
         return 0
 
+    cdef int add_resultant(
+        self, const double[:] forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
+    ) except -1:
+        """See :func:`add_resultant`."""
+        return add_resultant(
+            self.own[:, NORMAL : NORMAL + 3], self.own[:, POINT : POINT + 3], forces, at, total, count, found
+        )
+
     @property
     def normals(self):
         """Normals from a to b, (m, 3)."""
@@ -274,6 +291,38 @@ cdef class FaceState:
             FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
             for gap, rate, normal, point, place, bend, inside, point_rate in each
         ]
+
+
+cdef int add_resultant(
+    const double[:, :] normals,
+    const double[:, :] points,
+    const double[:] forces,
+    Py_ssize_t at,
+    double total,
+    Py_ssize_t count,
+    double* found,
+) except -1:
+    """Add some points of a pair to its resultant force, its centre and its mean normal, (3, 3).
+
+    Args:
+        normals: Normals of the points, (m, 3).
+        points: The points, (m, 3).
+        forces: Normal forces of all points, N, (k,).
+        at: Index of the first of the points among these.
+        total: Sum of the normal forces of the pair, N.
+        count: Number of points of the pair.
+        found: The resultant.
+    """
+    cdef Py_ssize_t p
+    cdef int i
+    cdef double weight
+    for p in range(points.shape[0]):
+        weight = forces[at + p] / total if total > 0.0 else 1.0 / count
+        for i in range(3):
+            found[i] += forces[at + p] * normals[p, i]
+            found[3 + i] += weight * points[p, i]
+            found[6 + i] += weight * normals[p, i]
+    return 0
 
 
 def face_group(features, data, in_patch):

@@ -29,7 +29,7 @@ cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
 cdef class ForcedStepper(FreeStepper):
     """Integrates steps under state-dependent applied forces."""
 
-    cdef public bint implicit, repeats
+    cdef public bint implicit, inside, repeats
     cdef public object stage
     cdef readonly object start_rates, rotations
     cdef tuple pushes
@@ -105,11 +105,14 @@ cdef class ForcedStepper(FreeStepper):
         cdef double* slopes = &self.slopes[0, 0, 0]
         memcpy(slopes, &self.rates[0], n * sizeof(double))
         memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
-        self.data.time = start_s + 0.5 * h
-        self.evaluate(0.5 * h, slopes, slopes + 2 * n)
-        self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
-        self.data.time = start_s + h
-        self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
+        self.data.time, self.inside = start_s + 0.5 * h, True
+        try:
+            self.evaluate(0.5 * h, slopes, slopes + 2 * n)
+            self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
+            self.data.time = start_s + h
+            self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
+        finally:
+            self.inside = False
         WEIGHTS.dot(self.flat_slopes, self.flat_mean)  # its order of summation is not ours to know
         self.set_state(h, &self.mean[0])
         return 0

@@ -3,7 +3,6 @@
 
 import numpy as np
 
-from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction import cone_depth, internal_forces
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldRows
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -12,15 +11,38 @@ from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.tolerances import CANCELLED
 
 from libc.math cimport INFINITY, fabs, sqrt
+from libc.string cimport memcpy
 
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
+from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage
 
 cdef double ON_CONE = cone_depth.ON_CONE, FRICTION_ROUNDING = internal_forces.FRICTION_ROUNDING
 
 
 cdef double _CANCELLED = CANCELLED
 NONE = np.zeros(0, dtype=np.intp)
+
+
+cdef object structure_of(modes, RowMemory own):
+    """The rows held in the modes of a step: as at the first of its states that needs them."""
+    cdef const double* G
+    cdef Py_ssize_t i, m = own.rows
+    cdef double largest = 1.0
+    structure = modes.structures.get(modes.key)
+    if structure is not None:
+        return structure
+    if modes.all_stick:
+        G = own.delassus()
+        for i in range(m):
+            largest = max(largest, G[i * (m + 1)])
+        movable = [i for i in range(m) if G[i * (m + 1)] > _CANCELLED * largest]
+        structure = HeldRows(m, np.array(movable, dtype=np.intp), NONE, HeldForces)
+    else:
+        own.delassus()
+        structure = HeldRows.of(FrictionProblem(own.array("G"), np.empty(m), modes.mu), modes.kinds)
+    modes.structures[modes.key] = structure
+    return structure
 
 
 cdef class FrictionState:
@@ -66,28 +88,12 @@ cdef class FrictionState:
 
     cdef HeldForces held(self):
         """The linear problem in the present modes."""
-        key = self.modes.key
-        structure = self.modes.structures.get(key)
-        if structure is None:
-            structure = self.modes.structures[key] = self.structure()
-        both = key, structure.key
+        structure = structure_of(self.modes, self.own)
+        both = self.modes.key, structure.key
         held = self.rows.held.get(both)
         if held is None:
             held = self.rows.held[both] = of_rows(self.modes.mu, self.own, structure)
         return held
-
-    cdef object structure(self):
-        """The rows held in the present modes."""
-        cdef const double* G
-        cdef Py_ssize_t i, m = self.own.rows
-        cdef double largest = 1.0
-        if not self.modes.all_stick:
-            return self.problem.structure(self.modes.kinds)
-        G = self.own.delassus()
-        for i in range(m):
-            largest = max(largest, G[i * (m + 1)])
-        movable = [i for i in range(m) if G[i * (m + 1)] > _CANCELLED * largest]
-        return HeldRows(m, np.array(movable, dtype=np.intp), NONE, HeldForces)
 
     cdef object stuck_forces(self):
         """Forces (n, t1, t2) in the present modes, in which no point slides with friction, N, (k, 3)."""
@@ -164,19 +170,11 @@ cdef class FrictionState:
     def stuck_stage(self):
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
         cdef RowMemory own = self.own
-        cdef Py_ssize_t i, d, nv = own.nv
-        cdef double[:, ::1] forces
-        cdef double[::1] sums
-        cdef double force
-        found, block = self.stuck_forces(), np.zeros(2 * nv + 6 * len(own.counts))
-        forces, sums = found, block
-        for i in range(own.rows):
-            force = (&forces[0, 0])[i]
-            for d in range(nv):
-                sums[d] += force * own.J[i * nv + d]
-        for d in range(nv):
-            sums[nv + d] = sums[d] * own.qvel[d]
-        own.write_resultants(&forces[0, 0], &sums[2 * nv])
-        stage = Stage(self.rows, found.reshape(-1), block[nv : 2 * nv])
-        stage.wrenches = block[2 * nv :].reshape(-1, 6)
-        return stage, block[:nv]
+        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), True)
+        cdef double[:, ::1] forces = self.stuck_forces()
+        generalised = np.empty(own.nv)
+        cdef double[::1] sums = generalised
+        if own.rows:
+            memcpy(stage.along, &forces[0, 0], own.rows * sizeof(double))
+        finish_stage(stage, own, own.qvel, &sums[0])
+        return stage, generalised

@@ -11,6 +11,7 @@ import numpy as np
 from ffsm_mj.tolerances import EPSILON, RANK
 
 from libc.math cimport fabs, sqrt
+from libc.string cimport memcpy, memset
 
 from ffsm_mj_fast.row_memory cimport RowMemory
 
@@ -22,6 +23,8 @@ cdef Py_ssize_t pivots(double* A, Py_ssize_t n, Py_ssize_t* order) noexcept:
     """Rank of a positive semidefinite matrix by Cholesky's method with pivots, largest first; the matrix is overwritten."""
     cdef Py_ssize_t i, j, l, best
     cdef double largest = 0.0, root, factor
+    cdef double* row
+    cdef const double* pivot
     for i in range(n):
         order[i] = i
         largest = max(largest, A[i * n + i])
@@ -31,35 +34,59 @@ cdef Py_ssize_t pivots(double* A, Py_ssize_t n, Py_ssize_t* order) noexcept:
             if A[order[i] * (n + 1)] > A[order[best] * (n + 1)]:
                 best = i
         order[j], order[best] = order[best], order[j]
-        root = A[order[j] * (n + 1)]
+        pivot = A + order[j] * n
+        root = pivot[order[j]]
         if not root > _RANK * largest:
             return j
         for i in range(j + 1, n):
-            factor = A[order[i] * n + order[j]] / root
-            for l in range(j + 1, n):
-                A[order[i] * n + order[l]] -= factor * A[order[j] * n + order[l]]
+            row = A + order[i] * n
+            factor = row[order[j]] / root
+            for l in range(n):  # those of earlier pivots are not used again
+                row[l] -= factor * pivot[l]
     return n
 
 
 cdef void orthonormal(double* columns, Py_ssize_t n, Py_ssize_t m) noexcept:
-    """Make m independent columns of n rows orthonormal, by the method of Gram and Schmidt, twice."""
+    """Make m independent columns of n numbers, stored one after the other, orthonormal, by Gram and Schmidt, twice."""
     cdef Py_ssize_t i, j, c
     cdef int each
     cdef double product
+    cdef double* own
+    cdef const double* other
     for c in range(m):
+        own = columns + c * n
         for each in range(PASSES):
             for j in range(c):
-                product = 0.0
+                other, product = columns + j * n, 0.0
                 for i in range(n):
-                    product += columns[i * m + j] * columns[i * m + c]
+                    product += other[i] * own[i]
                 for i in range(n):
-                    columns[i * m + c] -= product * columns[i * m + j]
+                    own[i] -= product * other[i]
         product = 0.0
         for i in range(n):
-            product += columns[i * m + c] * columns[i * m + c]
-        product = sqrt(product)
+            product += own[i] * own[i]
+        product = 1.0 / sqrt(product)
         for i in range(n):
-            columns[i * m + c] /= product
+            own[i] *= product
+
+
+cdef void reduced(const double* A, const double* U, Py_ssize_t n, Py_ssize_t r, double* half, double* out) noexcept:
+    """U^T A U, (r, r), with the columns of U, (n, r), stored one after the other; ``half`` has room for n numbers."""
+    cdef Py_ssize_t i, j, l
+    cdef double total
+    cdef const double* column
+    for j in range(r):
+        column = U + j * n
+        for i in range(n):
+            total = 0.0
+            for l in range(n):
+                total += A[i * n + l] * column[l]
+            half[i] = total
+        for i in range(r):
+            total, column = 0.0, U + i * n
+            for l in range(n):
+                total += column[l] * half[l]
+            out[i * r + j] = total
 
 
 cdef bint factored(double* A, Py_ssize_t n, Py_ssize_t* order) noexcept:
@@ -108,28 +135,38 @@ cdef class HeldForces:
         cdef double[:, ::1] G = problem.G
         self.set_up(problem.mu, problem.G, &G[0, 0] if len(G) else NULL, structure)
 
-    cdef int set_up(self, mu, kept, double* G, structure) except -1:
+    cdef int set_up(self, mu, kept, const double* G, structure) except -1:
         """Take a matrix, which an object keeps in memory, and the rows."""
-        cdef Py_ssize_t i, j, n
+        cdef Py_ssize_t n
         cdef double* start
-        self.structure, self.mu, self.kept, self.G = structure, mu, kept, G
+        self.structure, self.mu, self.kept = structure, mu, kept
         self.rows, self.count, n = structure.rows, structure.count, len(structure.rows)
-        self.sliding, self.held, self.factored = len(structure.slides), n, False
+        self.sliding, self.held = len(structure.slides), n
         if self.sliding:
             self.slides, self.columns = structure.slides, structure.columns
-        size = 5 * n * n + 2 * n + 2 * self.sliding + 1
+        size = 4 * n * n + 3 * n + 2 * self.sliding + 1
         self.memory = bytearray(<Py_ssize_t>sizeof(double) * size + <Py_ssize_t>sizeof(Py_ssize_t) * n)
         start = <double*><char*>self.memory
-        self.square, self.basis, self.system = start, start + n * n, start + 2 * n * n
-        self.work, self.half, self.right = start + 3 * n * n, start + 4 * n * n, start + 5 * n * n
-        self.inner, self.friction = self.right + n, self.right + 2 * n
+        self.square, self.basis, self.system, self.work = start, start + n * n, start + 2 * n * n, start + 3 * n * n
+        self.half = start + 4 * n * n
+        self.right, self.inner, self.friction = self.half + n, self.half + 2 * n, self.half + 3 * n
         self.order = <Py_ssize_t*>(start + <Py_ssize_t>size)
-        for i in range(n):
-            for j in range(n):
-                self.square[i * n + j] = self.G[self.rows[i] * self.count + self.rows[j]]
-                self.system[i * n + j] = self.work[i * n + j] = self.square[i * n + j]
-        self.find_range()
+        self.take(G)
         return 0
+
+    cdef void take(self, const double* G) noexcept:
+        """Take the matrix of another state, of the same points in the same modes."""
+        cdef Py_ssize_t i, j, n = self.held, count = self.count
+        cdef const double* row
+        cdef double* square = self.square
+        self.G, self.factored = G, False
+        for i in range(n):
+            row = G + self.rows[i] * count
+            for j in range(n):
+                square[i * n + j] = row[self.rows[j]]
+        memcpy(self.system, square, n * n * sizeof(double))
+        memcpy(self.work, square, n * n * sizeof(double))
+        self.find_range()
 
     cdef object delassus(self):
         """The matrix as an array."""
@@ -140,17 +177,13 @@ cdef class HeldForces:
         return held_forces, (self.mu, self.delassus(), self.structure)
 
     cdef void find_range(self) noexcept:
-        """Determine the rank of the held rows, and a basis of their range: that of the rows themselves if it is all."""
-        cdef Py_ssize_t i, j, n = self.held
+        """Determine the rank of the held rows, and a basis of their range if it is not all."""
+        cdef Py_ssize_t j, n = self.held
         self.rank = pivots(self.work, n, self.order)
         if self.rank < n:
-            for i in range(n):
-                for j in range(self.rank):
-                    self.basis[i * self.rank + j] = self.square[i * n + self.order[j]]
+            for j in range(self.rank):
+                memcpy(self.basis + j * n, self.square + self.order[j] * n, n * sizeof(double))  # symmetric
             orthonormal(self.basis, n, self.rank)
-        else:
-            for i in range(n):
-                self.basis[i * n + i] = 1.0
 
     @property
     def redundant(self):
@@ -162,7 +195,8 @@ cdef class HeldForces:
 
     def springs(self, rows, forces):
         """Forces of springs along other rows, and the inverse masses of these for motions that move held rows."""
-        U, held = self.matrix(self.basis, self.held, self.rank), np.asarray(self.rows)
+        held = np.asarray(self.rows)
+        U = self.matrix(self.basis, self.rank, self.held).T if self.rank < self.held else np.eye(self.held)
         square = self.matrix(self.square, self.held, self.held)
         along = rows @ U
         right = np.column_stack((U.T @ forces.ravel()[held], along.T))
@@ -224,34 +258,43 @@ cdef class HeldForces:
 
     cdef void reduce(self) noexcept:
         """Put the system in the range of the held rows, (rank, rank), into the work space."""
-        cdef Py_ssize_t i, j, l, n = self.held, r = self.rank
-        cdef double* half = self.half
-        cdef double total
         self.factored = False
-        for i in range(n):
-            for j in range(r):
-                total = 0.0
-                for l in range(n):
-                    total += self.system[i * n + l] * self.basis[l * r + j]
-                half[i * r + j] = total
-        for l in range(r):
-            for j in range(r):
-                total = 0.0
-                for i in range(n):
-                    total += self.basis[i * r + l] * half[i * r + j]
-                self.work[l * r + j] = total
+        if self.rank < self.held:
+            reduced(self.system, self.basis, self.held, self.rank, self.half, self.work)
+        else:
+            memcpy(self.work, self.system, self.held * self.held * sizeof(double))
 
     cdef void project(self) noexcept:
         """Components of the right side in the range of the held rows."""
-        cdef Py_ssize_t i, j
+        cdef Py_ssize_t i, j, n = self.held
+        cdef double total
+        cdef const double* column
+        if self.rank == n:
+            memcpy(self.inner, self.right, n * sizeof(double))
+            return
         for j in range(self.rank):
-            self.inner[j] = 0.0
-            for i in range(self.held):
-                self.inner[j] += self.basis[i * self.rank + j] * self.right[i]
+            column, total = self.basis + j * n, 0.0
+            for i in range(n):
+                total += column[i] * self.right[i]
+            self.inner[j] = total
+
+    cdef void expand(self) noexcept:
+        """The opposite of :meth:`project`."""
+        cdef Py_ssize_t i, j, n = self.held
+        cdef double part
+        cdef double* right = self.right
+        cdef const double* column
+        if self.rank == n:
+            memcpy(right, self.inner, n * sizeof(double))
+            return
+        memset(right, 0, n * sizeof(double))
+        for j in range(self.rank):
+            column, part = self.basis + j * n, self.inner[j]
+            for i in range(n):
+                right[i] += part * column[i]
 
     cdef int solve(self) except -1:
         """Replace the right side by the forces of the held rows."""
-        cdef Py_ssize_t i, j
         self.project()
         if not self.factored:
             self.reduce()
@@ -260,10 +303,7 @@ cdef class HeldForces:
             substitute(self.work, self.inner, self.rank, self.order)
         else:
             self.solve_singular()
-        for i in range(self.held):
-            self.right[i] = 0.0
-            for j in range(self.rank):
-                self.right[i] += self.basis[i * self.rank + j] * self.inner[j]
+        self.expand()
         return 0
 
     cdef int solve_singular(self) except -1:

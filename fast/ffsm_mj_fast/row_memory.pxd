@@ -11,6 +11,8 @@ cdef class RowMemory:
     cdef double* axes
     cdef double* qvel
     cdef double* G
+    cdef bint has_G
 
+    cdef void renew(self) noexcept
     cdef double* delassus(self) except NULL
     cdef int write_resultants(self, const double* forces, double* out) except -1

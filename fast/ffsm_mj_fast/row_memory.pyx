@@ -3,6 +3,8 @@
 
 import numpy as np
 
+from libc.string cimport memset
+
 
 cdef class RowMemory:
     """Rows of groups of points at one state.
@@ -62,23 +64,31 @@ cdef class RowMemory:
             self.write_resultants(&given[0], &found[0, 0])
         return table
 
+    cdef void renew(self) noexcept:
+        """Set all rows to zero, for another state."""
+        memset(self.start, 0, (2 * self.rows * self.nv + 7 * self.rows) * sizeof(double))
+        self.has_G = False
+
     cdef double* delassus(self) except NULL:
-        cdef Py_ssize_t i, j, d
+        cdef Py_ssize_t i, j, d, rows = self.rows, nv = self.nv
         cdef double total
         cdef double[::1] memory
+        cdef double* G
         cdef const double* response
         cdef const double* J
-        if self.G == NULL:
-            self.G_block = np.empty(self.rows * self.rows + 1)
-            memory = self.G_block
-            self.G = &memory[0]
-            for i in range(self.rows):
-                response = self.response + i * self.nv
+        if not self.has_G:
+            if self.G == NULL:
+                self.G_block = np.empty(rows * rows + 1)
+                memory = self.G_block
+                self.G = &memory[0]
+            G, self.has_G = self.G, True
+            for i in range(rows):
+                response = self.response + i * nv
                 for j in range(i + 1):
-                    J, total = self.J + j * self.nv, 0.0
-                    for d in range(self.nv):
+                    J, total = self.J + j * nv, 0.0
+                    for d in range(nv):
                         total += response[d] * J[d]
-                    self.G[i * self.rows + j] = self.G[j * self.rows + i] = total
+                    G[i * rows + j] = G[j * rows + i] = total
         return self.G
 
     def array(self, str name):

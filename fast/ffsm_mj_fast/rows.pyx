@@ -20,7 +20,7 @@ from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport INFINITY, fabs, sqrt
 
-from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist
+from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist, add_resultant
 from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
 from ffsm_mj_fast.row_memory cimport RowMemory
 
@@ -43,6 +43,19 @@ cdef void tangents(const double* n, double* out) noexcept:
     out[3], out[4], out[5] = y * out[2] - z * out[1], z * out[0] - x * out[2], x * out[1] - y * out[0]
 
 
+cdef int write_scales(list groups, double* scales) except -1:
+    """Write the largest curvature term of each point of some groups, m/s^2."""
+    cdef Py_ssize_t p, at = 0
+    for state in groups:
+        if isinstance(state, FaceState):
+            at += (<FaceState>state).write_scales(scales + at)
+        else:
+            for scale in state.scales:
+                scales[at] = scale
+                at += 1
+    return 0
+
+
 cdef object extremes_of(list groups):
     """Extremes over the points of some groups."""
     cdef double inside = INFINITY, gap = 0.0, rate = 0.0, lowest = INFINITY
@@ -57,29 +70,26 @@ cdef object extremes_of(list groups):
 
 cdef object resultant_of(list groups, part, const double[:] forces, friction):
     """Resultant force of the points of one pair, its centre, and the mean unit normal."""
-    cdef const double[:, :] across, normals, points
+    cdef const double[:, :] across
     cdef Py_ssize_t p, at = 0, start = part.start, stop = part.stop
     cdef int i
-    cdef double total = 0.0, weight, length
-    cdef bint rubs = friction is not None
+    cdef double total = 0.0, length
     vectors = np.zeros((3, 3))
     cdef double[:, ::1] found = vectors  # force, centre, normal
-    if rubs:
-        across = friction
     for p in range(start, stop):
         total += forces[p]
     for state in groups:
         if start <= at < stop:
-            normals, points = state.normals, state.points
-            for p in range(normals.shape[0]):
-                weight = forces[at + p] / total if total > 0.0 else 1.0 / (stop - start)
-                for i in range(3):
-                    found[0, i] += forces[at + p] * normals[p, i]
-                    if rubs:
-                        found[0, i] += across[at + p, i]
-                    found[1, i] += weight * points[p, i]
-                    found[2, i] += weight * normals[p, i]
+            if isinstance(state, FaceState):
+                (<FaceState>state).add_resultant(forces, at, total, stop - start, &found[0, 0])
+            else:
+                add_resultant(state.normals, state.points, forces, at, total, stop - start, &found[0, 0])
         at += state.count
+    if friction is not None:
+        across = friction
+        for p in range(start, stop):
+            for i in range(3):
+                found[0, i] += across[p, i]
     length = sqrt(found[2, 0] * found[2, 0] + found[2, 1] * found[2, 1] + found[2, 2] * found[2, 2])
     for i in range(3):
         found[2, i] /= length if length > 0.0 and stop - start > 1 else 1.0
@@ -164,9 +174,10 @@ class FrictionalRowsInMemory(FrictionalRows):
         cdef double most
         rounding = np.empty(own.points)
         cdef double[::1] found = rounding
-        scales = self.scales
+        if own.points:
+            write_scales(self.groups, &found[0])
         for p in range(own.points):
-            most = scales[p]
+            most = found[p]
             for j in range(3 * p, 3 * p + 3):
                 most = max(most, fabs(own.gamma[j]))
                 for d in range(own.nv):
@@ -197,33 +208,12 @@ cdef tuple vector(const double* v):
 cdef class Group:
     """Points evaluated together: their places among all, their pair of bodies b and a, and whether it has friction."""
 
-    cdef FaceGroup on_face
-    cdef object other
-    cdef Py_ssize_t start, count, pair, b, a
-    cdef bint rubs
-
 
 cdef class RowEvaluator:
     """Evaluates the rows of some contact points of a motion, state by state.
 
     The rows of a point are combinations of the six of the relative twist of its bodies: the mass matrix is solved for these.
     """
-
-    cdef readonly list at_limits
-    cdef list groups, limits
-    cdef tuple counts, frictional_counts
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef object motion, data, made_of
-    cdef Py_ssize_t k, nv, bodies
-    cdef double[:, ::1] chains, screws, screw_rates, velocities, centres
-    cdef double[:, ::1] own, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1
-    cdef Py_ssize_t[:, ::1] pairs
-    cdef double[::1] rates
-    cdef Py_ssize_t[::1] ids, roots
-    cdef object qvel
-    cdef double[:, ::1] memory
-    cdef Twist* twists
 
     def __init__(self, motion, data, contact_points, flat=()):
         cdef Group group
@@ -243,6 +233,7 @@ cdef class RowEvaluator:
             else:
                 group.other = SinglePoint(features[0], in_patch=in_patch)
             group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
+            group.is_limit = isinstance(pair, JointLimit)
             group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
             group.pair = pairs.setdefault((group.b, group.a), len(pairs))
             self.groups.append(group)
@@ -253,8 +244,8 @@ cdef class RowEvaluator:
         self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
         self.twists = <Twist*>&self.memory[0, 0]
         self.chains = np.array([chain(model, body) for body in bodies]).reshape(len(bodies), model.nv)
-        self.screws, self.screw_rates, self.qvel = motion.data.cdof, motion.data.cdof_dot, motion.data.qvel
-        self.rates, self.velocities, self.centres = self.qvel, motion.data.cvel, motion.data.subtree_com
+        self.screws, self.screw_rates = motion.data.cdof, motion.data.cdof_dot
+        self.rates, self.velocities, self.centres = motion.data.qvel, motion.data.cvel, motion.data.subtree_com
         self.ids = np.array([*bodies], dtype=np.intp)
         self.roots = np.array([int(model.body_rootid[body]) for body in bodies], dtype=np.intp)
         limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
@@ -322,17 +313,21 @@ cdef class RowEvaluator:
         cdef double share
         cdef const double* twist
         cdef const double* response
+        cdef double* J
+        cdef double* answers
         for g, group in enumerate(self.groups):
             for j in range(3):
                 own.centres[3 * g + j] = self.twists[group.b].centre[j]
             for i in range(per_point * group.start, per_point * (group.start + group.count)):
+                J, answers = own.J + i * n, own.response + i * n
                 for j in range(6):
                     share = own.wrenches[6 * i + j]
                     if share != 0.0:
                         twist, response = &self.own[6 * group.pair + j, 0], &self.responses[6 * group.pair + j, 0]
                         for d in range(n):
-                            own.J[i * n + d] += share * twist[d]
-                            own.response[i * n + d] += share * response[d]
+                            J[d] += share * twist[d]
+                        for d in range(n):
+                            answers[d] += share * response[d]
         for at, row in self.limits:
             for d in range(n):
                 own.J[per_point * at * n + d] = self.own[row, d]
@@ -358,49 +353,85 @@ cdef class RowEvaluator:
             return group.on_face.at_state(&self.twists[group.b], &self.twists[group.a])
         return group.other.at_state(self.data, PairTwist.of(self.twist(group.b), self.twist(group.a)))
 
-    def rows(self):
-        """Rows of the normals; positions and velocities current, mass matrix factored."""
+    cdef list groups_in_memory(self):
+        """Points of all groups, to be evaluated state by state; None for joint limits, or if other features are among them."""
         cdef Group group
-        cdef RowMemory own = RowMemory(self.k, self.counts, self.nv, False)
-        cdef list states = self.states()
-        for group, state in zip(self.groups, states):
-            if group.on_face is not None:
-                (<FaceState>state).normal_rows(own.wrenches + 6 * group.start, own.gamma + group.start, 1)
-            else:
-                part = slice(group.start, group.start + group.count)
-                state.normal_rows(own.array("wrenches")[part], own.array("gamma")[part])
-        self.combine(own, 1)
-        return RowsInMemory(states, own)
+        if any([(<Group>each).on_face is None and not (<Group>each).is_limit for each in self.groups]):
+            return None
+        return [None if group.is_limit else group.on_face.at_state(&self.twists[group.b], &self.twists[group.a]) for group in self.groups]
 
-    def frictional_rows(self):
-        """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
+    cdef RowMemory empty(self, bint frictional):
+        """Memory for the rows."""
+        return RowMemory(self.k, self.frictional_counts if frictional else self.counts, self.nv, frictional)
+
+    cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1:
+        """Evaluate points of :meth:`groups_in_memory` and their rows at the current state; mass matrix factored."""
         cdef Group group
-        cdef RowMemory own = RowMemory(self.k, self.frictional_counts, self.nv, True)
+        self.evaluate_twists()
+        self.evaluate_pairs()
+        for group, state in zip(self.groups, states):
+            if state is not None:
+                (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
+        own.renew()
+        return self.write_rows(states, own, frictional)
+
+    cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1:
+        """Write the rows of the points, which are zero."""
+        cdef Group group
+        cdef Py_ssize_t d
+        for group, state in zip(self.groups, states):
+            if state is None:
+                continue
+            if frictional:
+                self.write_frictional_rows(group, state, own)
+            else:
+                self.write_normal_rows(group, state, own)
+        if frictional:
+            for d in range(self.nv):
+                own.qvel[d] = self.rates[d]
+        return self.combine(own, 3 if frictional else 1)
+
+    cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1:
+        if group.on_face is not None:
+            (<FaceState>state).normal_rows(own.wrenches + 6 * group.start, own.gamma + group.start, 1)
+            return 0
+        part = slice(group.start, group.start + group.count)
+        state.normal_rows(own.array("wrenches")[part], own.array("gamma")[part])
+        return 0
+
+    cdef int write_frictional_rows(self, Group group, state, RowMemory own) except -1:
         cdef Py_ssize_t p
         cdef int i
         cdef double[3] normal
         cdef double[6] across
-        cdef double* rows
-        cdef double* gamma
+        cdef double* rows = own.wrenches + 18 * group.start
+        cdef double* gamma = own.gamma + 3 * group.start
+        if group.on_face is None:
+            return self.other_rows(group, state, own.array("axes"), own.array("wrenches"), own.array("gamma"))
+        (<FaceState>state).normal_rows(rows, gamma, 3)
+        (<FaceState>state).outward(normal)
+        for i in range(6):
+            across[i] = 0.0
+        if group.rubs:
+            tangents(normal, across)
+            (<FaceState>state).tangential_rows(across, rows, gamma)
+        for p in range(group.start, group.start + group.count):
+            for i in range(3):
+                own.axes[9 * p + i], own.axes[9 * p + 3 + i], own.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
+        return 0
+
+    def rows(self):
+        """Rows of the normals; positions and velocities current, mass matrix factored."""
+        cdef RowMemory own = self.empty(False)
         cdef list states = self.states()
-        for group, state in zip(self.groups, states):
-            rows, gamma = own.wrenches + 18 * group.start, own.gamma + 3 * group.start
-            if group.on_face is None:
-                self.other_rows(group, state, own.array("axes"), own.array("wrenches"), own.array("gamma"))
-                continue
-            (<FaceState>state).normal_rows(rows, gamma, 3)
-            (<FaceState>state).outward(normal)
-            for i in range(6):
-                across[i] = 0.0
-            if group.rubs:
-                tangents(normal, across)
-                (<FaceState>state).tangential_rows(across, rows, gamma)
-            for p in range(group.start, group.start + group.count):
-                for i in range(3):
-                    own.axes[9 * p + i], own.axes[9 * p + 3 + i], own.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
-        self.combine(own, 3)
-        for p in range(self.nv):
-            own.qvel[p] = self.rates[p]
+        self.write_rows(states, own, False)
+        return RowsInMemory(states, own)
+
+    def frictional_rows(self):
+        """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
+        cdef RowMemory own = self.empty(True)
+        cdef list states = self.states()
+        self.write_rows(states, own, True)
         return FrictionalRowsInMemory(states, own)
 
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1:

@@ -26,15 +26,6 @@ cdef bint same(double[::1] values, double[::1] last) noexcept:
 cdef class Smooth:
     """State and smooth forces of a motion."""
 
-    cdef readonly object motion
-    cdef object seen
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef double[::1] qpos, qvel, ctrl, own_ctrl, passive, bias, actuator
-    cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes
-    cdef object last_place, last_load
-    cdef bint follows
-
     def __init__(self, motion, seen):
         data = motion.data
         self.seen = seen
@@ -66,14 +57,25 @@ cdef class Smooth:
             self.last_load = copied(pushes)
         return self.last_load
 
+    def state(self, double[::1] pushes not None):
+        """The same of the positions, velocities, efforts and applied forces."""
+        place, load = self.place(), self.load(pushes)
+        if self.last_state is None or self.last_state[0] is not place or self.last_state[1] is not load:
+            self.last_state = place, load
+        return self.last_state
+
     def force(self, double[::1] pushes not None):
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""
-        cdef Py_ssize_t i
         total = np.empty(self.qvel.shape[0])
         cdef double[::1] force = total
+        if force.shape[0]:
+            self.write_force(&pushes[0], &force[0])
+        return total
+
+    cdef void write_force(self, const double* pushes, double* force) noexcept:
+        cdef Py_ssize_t i
         if self.follows:
             self.own_ctrl[:] = self.ctrl
         mj.fwdActuation(self.m, self.d)
-        for i in range(force.shape[0]):
+        for i in range(self.qvel.shape[0]):
             force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + pushes[i]
-        return total

@@ -35,6 +35,7 @@ class ForcedStepper(FreeStepper):
         implicit: Whether steps are implicit. Whoever sets it keeps it for all queries of one step.
         stage: Velocity of the current stage as a function of its accelerations; None in an explicit stage, and at the ends
             of a step.
+        inside: Whether the state is that of an explicit stage inside a step, which is evaluated once and then left.
         repeats: Whether the stage is evaluated again, in the iterations of an implicit one.
         start_rates: Generalised velocity at the start of the step, (nv,).
         rotations: Degrees of freedom of rotations in space.
@@ -60,7 +61,7 @@ class ForcedStepper(FreeStepper):
             follow: Called before them: transfers the stage's state to the logged system.
         """
         super().__init__(model, data, state, momentum)
-        self.implicit, self.repeats = False, False
+        self.implicit, self.inside, self.repeats = False, False, False
         self.stage: StageVelocity | None = None
         self._pushes, self._follow, self.rotations = tuple(pushes), follow, rotation_dofs(model)
         self._qpos, self._accelerations, self._applied = data.qpos, data.qacc, data.qfrc_applied
@@ -109,11 +110,14 @@ class ForcedStepper(FreeStepper):
         h, start_s = duration_s, self._data.time
         first, second, third, last = self._slopes
         first[0], first[1] = self._rates, self._accelerations
-        self._data.time = start_s + 0.5 * h
-        self._stage(0.5 * h, first, second)
-        self._stage(0.5 * h, second, third)
-        self._data.time = start_s + h
-        self._stage(h, third, last)
+        self._data.time, self.inside = start_s + 0.5 * h, True
+        try:
+            self._stage(0.5 * h, first, second)
+            self._stage(0.5 * h, second, third)
+            self._data.time = start_s + h
+            self._stage(h, third, last)
+        finally:
+            self.inside = False
         self._set_stage_state(h, WEIGHTS.dot(self._flat_slopes).reshape(2, -1))
 
     def move_by(self, increment: FloatArray) -> None:

@@ -138,15 +138,14 @@ class EventDrivenIntegrator:
             StepLimitError: The motion is too fast for the required accuracy.
         """
         motion, flight = self.motion, self.motion.flight
-        if flight.event_bound <= flight.motion_bound:
-            for contact_model in self.event_sources:
-                if contact_model.due():
-                    return 0.0, contact_model
+        for contact_model in self._watching():
+            if contact_model.due():
+                return 0.0, contact_model
         step_s, clear = self._step(duration_s, duration_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
         if clear or not math.isfinite(flight.energy):
             return step_s, None
-        watching = [contact_model for contact_model in self.event_sources if not contact_model.is_clear()]
+        watching = [contact_model for contact_model in self._watching() if not contact_model.is_clear()]
         motion.path.at_s = step_s
         if not watching:
             self._after_substep(step_s)
@@ -165,6 +164,13 @@ class EventDrivenIntegrator:
             contact_model.on_event_located(at_s)
         motion.flight.clear(self._event_bound())
         return first if first is not None else (step_s, None)
+
+    def _watching(self) -> list[EventSource]:
+        """Contact models with possible events: the motion bound exceeds their ``event_bound``."""
+        moved = self.motion.flight.motion_bound
+        if moved < self.motion.flight.event_bound:
+            return []
+        return [contact_model for contact_model in self.event_sources if contact_model.event_bound <= moved]
 
     def act(self, contact_model: EventSource, instant: EventTime) -> EventEffect | None:
         """Apply the event of a contact model; one that it leaves to impacts is resolved by the model of these.

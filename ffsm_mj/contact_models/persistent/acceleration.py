@@ -72,6 +72,11 @@ class ContactAcceleration:
         own_acceleration: FloatArray = forces * self._G.diagonal()
         return own_acceleration
 
+    def pushing(self, forces: FloatArray) -> list[int]:
+        """Contacts whose force accelerates their gap by more than rounding."""
+        pushes = zip(self.own_acceleration(forces).tolist(), self.rounding, strict=True)
+        return [i for i, (push, rounding) in enumerate(pushes) if push > rounding]
+
     def bilateral_forces(self, which: Sequence[int]) -> FloatArray:
         """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
         held = tuple(which)
@@ -133,8 +138,7 @@ class ContactAcceleration:
         if movable:
             A, w = self._mass_weighted(movable)
             forces[movable] = least_norm(A, project(A, w))
-        pushes = zip(self.own_acceleration(forces).tolist(), self.rounding, strict=True)
-        which = tuple([i for i, (push, rounding) in enumerate(pushes) if push > rounding])
+        which = tuple(self.pushing(forces))
         return self.bilateral_forces(which) if self._is_strict(which, movable) else forces
 
     def _is_strict(self, which: tuple[int, ...], movable: Sequence[int]) -> bool:

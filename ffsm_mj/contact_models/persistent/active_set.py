@@ -165,6 +165,10 @@ class ActiveContactSet:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
         applied, solver, flight = data.qfrc_applied, self._solver, self.motion.forced
         assert flight is not None
+        if flight.inside:
+            if self.pressing:
+                self.stages.append(solver.stage_forces(self.pressing, friction=self.has_friction).add(applied))
+            return
         solver.other_forces = applied.copy()
         if not self.pressing:
             return
@@ -191,7 +195,10 @@ class ActiveContactSet:
     def update_pressing(self) -> None:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
-        pressing = tuple([decision.contact_points[i] for i in decision.pressing]) if decision else ()
+        if decision is None or decision.holds_all:
+            pressing = self.contact_points
+        else:
+            pressing = tuple([decision.contact_points[i] for i in decision.pressing])
         if pressing != self.pressing:
             self.set_pressing(pressing)
         self._chosen = decision if isinstance(decision, FrictionalDecision) else None
@@ -236,7 +243,16 @@ class ActiveContactSet:
             valid = decision.validity_margin()
         else:
             valid = decision.validity_margin(self.pressing)
-        return min(*bounds, self._clearance_elsewhere(), valid)
+        return min(*bounds, self._clearance_elsewhere(decision), valid)
+
+    def is_settled(self) -> bool:
+        """Whether no contact point opens, leaves its feature or changes its mode, and no pair touches at another point."""
+        if not self.contact_points or not all(self.by_pair.values()):
+            return False
+        decision = self.decide()
+        if not decision.holds_all or decision.rows.extremes.inside < -FEATURE_BOUND_M:
+            return False
+        return self._clearance_elsewhere(decision) >= 0.0
 
     def note_release(self, *, slips: bool = False) -> None:
         """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there.
@@ -248,9 +264,9 @@ class ActiveContactSet:
         if isinstance(decision, FrictionalDecision):
             self.modes.released = decision.releases or (slips and decision.validity_margin() >= 0.0)
 
-    def _clearance_elsewhere(self) -> float:
+    def _clearance_elsewhere(self, here: Decision | FrictionalDecision | None) -> float:
         """Least clearance of closed pairs outside their active contact points, m."""
-        largest = self.decide().rows.extremes.gap if self.contact_points else 0.0
+        largest = here.rows.extremes.gap if here is not None else 0.0
         return self._clearance.least(self._solver.place(), largest, self._gaps_of)
 
     def _gaps_of(self, pair: ContactPair) -> list[float]:
@@ -263,7 +279,7 @@ class ActiveContactSet:
 
     def touches_elsewhere(self) -> bool:
         """Whether a closed pair touches at a point other than its contact points."""
-        return self._clearance_elsewhere() < 0.0
+        return self._clearance_elsewhere(self.decide() if self.contact_points else None) < 0.0
 
     def overlapping_features(self) -> list[Feature]:
         """Features other than the contact points, by which closed pairs overlap."""

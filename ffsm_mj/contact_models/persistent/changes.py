@@ -62,11 +62,14 @@ class ContactChanges:
         leaving = closed.leaving() if new else ()
         return [limit for limit in new if set(closed.by_pair[limit]).issubset(leaving)]
 
+    def unlogged(self) -> list[UnilateralConstraint]:
+        """Closed pairs and limits whose start is not logged."""
+        return [pair for pair in self._active_set.by_pair if pair not in self.logged]
+
     def pending(self) -> Change | None:
         """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
         closed = self._active_set
-        begins = [pair for pair in closed.by_pair if pair not in self.logged]
-        if begins:
+        if begins := self.unlogged():
             return CONTACT_BEGINS, begins
         leaving, beyond = closed.leaving(), closed.pairs_outside_feature()
         if not leaving and not beyond and all(closed.by_pair.values()):

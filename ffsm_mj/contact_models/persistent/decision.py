@@ -43,9 +43,13 @@ class Decision:
     def pressing(self) -> list[int]:
         """Indices of the contact points that carry force: the active set."""
         if self._pressing is None:
-            own_acceleration = zip(self.problem.own_acceleration(self.forces).tolist(), self.problem.rounding, strict=True)
-            self._pressing = [i for i, (rate, rounding) in enumerate(own_acceleration) if rate > rounding]
+            self._pressing = self.problem.pushing(self.forces)
         return self._pressing
+
+    @property
+    def holds_all(self) -> bool:
+        """Whether all contact points carry force, as in the step before."""
+        return len(self.pressing) == len(self.contact_points)
 
     def _indices(self, contact_points: Sequence[ContactPoint]) -> list[int]:
         """Indices of some of the contact points, ascending."""
@@ -66,7 +70,7 @@ class Decision:
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap opens, in the order of ``contact_points``: a ``set`` would order them by address."""
-        if len(self.pressing) == len(self.contact_points):
+        if self.holds_all:
             return ()
         rates = zip(self.contact_points, self._gap_accelerations(self.forces), self.problem.rounding, strict=True)
         return tuple([contact for contact, rate, rounding in rates if rate > _OPENS * rounding])

@@ -85,6 +85,18 @@ class StageSums:
         sizes: list[float] = parts.dot(np.sqrt(np.square(wrenches[:, :, :3]).sum(axis=2))).tolist()
         self.sizes = sizes
 
+    def exchange(self, from_robot: FloatArray, outside: FloatArray, robot: slice) -> Exchange:
+        """Energy and momentum exchanged between the subsystems.
+
+        Args:
+            from_robot: Signs of the groups, see :class:`Shares`, (g,).
+            outside: The same, (2, g).
+            robot: Degrees of freedom of the robot in the motion.
+        """
+        own = float(self.work[robot].sum())
+        energy = np.array((self.total, own, self.total - own))
+        return Exchange(energy, from_robot.dot(self.impulses), outside.dot(self.impulses))
+
 
 @dataclass(frozen=True, eq=False)
 class Shares:
@@ -104,7 +116,7 @@ class Shares:
     def of_groups(self) -> tuple[FloatArray, FloatArray]:
         """The same for the groups of points that are evaluated together, (g,) and (2, g)."""
         starts = [run.start for run in point_runs(self.contact_points)]
-        return self.from_robot[starts], self.outside[:, starts]
+        return self.from_robot[starts], np.ascontiguousarray(self.outside[:, starts])
 
     @cached_property
     def pairs(self) -> list[tuple[UnilateralConstraint, list[int], int]]:
@@ -168,7 +180,4 @@ def exchanged(
         else:
             of_pair = np.array([np.array(stage.wrenches)[groups, :3].sum(axis=0) for stage in stages])
             sizes[pair] = float(parts.dot(np.linalg.norm(of_pair, axis=1)))
-    own = float(sums.work[robot].sum())
-    energy = np.array((sums.total, own, sums.total - own))
-    from_robot, outside = shares.of_groups
-    return Exchange(energy, from_robot.dot(sums.impulses), outside.dot(sums.impulses)), sizes
+    return sums.exchange(*shares.of_groups, robot), sizes

@@ -18,6 +18,7 @@ from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows, PointRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.contact_models.persistent.stage_forces import StageForces
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
@@ -47,16 +48,18 @@ class ForceSolver:
         self.other_forces = np.zeros(motion.model.nv)
         self._rows: tuple[Points, object, ContactRows] | None = None
         self._problem: tuple[object, object, ContactAcceleration] | None = None
-        self._decision: Decision | None = None
+        self._decision: tuple[object, Decision] | None = None
         self._friction_rows: tuple[Points, object, FrictionalRows] | None = None
         self._friction_state: tuple[object, object, FrictionState] | None = None
-        self._friction_decision: FrictionalDecision | None = None
+        self._friction_decision: tuple[object, FrictionalDecision] | None = None
         self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
+        self._stage_kind = fastest(StageForces)
         self.forget_points()
 
     def forget_points(self) -> None:
         """Discard what is kept for certain contact points."""
         self._evaluators.clear()
+        self._stage_forces: StageForces | None = None
 
     def place(self) -> object:
         """Token of the current positions and velocities."""
@@ -89,19 +92,28 @@ class ForceSolver:
         self._friction_state = place, load, here
         return here
 
+    def stage_forces(self, contact_points: Points, *, friction: bool) -> StageForces:
+        """Forces of the active set in the stages inside a step."""
+        modes, known = self._modes.of(contact_points) if friction else None, self._stage_forces
+        if known is None or known.contact_points is not contact_points or known.modes is not modes:
+            evaluator = self._evaluator(contact_points)
+            known = self._stage_forces = self._stage_kind(self._smooth, evaluator, contact_points, modes)
+        return known
+
     def decide(self, contact_points: Points, last: Sequence[ContactPoint]) -> Decision:
         """Which of some contact points carry force; ``last`` is the active set of the last step."""
-        problem = self.problem(contact_points)
-        if self._decision is None or self._decision.problem is not problem:
-            self._decision = Decision(contact_points, problem, last)
-        return self._decision
+        state, known = self._smooth.state(self.other_forces), self._decision
+        if known is None or known[0] is not state or known[1].contact_points is not contact_points:
+            known = self._decision = state, Decision(contact_points, self.problem(contact_points), last)
+        return known[1]
 
     def decide_with_friction(self, contact_points: Points) -> FrictionalDecision:
         """Modes of some contact points."""
-        here, known = self.friction_state(contact_points), self._friction_decision
-        if known is None or known.here is not here or not known.is_for(self._modes):
-            known = self._friction_decision = FrictionalDecision(here, self._modes)
-        return known
+        state, known = self._smooth.state(self.other_forces), self._friction_decision
+        if known is None or known[0] is not state or not known[1].is_for(contact_points, self._modes):
+            here = self.friction_state(contact_points)
+            known = self._friction_decision = state, FrictionalDecision(here, self._modes)
+        return known[1]
 
     def _with_loops(self, rows: _Rows) -> _Rows:
         """Rows as they are with the closed loops of the motion."""

@@ -169,7 +169,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
-        if not self.active:
+        if not self.active or (self._active_set.is_settled() and not self._changes.unlogged()):
             return False
         return bool(self._changes.left_at_once() or self._changes.pending() or self._active_set.touches_elsewhere())
 

@@ -61,12 +61,13 @@ def mode_key(rule: str) -> str:
 
 def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
     """Columns of a rule with these closed pairs, except its impulse."""
+    if len(pairs) == 1:
+        ((pair, found),) = pairs
+        force, carries = found.force.tolist(), pair in pressing
+        centre = found.centre.tolist() if carries else _NOWHERE
+        return PRESSING if carries else CLOSED, 1.0, found.points, math.hypot(*force), *force, *centre
     count = sum(found.points for _, found in pairs)
     carrying = [found for pair, found in pairs if pair in pressing]
-    if len(pairs) == 1:
-        ((_, found),) = pairs
-        centre = found.centre.tolist() if carrying else _NOWHERE
-        return PRESSING if carrying else CLOSED, 1.0, count, found.size, *found.force.tolist(), *centre
     if not carrying:
         return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
     sizes = np.array([found.size for found in carrying])
@@ -127,45 +128,62 @@ class ContactReport:
         closed = self._active_set
         if not closed.by_pair and self._is_blank:
             return
-        self._values[:, :_IMPULSE], self._residual[0] = _NOTHING[:_IMPULSE], 0.0
         self._is_blank = not closed.by_pair
-        if not closed.contact_points:
+        decision = closed.decide() if closed.contact_points else None
+        by_rule = self._resultants(decision) if decision is not None else {}
+        if len(by_rule) < len(self._rules):
+            self._values[:, :_IMPULSE] = _NOTHING[:_IMPULSE]
+        if decision is None:
+            self._residual[0] = 0.0
             self.friction.write({})
             return
-        decision = closed.decide()
-        forces, contact_points, end = decision.forces, decision.contact_points, 0
-        pressing = {contact_points[i].pair for i in decision.pressing}
-        held, friction = decision.held_forces, decision.friction if closed.has_friction else None
-        differ = held is not forces and held.tolist() != forces.tolist()
-        by_rule: dict[str, list[tuple[ContactPair, Resultant]]] = {}
+        pressing = closed.by_pair if decision.holds_all else {decision.contact_points[i].pair for i in decision.pressing}
+        self._residual[0] = self._worst_difference(decision, by_rule, pressing)
+        by_pair = decision.of_pairs.by_pair if isinstance(decision, FrictionalDecision) else {}
+        rubbing = {}
+        for rule, each in by_rule.items():
+            mode, *values = _row_of(each, pressing)
+            pairs = [friction for pair, _ in each if (friction := by_pair.get(pair))]
+            if pairs:
+                rubbing[rule] = pairs
+                mode = SLIDING if any(pair.slides for pair in pairs) else STICKING
+            self._values[self._rules[rule], :_IMPULSE] = (mode, *values)
+        self.friction.write(rubbing)
+
+    def _resultants(self, decision: Decision | FrictionalDecision) -> dict[str, list[tuple[ContactPair, Resultant]]]:
+        """Pairs in contact with the resultants of their forces, by rule."""
+        closed, forces, contact_points, end = self._active_set, decision.forces, decision.contact_points, 0
+        friction, by_rule = (
+            decision.friction if closed.has_friction else None,
+            dict[str, list[tuple[ContactPair, Resultant]]](),
+        )
+        for pair, own in closed.by_pair.items():
+            part = slice(end, end := end + len(own))
+            if own and not isinstance(pair, JointLimit):
+                found = resultant(contact_points, decision.rows, forces, part, friction)
+                by_rule.setdefault(pair.rule, []).append((pair, found))
+        return by_rule
+
+    def _worst_difference(
+        self,
+        decision: Decision | FrictionalDecision,
+        by_rule: Mapping[str, Sequence[tuple[ContactPair, Resultant]]],
+        pressing: Container[UnilateralConstraint],
+    ) -> float:
+        """Largest difference between the resultants of pairs, and those of the forces in the stages that follow, N."""
+        forces, held, worst, end = decision.forces, decision.held_forces, 0.0, 0
+        if held is forces or held.tolist() == forces.tolist():
+            return 0.0
+        closed, founds = self._active_set, dict([each for pairs in by_rule.values() for each in pairs])
+        friction = decision.friction if closed.has_friction else None
         for pair, own in closed.by_pair.items():
             part = slice(end, end := end + len(own))
             if isinstance(pair, JointLimit):
-                self._residual[0] = max(self._residual[0], *np.abs(held[part] - forces[part]).tolist(), 0.0)
-            elif own:
-                found = resultant(contact_points, decision.rows, forces, part, friction)
-                by_rule.setdefault(pair.rule, []).append((pair, found))
-                if pair in pressing and differ:
-                    again = resultant(contact_points, decision.rows, held, part, friction).force
-                    self._residual[0] = max(self._residual[0], math.dist(found.force, again))
-        for rule, each in by_rule.items():
-            self._values[self._rules[rule], :_IMPULSE] = _row_of(each, pressing)
-        if isinstance(decision, FrictionalDecision):
-            self._write_friction(decision, by_rule)
-        else:
-            self.friction.write({})
-
-    def _write_friction(
-        self, decision: FrictionalDecision, by_rule: Mapping[str, Sequence[tuple[ContactPair, Resultant]]]
-    ) -> None:
-        """Write the modes and columns of the rules with friction that carry force."""
-        found = {}
-        for rule, each in by_rule.items():
-            pairs = [friction for pair, _ in each if (friction := decision.of_pairs.by_pair.get(pair))]
-            if pairs:
-                found[rule] = pairs
-                self._values[self._rules[rule], 0] = SLIDING if any(pair.slides for pair in pairs) else STICKING
-        self.friction.write(found)
+                worst = max(worst, *np.abs(held[part] - forces[part]).tolist(), 0.0)
+            elif own and pair in pressing:
+                again = resultant(decision.contact_points, decision.rows, held, part, friction).force
+                worst = max(worst, math.dist(founds[pair].force, again))
+        return worst
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""

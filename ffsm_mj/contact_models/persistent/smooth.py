@@ -28,6 +28,7 @@ class Smooth:
         self._passive, self._bias, self._actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
         self._place: tuple[bytes, bytes] | None = None
         self._load: tuple[bytes, bytes] | None = None
+        self._state: tuple[object, object] | None = None
 
     def place(self) -> object:
         """Token of the current positions and velocities: the same object while they are the same bit by bit."""
@@ -42,6 +43,13 @@ class Smooth:
         if now != self._load:
             self._load = now
         return self._load
+
+    def state(self, pushes: FloatArray) -> object:
+        """The same of the positions, velocities, efforts and applied forces."""
+        place, load, last = self.place(), self.load(pushes), self._state
+        if last is None or last[0] is not place or last[1] is not load:
+            self._state = place, load
+        return self._state
 
     def force(self, pushes: FloatArray) -> FloatArray:
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""

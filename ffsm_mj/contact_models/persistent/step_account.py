@@ -82,8 +82,9 @@ class StepAccount:
     def add_friction(self) -> None:
         """Add work, slip and heat to their columns; :meth:`exchanged` must precede."""
         if self._rubs:
-            points = self._active_set.pressing
-            self._heat.add(self._friction.add_step(points, *self._last, self._sums.total))
+            heat_J = self._friction.add_step(self._active_set.pressing, *self._last, self._sums.total)
+            if heat_J:
+                self._heat.add(heat_J)
 
     def add_overlap(self) -> None:
         """Update the deepest overlap at the state in ``data``; joint limits have columns of their own."""

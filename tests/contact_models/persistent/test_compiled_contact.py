@@ -26,6 +26,7 @@ from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
+from ffsm_mj.contact_models.persistent.stage_forces import StageForces
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion
@@ -192,6 +193,34 @@ def test_sums_of_stages(tmp_path, rng):
     stages = [problem.stage(rng.normal(size=len(force)))[0] for _ in parts]
     plain, twin = (kind(stages, parts) for kind in (StageSums, twins.StageSums))
     agree(*([each.work, each.total, each.impulses, each.sizes] for each in (plain, twin)))
+    groups, robot = len(plain.impulses), slice(1, 7)
+    signs = rng.normal(size=groups), rng.normal(size=(2, groups)), robot
+    agree(*(each.exchange(*signs) for each in (plain, twin)))
+
+
+@pytest.mark.parametrize("kinds", [None, (STICK,) * 4, (STICK, SLIDE, CLOSED, STICK)])
+def test_stages_inside_a_step(tmp_path, rng, kinds):
+    """State after state in the same memory: without friction, with points that stick, and with some that slide."""
+    points, motion, *evaluators, force = sides(tmp_path, rng, mu=0.5 if kinds else 0.0)
+    modes, found, data = FrictionModes(), [], motion.data
+    if kinds is not None:
+        slides = np.array(kinds) == SLIDE
+        directions = np.where(slides[:, None], np.array([0.0, 1.0, 0.0]), 0.0)
+        modes.set(points, np.array(kinds), directions, 0.1 * slides, slides)
+    ways = ((StageForces, Smooth, evaluators[0]), (twins.StageForces, twins.Smooth, evaluators[1]))
+    stages = [kind(smooth(motion, data), each, points, modes.of(points) if kinds else None) for kind, smooth, each in ways]
+    for _ in range(3):
+        data.qvel[:] = 0.1 * rng.normal(size=len(force))
+        mujoco.mj_forward(motion.model, data)
+        both = []
+        for each in stages:
+            applied = force + 0.0
+            stage = each.add(applied)
+            both.append([applied, stage.forces, stage.power, np.array(stage.wrenches)])
+            both[-1] += [] if stage.slide is None else list(stage.slide)
+        found.append(both)
+    for plain, twin in found:
+        agree(plain, twin)
 
 
 @pytest.mark.parametrize("implicit", [False, True])
@@ -236,6 +265,9 @@ def test_smooth_forces(tmp_path, rng):
             assert smooth.place() is not place
             assert smooth.load(pushes) is load
             assert smooth.load(pushes + 1.0) is not load
+            state = smooth.state(pushes)
+            assert smooth.state(pushes) is state
+            assert smooth.state(pushes + 1.0) is not state
 
 
 def test_a_run_is_the_same(tmp_path, monkeypatch):

@@ -42,8 +42,10 @@ class FrictionalDecision:
         self.here, self.contact_points, self.rows = here, here.contact_points, here.rows
         self._modes, self._released, self._struck, self._stops = modes, modes.released, modes.struck, modes.stops
 
-    def is_for(self, modes: FrictionModes) -> bool:
-        """Whether the decision is that after the same events; it may differ at the same state."""
+    def is_for(self, contact_points: tuple[ContactPoint, ...], modes: FrictionModes) -> bool:
+        """Whether the decision is that of some points in some modes, after the same events; it may differ at one state."""
+        if self.contact_points is not contact_points or self.here.modes is not modes.of(contact_points):
+            return False
         return (self._released, self._struck, self._stops) == (modes.released, modes.struck, modes.stops)
 
     @property
@@ -208,6 +210,11 @@ class FrictionalDecision:
     def sticks(self) -> bool:
         """Whether all points stick, and go on to do so without redistributing their forces."""
         return self._sticking is not None
+
+    @property
+    def holds_all(self) -> bool:
+        """Whether all points carry force in the modes that they have: they stick, and go on to do so."""
+        return self.sticks
 
     @property
     def turning(self) -> BoolArray:

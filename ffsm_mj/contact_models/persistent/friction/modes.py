@@ -118,12 +118,19 @@ class FrictionModes:
                 if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
                     self._straight[contact] = slip
 
-    def keep_still(self, contact_points: Sequence[ContactPoint], kinds: IntArray) -> bool:
-        """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so."""
-        values = kinds.tolist()
-        if SLIDE in values or self._largest_slip or self.beginning:
+    def keep_still(self, contact_points: tuple[ContactPoint, ...], kinds: IntArray) -> bool:
+        """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so.
+
+        Args:
+            contact_points: All closed contact points.
+            kinds: Modes chosen for them, (k,).
+        """
+        if self._largest_slip or self.beginning or len(self._kinds) != len(contact_points):
             return False
-        if self._kinds != dict(zip(contact_points, values, strict=True)):
+        present = self.of(contact_points)
+        if not present.none_slide:
+            return False
+        if kinds is not present.kinds and kinds.tolist() != present.kinds.tolist():
             return False
         self.released = self.struck = self.stops = False
         for modes in self._of.values():

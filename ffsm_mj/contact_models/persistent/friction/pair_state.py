@@ -63,17 +63,22 @@ class FrictionOfPairs:
         self._here, self._estimates, self._solution = here, estimates, solution
         self._least_uses: dict[tuple[ContactPoint, ...], float] = {}
         kinds = self._kinds = solution.kinds.tolist()
-        self._sticks: IntArray = (solution.kinds == STICK).nonzero()[0]
         self._ratios = here.limit_ratios(solution.forces)
-        self._largest = max([self._ratios[i] for i in self._sticks.tolist()], default=0.0)
+        self._largest = max([ratio for ratio, kind in zip(self._ratios, kinds, strict=True) if kind == STICK], default=0.0)
         self.by_pair = {
             pair: self._of_points(part, friction)
             for pair, part in here.modes.pairs
             if any(kinds[part])  # not CLOSED
         }
 
+    @property
+    def _sticks(self) -> IntArray:
+        """Indices of the sticking points."""
+        sticks: IntArray = (self._solution.kinds == STICK).nonzero()[0]
+        return sticks
+
     def _of_points(self, part: slice, friction: FloatArray) -> PairFriction:
-        force = friction[part].sum(axis=0)
+        force: FloatArray = np.add.reduce(friction[part])
         if SLIDE not in self._kinds[part]:
             return PairFriction(False, force, np.zeros(3), self._use(part))
         rows = self._here.rows

@@ -79,6 +79,11 @@ class PointModes:
         return bool((self.kinds == STICK).all())
 
     @cached_property
+    def none_slide(self) -> bool:
+        """Whether no point slides, with friction or without."""
+        return not bool((self.kinds == SLIDE).any())
+
+    @cached_property
     def drift_m_s(self) -> float:
         """Speed up to which no point slips, if all stick; negative if one does not."""
         return 2.0 * TOGETHER * float(self.stop_speeds.min()) if self.all_stick else -1.0

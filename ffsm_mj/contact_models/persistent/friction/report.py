@@ -102,7 +102,7 @@ class FrictionReport:
             Heat of all rules in the step, J.
         """
         total = 0.0
-        self._work += work_J
+        self._work[0] += work_J
         for stage, weight in zip(stages, weights_s.tolist(), strict=True):
             if stage.slide is None:
                 continue
