@@ -233,8 +233,14 @@ class FrictionalDecision:
 
     @property
     def restarts(self) -> BoolArray:
-        """Points that stop and begin to slide in another direction at once, (k,)."""
-        return np.asarray(self.here.modes.slides & ~self._slides & (self.kinds == SLIDE))
+        """Points that slide on in another direction: they stop, or their slip has turned by a right angle in the step, (k,).
+
+        A step ends where the slip along its direction at the start is -_REVERSED_M_S. A log replay knows it to some 1e-14
+        m/s, and finds it below zero, too.
+        """
+        modes = self.here.modes
+        turned = np.sum(self.rows.slips * self._at_start, axis=1) < 0.0
+        return np.asarray(modes.slides & (turned | ~self._slides) & (self.kinds == SLIDE))
 
     @property
     def releases(self) -> bool:
