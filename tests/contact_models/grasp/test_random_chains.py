@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,3 +70,29 @@ def test_a_random_scene(tmp_path, seed):
     if seed % 3 == 0:  # a replay takes as long as its run
         again = replay_log(run.log)
         assert again.agrees, again.worst
+
+
+def rough(seed, folder, mu, step_s):
+    """The scene of a seed with another coefficient of friction and another step."""
+    path = drawn(seed, folder)
+    scenario = json.loads(path.read_text())
+    scenario["contacts"]["rules"][0]["mu"], scenario["time_step_s"] = mu, step_s
+    path.write_text(json.dumps(scenario))
+    return ffsm_mj.run(path).log
+
+
+def test_a_step_that_ends_where_the_slip_has_turned_by_a_right_angle_has_a_record(tmp_path):
+    """It goes on in another direction: a replay that does not know of it errs by 3e-4 N and fails checks."""
+    log = rough(175, tmp_path, 0.6, 2e-3)
+    (changes,) = log.records["contact_changes"]
+    assert changes.friction == "sliding"
+    again = replay_log(log)
+    assert again.agrees, again.worst
+    assert not replay_log(replace(log, records={**log.records, "contact_changes": ()})).agrees
+
+
+@pytest.mark.parametrize("seed", [175, 56])
+def test_forces_at_a_slow_slip_are_compared_to_what_its_state_determines(tmp_path, seed):
+    """Rows at 1.5e-5 and 9e-7 m/s: the transfer of a grasped object's state turns the slip by 2e-9 and 4e-9 rad."""
+    again = replay_log(rough(seed, tmp_path, 0.6, 5e-4))
+    assert again.agrees, again.worst
