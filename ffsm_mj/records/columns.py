@@ -24,6 +24,7 @@ class Columns:
             ``table`` needs.
         at_state: Values under forces that a log replay varies at a sample, (number of signals,); columns that do not depend
             on forces, or have a state, may have any constant. None: none of the columns depends on forces.
+        at_event: The same for columns of values right after events since the last sample.
         resume: Restores the state of the columns from their values at a sample, (number of signals,), when a log is replayed
             from there; zeros: from the start. None if they have no state.
     """
@@ -34,6 +35,7 @@ class Columns:
     on_sample: Callable[[float], None] | None = None
     resume: Callable[[FloatArray], None] | None = None
     at_state: Callable[[], FloatArray] | None = None
+    at_event: Callable[[], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         """Validate the source of values.

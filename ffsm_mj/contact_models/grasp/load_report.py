@@ -34,7 +34,7 @@ class LoadReport:
         self._buffers = [LoadBuffer() for _ in sets]
         self._logged = np.zeros(len(sets))
         signals = tuple(signal for each in sets for signal in each.signals)
-        self.columns = Columns(signals, None, self._table, self._write, self._resume, self._at_state)
+        self.columns = Columns(signals, None, self._table, self._write, self._resume, self._at_state, self._at_event)
 
     def _now(self) -> list[tuple[LoadBuffer, int, Latch | None]]:
         """Each set of columns with what is closed of it."""
@@ -66,6 +66,14 @@ class LoadReport:
         for row, (_, _, latch) in zip(values, self._now(), strict=True):
             if latch is not None:
                 row[1:7] = latch.load.now()
+        return values.reshape(-1)
+
+    def _at_event(self) -> FloatArray:
+        """Sizes of these loads in the columns of loads after events, and zeros in the others."""
+        values = self._at_state().reshape(-1, SIGNALS_PER_SET)
+        sizes = np.linalg.norm(values[:, 1:7].reshape(-1, 2, 3), axis=2)
+        values[:, :-3] = 0.0
+        values[:, -3:-1] = sizes
         return values.reshape(-1)
 
     def _resume(self, values: FloatArray) -> None:
