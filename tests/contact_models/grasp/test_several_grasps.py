@@ -302,7 +302,7 @@ WALL = """<mujoco><option gravity="0 0 0"/><worldbody><body name="wall">
 def test_a_grasp_closes_and_another_opens_while_the_plate_is_pressed_on_a_wall(tmp_path, friction, step_s):
     """The first arm presses the plate on the wall; the second one latches it there, and takes it over.
 
-    At 5 ms the point that sticks drifts by 3e-12 m/s until then, which is no slip: it would slide in a direction of rounding.
+    At 5 ms the point that sticks drifts by 3e-12 m/s until then, which is no slip: its direction is rounding.
     """
     press = PD | {"kp": 4.0, "target": [-0.3, 0.1, 0.4, 0.1, 0.25, -0.2, -0.35, 0.2]}
     captures = {"left": LEFT, "right": RIGHT}
