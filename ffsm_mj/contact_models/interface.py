@@ -10,7 +10,7 @@ replayable. Impacts are one contact model. Others are registered by kind, or thr
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -265,6 +265,14 @@ class Replayable(ContactModel):
         A run would have logged it there; empty if none is due.
         """
         return ""
+
+    def varied_forces(self) -> Iterator[None]:
+        """Vary its forces, one after the other, as far as rounding of the state in ``data`` may change them.
+
+        Until the next step of the iteration, what it says of its forces at this state is with the present variation; after
+        the end it is as before. Nothing, unless rounding of the state changes forces by more than rounding.
+        """
+        return iter(())
 
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float] | None:
         """Independent check of its forces in the rows of a log.

@@ -180,6 +180,7 @@ class LogReplay:
         if self._events.pending or not self._ending:
             self._apply_efforts(event)
             self._plant.integrator.after_event(event.time_s)
+            self._rows.add_event()
 
     def _apply_efforts(self, event: LoggedEvent) -> None:
         """Apply the logged efforts after an event, and check them against the actuator limits."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from ffsm_mj.actuation.actuation import Actuation
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.records.columns import Columns, Row, same_names
@@ -15,6 +16,9 @@ from ffsm_mj.records.signals import FORCE_RESIDUAL, Layout, coordinate_keys, rat
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.verification.agreement import Agreement, scales
+
+_Parts: TypeAlias = Sequence[tuple[Callable[[], FloatArray], IntArray]]
+"""Values of the columns of some parts, and their places in a row."""
 
 
 class LoggedRows:
@@ -47,6 +51,7 @@ class ReplayedRows:
         again: Recomputed rows, (lines, number of signals).
         predicted: States integrated from the samples before, (lines, nq + nv).
         forces_apart: Differences of the contact forces from independent checks, N, (lines,).
+        accuracy: How far rounding of the states changes the columns by varied forces, (lines, number of signals).
     """
 
     def __init__(self, plant: Plant, layout: Layout) -> None:
@@ -59,12 +64,17 @@ class ReplayedRows:
         model = plant.system.mj
         self.again = np.zeros((BLOCK_ROWS, len(layout.keys)))
         self.predicted, self.forces_apart = np.zeros((BLOCK_ROWS, model.nq + model.nv)), np.zeros(BLOCK_ROWS)
+        self.accuracy = np.zeros_like(self.again)
         known = plant.columns
         # Columns of the controller cannot be recomputed: they are copied from the log.
         controller = tuple(signal for signal in layout.signals if signal.group in ("estimate", "controller", "phase"))
         self._copied, self._copy = layout.places(signal.key for signal in controller), np.zeros(len(controller))
         row = _row_of_log([*known, Columns(controller, live=self._copy)], layout)
         self._writer = RowWriter(row, plant.state.sampler, self.again)
+        by_part = [(part, layout.places(s.key for s in part.signals)) for part in known]
+        self._at_state = [(part.at_state, places) for part, places in by_part if part.at_state]
+        self._at_event = [(part.at_event, places) for part, places in by_part if part.at_event]
+        self._since_row = np.zeros(len(layout.keys))
         self._resume = [(part.resume, layout.places(s.key for s in part.signals)) for part in known if part.resume]
         joints = plant.system.joints.values()
         sensing = [signal.key for part in plant.sampler.columns for signal in part.signals] if plant.sampler else []
@@ -92,8 +102,27 @@ class ReplayedRows:
         self._copy[:] = logged[self._copied]
         if self._plant.sampler is not None:
             self._plant.sampler.take_over(logged[self._sensing], time_s)
+        self.accuracy[line] = self._accuracy(self._at_state) + self._since_row
+        self._since_row.fill(0.0)
         self._writer.fill(line, time_s)
         self.forces_apart[line] = max((check(logged) for check in self._force_checks), default=0.0)
+
+    def add_event(self) -> None:
+        """Note how far rounding of the state after an event changes the columns of values after events."""
+        np.maximum(self._since_row, self._accuracy(self._at_event), out=self._since_row)
+
+    def _accuracy(self, parts: _Parts) -> FloatArray | float:
+        """How far rounding of the state in ``data`` changes columns through the forces: the sum over all variations."""
+        replayable = self._plant.integrator.replayable
+        varied = [self._values(parts) for contact_model in replayable for _ in contact_model.varied_forces()]
+        return np.abs(np.array(varied) - self._values(parts)).sum(axis=0) if varied else 0.0
+
+    def _values(self, parts: _Parts) -> FloatArray:
+        """Columns of some parts at the state in ``data``, not NaN; zeros elsewhere, (number of signals,)."""
+        values = np.zeros(len(self._layout.keys))
+        for now, places in parts:
+            values[places] = now()
+        return np.nan_to_num(values)
 
     def skip(self, line: int) -> None:
         """Leave a row that has no valid state as NaN."""
@@ -119,7 +148,8 @@ class ReplayedRows:
         # The sum of all m |v| is at most sqrt(2 M T).
         momentum = (1.0 + lever[:, 0]) * np.sqrt(2.0 * self._mass * np.abs(again[:, self._energy]))
         measured = scales(self._layout, self._known, again, momentum)
-        columns.rows(self._layout, self._known, block, again[:, self._known], measured)
+        accuracy = self.accuracy[:count, self._known]
+        columns.rows(self._layout, self._known, block, again[:, self._known], measured, accuracy)
         again[:, self._residual] = self.forces_apart[:count]  # the check uses the recomputed differences
         return again
 

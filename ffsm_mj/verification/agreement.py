@@ -79,7 +79,13 @@ class Agreement:
             self.worst = found
 
     def rows(
-        self, layout: Layout, columns: npt.NDArray[np.intp], logged: FloatArray, again: FloatArray, scale: FloatArray
+        self,
+        layout: Layout,
+        columns: npt.NDArray[np.intp],
+        logged: FloatArray,
+        again: FloatArray,
+        scale: FloatArray,
+        accuracy: FloatArray | float = 0.0,
     ) -> None:
         """Compare columns of samples.
 
@@ -89,13 +95,14 @@ class Agreement:
             logged: Rows of the log, (n, all columns).
             again: Values recomputed from the states, (n, k).
             scale: Scales of the values, (n, k).
+            accuracy: Differences to allow where a state determines values worse than to rounding, (n, k).
         """
         given = logged[:, columns]
         self.numbers += given.size
         same = (given == again) | (np.isnan(given) & np.isnan(again))
         if same.all() and self.worst is not None:
             return
-        allowed = AGREES * (1.0 + np.nan_to_num(np.abs(scale), posinf=0.0))
+        allowed = np.maximum(AGREES * (1.0 + np.nan_to_num(np.abs(scale), posinf=0.0)), accuracy)
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.where(same, 0.0, np.abs(given - again))
             size = np.where(np.isnan(size), np.inf, size)

@@ -34,7 +34,7 @@ class LoadReport:
         self._buffers = [LoadBuffer() for _ in sets]
         self._logged = np.zeros(len(sets))
         signals = tuple(signal for each in sets for signal in each.signals)
-        self.columns = Columns(signals, table=self._table, on_sample=self._write, resume=self._resume)
+        self.columns = Columns(signals, None, self._table, self._write, self._resume, self._at_state, self._at_event)
 
     def _now(self) -> list[tuple[LoadBuffer, int, Latch | None]]:
         """Each set of columns with what is closed of it."""
@@ -59,6 +59,22 @@ class LoadReport:
 
     def _table(self) -> FloatArray:
         return np.concatenate([buffer.table() for buffer in self._buffers], axis=1)
+
+    def _at_state(self) -> FloatArray:
+        """Loads under the efforts in ``data``, and zeros in the other columns."""
+        values = np.zeros((len(self._buffers), SIGNALS_PER_SET))
+        for row, (_, _, latch) in zip(values, self._now(), strict=True):
+            if latch is not None:
+                row[1:7] = latch.load.now()
+        return values.reshape(-1)
+
+    def _at_event(self) -> FloatArray:
+        """Sizes of these loads in the columns of loads after events, and zeros in the others."""
+        values = self._at_state().reshape(-1, SIGNALS_PER_SET)
+        sizes = np.linalg.norm(values[:, 1:7].reshape(-1, 2, 3), axis=2)
+        values[:, :-3] = 0.0
+        values[:, -3:-1] = sizes
+        return values.reshape(-1)
 
     def _resume(self, values: FloatArray) -> None:
         for i, buffer in enumerate(self._buffers):

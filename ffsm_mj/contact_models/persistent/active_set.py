@@ -25,13 +25,7 @@ from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.tilts import Tilts
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.tolerances import (
-    DRIFT_M,
-    DRIFT_M_S,
-    FEATURE_BOUND_M,
-    LIFT_OFF_M,
-    PARALLEL,
-)
+from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, LIFT_OFF_M, PARALLEL
 
 _SLOW_M_S = 1e-3
 """Only contacts that separate below this speed may stay closed for their small lift-off."""
@@ -187,6 +181,10 @@ class ActiveContactSet:
         if self.has_friction:
             return self._solver.decide_with_friction(self.contact_points)
         return self._solver.decide(self.contact_points, self.pressing)
+
+    def assume(self, decision: FrictionalDecision) -> None:
+        """Take a decision as that at the state in ``data`` under its efforts."""
+        self._solver.assume(decision)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""

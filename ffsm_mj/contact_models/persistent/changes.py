@@ -20,6 +20,7 @@ from ffsm_mj.contact_models.persistent.record import (
     CONTACT_ENDS,
     CONTACT_SLIPS,
     CONTACT_STICKS,
+    FRICTION_KINDS,
     ContactSlips,
     ContactSticks,
 )
@@ -117,7 +118,20 @@ class ContactChanges:
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 
-    def apply(self, pairs: Sequence[UnilateralConstraint]) -> None:
+    def apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
+        """Apply a change of some pairs or limits to the closed contacts."""
+        if kind is CONTACT_BEGINS:
+            self.logged += pairs
+        elif kind is CONTACT_ENDS:
+            for pair in pairs:
+                self.logged.remove(pair)
+                self._active_set.remove(pair)
+        elif kind in FRICTION_KINDS:
+            self._active_set.update_pressing()
+        else:
+            self._change_points(pairs)
+
+    def _change_points(self, pairs: Sequence[UnilateralConstraint]) -> None:
         """Remove the contact points that open, and redetermine the features of pairs that left one."""
         closed, leaving, beyond = self._active_set, self._active_set.leaving(), self._active_set.pairs_outside_feature()
         for pair in pairs:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -42,7 +42,7 @@ def closed_and_still(near: Proximity, still: float) -> bool:
     return near.gap <= CONTACT_GAP_M and bool(np.abs(near.rates).min() <= still)
 
 
-def closed_after_change(pairs: ClosedPairs, held: Sequence[UnilateralConstraint]) -> Iterator[ClosingPair]:
+def closed_after_change(pairs: ClosedPairs, held: Collection[UnilateralConstraint]) -> Iterator[ClosingPair]:
     """Pairs in contact after a change of motion; those in ``held`` were closed before it."""
     for pair, near in pairs:
         # A deeper overlap at release is not a closed contact: the impact model resolves it.

@@ -115,6 +115,10 @@ class ForceSolver:
             known = self._friction_decision = state, FrictionalDecision(here, self._modes)
         return known[1]
 
+    def assume(self, decision: FrictionalDecision) -> None:
+        """Keep a decision as that at the present state under the present efforts."""
+        self._friction_decision = decision
+
     def _with_loops(self, rows: _Rows) -> _Rows:
         """Rows as they are with the closed loops of the motion."""
         if self._motion.loops is not None:

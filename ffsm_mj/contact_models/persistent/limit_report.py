@@ -45,11 +45,8 @@ class LimitReport:
         self._row = {limit: joints.index((limit.joint, limit.unit)) for limit in limits}
         signals = tuple(signal for joint, unit in joints for signal in _signals(joint, unit))
         live = self._values.reshape(-1)
-        self.columns = (
-            (Columns(signals, live=live, on_sample=lambda _: self._write_values(), resume=self._restore_values),)
-            if signals
-            else ()
-        )
+        columns = Columns(signals, live, None, lambda _: self._write_values(), self._restore_values, self._at_state)
+        self.columns = (columns,) if signals else ()
 
     def logged_limits(self) -> list[JointLimit]:
         """Limits at which a joint rests according to the columns."""
@@ -58,6 +55,10 @@ class LimitReport:
     def _restore_values(self, logged: FloatArray) -> None:
         self._values[:] = logged.reshape(self._values.shape)
         self._is_blank = False
+
+    def _at_state(self) -> FloatArray:
+        self._write_values()
+        return self._values.flatten()
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""

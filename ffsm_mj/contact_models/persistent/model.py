@@ -10,7 +10,7 @@ point.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray
@@ -30,10 +30,11 @@ from ffsm_mj.contact_models.persistent.changes import ContactChanges
 from ffsm_mj.contact_models.persistent.closure import closed_after_change, closed_and_still, closed_at, rate_tolerance
 from ffsm_mj.contact_models.persistent.drift import DriftProjection
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
+from ffsm_mj.contact_models.persistent.friction.slip_rounding import turned_slips
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
-from ffsm_mj.contact_models.persistent.record import CONTACT_BEGINS, CONTACT_ENDS, FRICTION_KINDS
+from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.refusals import refusal_in
 from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.persistent.step_account import StepAccount
@@ -86,7 +87,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         super().bind(motion)
         self._active_set.bind(motion)
-        held = tuple(self._active_set.by_pair)
+        held = dict(self._active_set.by_pair)
         for pair in held:
             if pair.geom_ids in motion.disabled:
                 self._active_set.set_points(pair, ())
@@ -94,6 +95,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if before is not None and before != self._previous:
             for pair, near, still in closed_after_change(closed_pairs(self._broad_phase, self.scene, motion), held):
                 self._update_pair(pair, near, still)
+                self._active_set.modes.replace(held.get(pair, ()), self._active_set.by_pair.get(pair, ()))
         self._update_activity()
         self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
 
@@ -256,6 +258,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         change = self._changes.pending() if self.active else None
         return change[0].name if change else ""
 
+    def varied_forces(self) -> Iterator[None]:
+        """Turn each slip by its rounding; see :class:`Replayable`."""
+        return turned_slips(self._active_set)
+
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
         return ForceCheck(self.scene, self._pairs, self._active_set, layout).residual
@@ -278,17 +284,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         return EventEffect(records, triggers_control=False, accuracy=accuracy)
 
     def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
-        """Apply a change of some pairs or limits to the closed contacts."""
-        if kind is CONTACT_BEGINS:
-            self._changes.logged += pairs
-        elif kind is CONTACT_ENDS:
-            for pair in pairs:
-                self._changes.logged.remove(pair)
-                self._active_set.remove(pair)
-        elif kind in FRICTION_KINDS:
-            self._active_set.update_pressing()
-        else:
-            self._changes.apply(pairs)
+        self._changes.apply(kind, pairs)
         self._update_activity()
 
     def _drop(self, limits: Sequence[JointLimit]) -> None:

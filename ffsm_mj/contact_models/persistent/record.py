@@ -224,6 +224,6 @@ CONTACT_CHANGES = _kind(
     ContactChanges,
     "contact_changes",
     "contact_changes",
-    "when its features change, it starts to carry force, or some points slip or stick",
+    "when its features change, it starts to carry force, or some points slip, stick or turn their slip",
     "changes",
 )

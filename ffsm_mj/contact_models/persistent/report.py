@@ -17,6 +17,7 @@ from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
+from ffsm_mj.contact_models.persistent.friction.slip_rounding import force_accuracy
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.resultant import Resultant, points_of, resultant
 from ffsm_mj.records.active_contact import ActiveContact
@@ -110,7 +111,7 @@ class ContactReport:
         self.friction = FrictionReport(with_friction)
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
         self.columns = (
-            Columns(signals, live=flat, on_sample=lambda _: self._write_values(), resume=self._restore_values),
+            Columns(signals, flat, None, lambda _: self._write_values(), self._restore_values, self._at_state),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
             *(self.friction.columns if with_friction else ()),
         )
@@ -122,6 +123,10 @@ class ContactReport:
     def _restore_values(self, logged: FloatArray) -> None:
         self._values[:] = logged.reshape(self._values.shape)
         self._is_blank = False
+
+    def _at_state(self) -> FloatArray:
+        self._write_values()
+        return self._values.flatten()
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
@@ -223,11 +228,13 @@ class ContactReport:
         }
 
     def accuracy(self) -> dict[str, float]:
-        """Accuracy of the forces at the end of the last step, N, by field of a record; empty if it is rounding."""
+        """Accuracy of forces before and after an event at the state in ``data``, N, by field of a record."""
         closed = self._active_set
         decision = closed.decide() if closed.contact_points and closed.stages else None
-        worst = float(decision.force_accuracy().sum()) if isinstance(decision, FrictionalDecision) else 0.0
-        return {"force_before_N": worst} if worst else {}
+        if not isinstance(decision, FrictionalDecision):
+            return {}
+        before, after = force_accuracy(decision)
+        return {"force_before_N": before, "force_after_N": after, "friction_N": after}
 
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""

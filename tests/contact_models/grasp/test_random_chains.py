@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,3 +70,43 @@ def test_a_random_scene(tmp_path, seed):
     if seed % 3 == 0:  # a replay takes as long as its run
         again = replay_log(run.log)
         assert again.agrees, again.worst
+
+
+def rough(seed, folder, mu, step_s):
+    """The scene of a seed with another coefficient of friction and another step."""
+    path = drawn(seed, folder)
+    scenario = json.loads(path.read_text())
+    scenario["contacts"]["rules"][0]["mu"], scenario["time_step_s"] = mu, step_s
+    path.write_text(json.dumps(scenario))
+    return ffsm_mj.run(path).log
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory):
+    """A stone slides on a grasped plate, and its slip turns by a right angle at 4e-6 m/s within a step."""
+    return rough(175, tmp_path_factory.mktemp("turned"), 0.6, 2e-3)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_step_that_ends_where_the_slip_has_turned_by_a_right_angle_has_a_record(turned, known):
+    """It goes on in another direction: a replay that does not know of it errs by 3e-4 N and fails checks."""
+    (changes,) = turned.records["contact_changes"]
+    assert changes.friction == "sliding"
+    again = replay_log(turned if known else replace(turned, records={**turned.records, "contact_changes": ()}))
+    assert again.agrees == known, again.worst
+
+
+@pytest.mark.parametrize(("error", "agrees"), [(1e-8, True), (1e-7, False)])
+def test_loads_right_after_an_event_at_a_slow_slip_are_compared_to_what_its_state_determines(turned, error, agrees):
+    """1e-12 (1 + 1.5) m/s turn the slip of 4e-6 m/s by 7e-7 rad, and friction of 0.06 N changes the load by 2e-8 N."""
+    rows = np.array(turned.rows)
+    rows[-1, turned.header.layout.index["contact.capture_clamp_event_force_N"]] += error
+    again = replay_log(replace(turned, rows=rows))
+    assert again.agrees == agrees, again.worst
+
+
+@pytest.mark.parametrize("seed", [175, 56])
+def test_forces_at_a_slow_slip_are_compared_to_what_its_state_determines(tmp_path, seed):
+    """Rows at 1.5e-5 and 9e-7 m/s: the transfer of a grasped object's state turns the slip by 2e-9 and 4e-9 rad."""
+    again = replay_log(rough(seed, tmp_path, 0.6, 5e-4))
+    assert again.agrees, again.worst

@@ -224,24 +224,32 @@ class FrictionalDecision:
             return np.asarray(slides)
         return np.asarray(slides & ~self.problem.lines & ~self._modes.of(self.contact_points).straight)
 
-    def force_accuracy(self) -> FloatArray:
-        """Accuracy to which the state determines the forces in the modes of the step, N, (k,).
+    @property
+    def slipping(self) -> BoolArray:
+        """Points whose slip is not zero, (k,)."""
+        return self._slides
 
-        A point that goes straight on to its stop keeps the direction of an earlier slip, which turns by the rounding of
-        velocities over that slip.
-        """
-        modes = self.here.modes
-        turned = np.flatnonzero(modes.straight & modes.slides)
-        if not len(turned):
-            return modes.nothing
-        solution, turns = self._in_present_modes[0], (self.rows.speed_rounding / modes.directed_at)[turned]
-        changes = self.problem.responses_to_turns(solution.kinds, solution.directions, turned, solution.forces)
-        return np.asarray(np.linalg.norm(changes, axis=1) @ turns)
+    @property
+    def in_present_modes(self) -> Solution:
+        """Solution in the modes of the step."""
+        return self._in_present_modes[0]
+
+    def with_forces(self, forces: FloatArray) -> FrictionalDecision:
+        """The same modes with other forces (n, t1, t2), N, (k, 3)."""
+        other = FrictionalDecision(self.here, self._modes)
+        other._sticking, other.solution = None, self.solution._replace(forces=forces)
+        return other
 
     @property
     def restarts(self) -> BoolArray:
-        """Points that stop and begin to slide in another direction at once, (k,)."""
-        return np.asarray(self.here.modes.slides & ~self._slides & (self.kinds == SLIDE))
+        """Points that slide on in another direction: they stop, or their slip has turned by a right angle in the step, (k,).
+
+        A step ends where the slip along its direction at the start is -_REVERSED_M_S. A log replay knows it to some 1e-14
+        m/s, and finds it below zero, too.
+        """
+        modes = self.here.modes
+        turned = np.sum(self.rows.slips * self._at_start, axis=1) < 0.0
+        return np.asarray(modes.slides & (turned | ~self._slides) & (self.kinds == SLIDE))
 
     @property
     def releases(self) -> bool:

@@ -35,6 +35,7 @@ class FrictionModes:
         stops: Whether a sliding point is known to stop at the current state, as at a logged stop that is replayed.
         beginning: Points that begin to slide at the current state. The slip that they have is the drift of sticking points;
             it is projected out like that before they move.
+        replacing: Points without a mode whose slip is drift: those that they replace stick.
         estimates: Forces with the least use of friction found last, N, (m, 3), by the points that share a load.
     """
 
@@ -42,6 +43,7 @@ class FrictionModes:
         """Start without modes."""
         self.released = self.struck = self.stops = False
         self.beginning: frozenset[ContactPoint] = frozenset()
+        self.replacing: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
         self.estimates: dict[tuple[ContactPoint, ...], FloatArray] = {}
         self._kinds: dict[ContactPoint, int] = {}
@@ -59,7 +61,8 @@ class FrictionModes:
     def _collected(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
         mu, nothing = np.array([contact.pair.mu for contact in contact_points]), np.zeros(3)
         kinds = np.array([self._kinds.get(contact, UNKNOWN) for contact in contact_points], dtype=np.int64)
-        begins = np.array([contact in self.beginning for contact in contact_points], dtype=np.bool_)
+        drifting = self.beginning | self.replacing
+        drifts = np.array([contact in drifting for contact in contact_points], dtype=np.bool_)
         directed_at = np.array([self._straight.get(contact, np.inf) for contact in contact_points])
         largest = [max(self._largest_slip.get(contact, 0.0), _LEAST_SLIP_M_S) for contact in contact_points]
         return PointModes(
@@ -70,7 +73,7 @@ class FrictionModes:
             stop_speeds=_STOPPED * np.array(largest),
             straight=directed_at < np.inf,
             directed_at=directed_at,
-            drifts=(kinds == STICK) | begins,
+            drifts=(kinds == STICK) | drifts,
             structures={},
             pairs=_with_friction(contact_points),
         )
@@ -94,7 +97,7 @@ class FrictionModes:
         """
         before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
         self.released = self.struck = self.stops = False
-        self._straight = {}
+        self._straight, self.replacing = {}, frozenset()
         self.forget_structures()
         self._kinds = dict(zip(contact_points, kinds.tolist(), strict=True))
         begins = ((kinds == SLIDE) & ~slides).tolist()
@@ -136,6 +139,13 @@ class FrictionModes:
         for modes in self._of.values():
             modes.structures.clear()
         return True
+
+    def replace(self, old: Sequence[ContactPoint], new: Sequence[ContactPoint]) -> None:
+        """Replace points of a pair by others at the same state: where they stick, the slip of the others is drift, too."""
+        kinds = {self._kinds.get(contact, UNKNOWN) for contact in old}
+        if STICK in kinds and SLIDE not in kinds:
+            self.replacing |= {contact for contact in new if contact not in self._kinds}
+            self.forget_structures()
 
     def move(self) -> None:
         """Take all slip from here on as slip: the drift of points that begin to slide has been projected out."""

@@ -42,7 +42,7 @@ class PointModes:
         stop_speeds: Slips below which points that slide stop, m/s, (k,).
         straight: Points so close to their stop that their direction of slip is kept until then, (k,).
         directed_at: Slips at which these directions were determined, m/s, (k,); infinite for points that are not straight.
-        drifts: Points whose slip is drift: those that stick or begin to slide, (k,).
+        drifts: Points whose slip is drift: those that stick, begin to slide, or replace others that stick, (k,).
         structures: Rows held in modes of the step, by the modes; see ``HeldRows``.
         pairs: Pairs with friction and their points, which are consecutive.
     """

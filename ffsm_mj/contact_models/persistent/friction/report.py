@@ -59,7 +59,7 @@ class FrictionReport:
         )
         self._work = np.zeros(1)
         self.columns = (
-            Columns(signals, live=self._values.reshape(-1), resume=self._restore),
+            Columns(signals, live=self._values.reshape(-1), resume=self._restore, at_state=self._values.flatten),
             Columns((_WORK,), live=self._work, resume=self._restore_work),
         )
 
