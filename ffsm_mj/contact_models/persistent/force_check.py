@@ -34,7 +34,7 @@ from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.friction.force_check import PointAgain, resultants_with_friction
 from ffsm_mj.contact_models.persistent.limit_report import force_key, state_key
-from ffsm_mj.contact_models.persistent.report import force_keys, mode_key
+from ffsm_mj.contact_models.persistent.rule_columns import force_keys, mode_key
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix

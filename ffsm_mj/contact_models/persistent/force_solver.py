@@ -117,7 +117,7 @@ class ForceSolver:
 
     def assume(self, decision: FrictionalDecision) -> None:
         """Keep a decision as that at the present state under the present efforts."""
-        self._friction_decision = decision
+        self._friction_decision = self._smooth.state(self.other_forces), decision
 
     def _with_loops(self, rows: _Rows) -> _Rows:
         """Rows as they are with the closed loops of the motion."""

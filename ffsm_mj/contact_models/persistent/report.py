@@ -20,62 +20,28 @@ from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.friction.slip_rounding import force_accuracy
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.resultant import Resultant, points_of, resultant
+from ffsm_mj.contact_models.persistent.rule_columns import (
+    CLOSED,
+    FREE,
+    IMPULSE,
+    MODE_NAMES,
+    NOTHING,
+    PRESSING,
+    SLIDING,
+    STICKING,
+    row_of,
+    signals_of,
+)
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier
+from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal
 from ffsm_mj.records.wrench import Wrench
 
-FREE, CLOSED, PRESSING, STICKING, SLIDING = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Contact modes of a rule in the log: one with friction that carries force is sticking or sliding instead of pressing."""
-MODE_NAMES = {FREE: "open", CLOSED: "closed", PRESSING: "pressing", STICKING: "sticking", SLIDING: "sliding"}
-"""Words for the contact modes."""
-
-_MODE = "contact state of {}: 0 open, 1 closed without force, 2 closed with force"
-_FRICTION_MODE = "contact state of {}: 0 open, 1 closed without force, 3 sticking, 4 sliding at one or more points"
-_SIGNALS = (
-    ("pairs", "", "number of closed pairs of {}"),
-    ("points", "", "number of contact points of {}"),
-    ("force_N", "N", "contact force of {}, under the efforts of this row: sum of the resultants of its pairs; 0 if open"),
-    *((f"force_{x}_N", "N", "resultant force of {} on its second side, world axes") for x in "xyz"),
-    *((f"centre_{x}_m", "m", "centre of pressure of {}, world axes; NaN if no contact point carries force") for x in "xyz"),
-    ("impulse_N_s", "N s", "time integral of the contact force of {} since t = 0"),
-)
 _RESIDUAL = (
     "largest difference between the resultant force of a pair in the step and the non-negative one; ffsm analyze recomputes "
     "it from the states in the log, with other functions"
 )
-_NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
-_IMPULSE = len(_NOTHING) - 1
-_NOWHERE = [math.nan] * 3
-
-
-def force_keys(rule: str) -> tuple[str, ...]:
-    """Columns of the resultant force of a contact rule on its second side."""
-    return tuple(f"contact.{identifier(rule)}_force_{x}_N" for x in "xyz")
-
-
-def mode_key(rule: str) -> str:
-    """Column of the contact mode of a rule."""
-    return f"contact.{identifier(rule)}_mode"
-
-
-def _row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
-    """Columns of a rule with these closed pairs, except its impulse."""
-    if len(pairs) == 1:
-        ((pair, found),) = pairs
-        force, carries = found.force.tolist(), pair in pressing
-        centre = found.centre.tolist() if carries else _NOWHERE
-        return PRESSING if carries else CLOSED, 1.0, found.points, math.hypot(*force), *force, *centre
-    count = sum(found.points for _, found in pairs)
-    carrying = [found for pair, found in pairs if pair in pressing]
-    if not carrying:
-        return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
-    sizes = np.array([found.size for found in carrying])
-    total = float(sizes.sum())
-    force = np.sum([found.force for found in carrying], axis=0)
-    centre = (sizes @ np.array([found.centre for found in carrying]) / total).tolist()
-    return PRESSING, len(pairs), count, total, *force.tolist(), *centre
 
 
 def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | FrictionalDecision | None) -> ActiveContact:
@@ -100,14 +66,10 @@ class ContactReport:
         """Initialise with no closed contacts."""
         self._scene, self._active_set = scene, closed
         self._rules = {name: i for i, name in enumerate(dict.fromkeys(pair.rule for pair in pairs))}
-        self._values = np.tile(_NOTHING, (len(self._rules), 1))
+        self._values = np.tile(NOTHING, (len(self._rules), 1))
         self._is_blank = True
         with_friction = tuple(dict.fromkeys(pair.rule for pair in pairs if pair.mu > 0.0))
-        signals = tuple(
-            Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule))
-            for rule in self._rules
-            for name, unit, meaning in (("mode", "", _FRICTION_MODE if rule in with_friction else _MODE), *_SIGNALS)
-        )
+        signals = tuple(signal for rule in self._rules for signal in signals_of(rule, friction=rule in with_friction))
         self.friction = FrictionReport(with_friction)
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
         self.columns = (
@@ -137,7 +99,7 @@ class ContactReport:
         decision = closed.decide() if closed.contact_points else None
         by_rule = self._resultants(decision) if decision is not None else {}
         if len(by_rule) < len(self._rules):
-            self._values[:, :_IMPULSE] = _NOTHING[:_IMPULSE]
+            self._values[:, :IMPULSE] = NOTHING[:IMPULSE]
         if decision is None:
             self._residual[0] = 0.0
             self.friction.write({})
@@ -147,12 +109,12 @@ class ContactReport:
         by_pair = decision.of_pairs.by_pair if isinstance(decision, FrictionalDecision) else {}
         rubbing = {}
         for rule, each in by_rule.items():
-            mode, *values = _row_of(each, pressing)
+            mode, *values = row_of(each, pressing)
             pairs = [friction for pair, _ in each if (friction := by_pair.get(pair))]
             if pairs:
                 rubbing[rule] = pairs
                 mode = SLIDING if any(pair.slides for pair in pairs) else STICKING
-            self._values[self._rules[rule], :_IMPULSE] = (mode, *values)
+            self._values[self._rules[rule], :IMPULSE] = (mode, *values)
         self.friction.write(rubbing)
 
     def _resultants(self, decision: Decision | FrictionalDecision) -> dict[str, list[tuple[ContactPair, Resultant]]]:
@@ -215,7 +177,7 @@ class ContactReport:
         """Add the impulses of pairs in a step, N s."""
         for pair, impulse in impulses.items():
             if isinstance(pair, ContactPair):
-                self._values[self._rules[pair.rule], _IMPULSE] += impulse
+                self._values[self._rules[pair.rule], IMPULSE] += impulse
 
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
@@ -289,7 +251,7 @@ class ContactReport:
                 normal=tuple(place.normal.tolist()),
                 force_before_N=before[pair],
                 force_after_N=0.0 if ended[pair] else place.size,
-                impulse_N_s=float(self._values[self._rules[pair.rule], _IMPULSE]),
+                impulse_N_s=float(self._values[self._rules[pair.rule], IMPULSE]),
                 closed_pairs=names,
                 qpos=tuple(data.qpos.tolist()),
                 qvel_before=qvel_before,

@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.report import MODE_NAMES
+from ffsm_mj.contact_models.persistent.rule_columns import MODE_NAMES
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
 from ffsm_mj.log.marker_scale import marker_scale

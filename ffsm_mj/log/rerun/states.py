@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.report import MODE_NAMES
+from ffsm_mj.contact_models.persistent.rule_columns import MODE_NAMES
 from ffsm_mj.log.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from ffsm_mj.records.signals import Layout
 

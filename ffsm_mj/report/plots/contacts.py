@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.report import SLIDING, mode_key
+from ffsm_mj.contact_models.persistent.rule_columns import SLIDING, mode_key
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.panels import Curve, Panel, stacked
 from ffsm_mj.report.plots.style import plain

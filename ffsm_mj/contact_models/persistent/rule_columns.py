@@ -1,0 +1,70 @@
+"""Log columns of one contact rule: its mode, the resultant of its pairs, and its impulse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Sequence
+
+import numpy as np
+
+from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.persistent.resultant import Resultant
+from ffsm_mj.records.signals import Signal, identifier
+
+FREE, CLOSED, PRESSING, STICKING, SLIDING = 0.0, 1.0, 2.0, 3.0, 4.0
+"""Contact modes of a rule in the log: one with friction that carries force is sticking or sliding instead of pressing."""
+MODE_NAMES = {FREE: "open", CLOSED: "closed", PRESSING: "pressing", STICKING: "sticking", SLIDING: "sliding"}
+"""Words for the contact modes."""
+
+_MODE = "contact state of {}: 0 open, 1 closed without force, 2 closed with force"
+_FRICTION_MODE = "contact state of {}: 0 open, 1 closed without force, 3 sticking, 4 sliding at one or more points"
+_SIGNALS = (
+    ("pairs", "", "number of closed pairs of {}"),
+    ("points", "", "number of contact points of {}"),
+    ("force_N", "N", "contact force of {}, under the efforts of this row: sum of the resultants of its pairs; 0 if open"),
+    *((f"force_{x}_N", "N", "resultant force of {} on its second side, world axes") for x in "xyz"),
+    *((f"centre_{x}_m", "m", "centre of pressure of {}, world axes; NaN if no contact point carries force") for x in "xyz"),
+    ("impulse_N_s", "N s", "time integral of the contact force of {} since t = 0"),
+)
+NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math.nan, 0.0])
+"""Columns of a rule without a closed pair."""
+IMPULSE = len(NOTHING) - 1
+"""Index of the impulse among the columns of a rule."""
+_NOWHERE = [math.nan] * 3
+
+
+def signals_of(rule: str, *, friction: bool) -> tuple[Signal, ...]:
+    """Signals of a rule, with friction or without."""
+    named = (("mode", "", _FRICTION_MODE if friction else _MODE), *_SIGNALS)
+    return tuple(
+        Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule)) for name, unit, meaning in named
+    )
+
+
+def force_keys(rule: str) -> tuple[str, ...]:
+    """Columns of the resultant force of a contact rule on its second side."""
+    return tuple(f"contact.{identifier(rule)}_force_{x}_N" for x in "xyz")
+
+
+def mode_key(rule: str) -> str:
+    """Column of the contact mode of a rule."""
+    return f"contact.{identifier(rule)}_mode"
+
+
+def row_of(pairs: Sequence[tuple[ContactPair, Resultant]], pressing: Container[UnilateralConstraint]) -> tuple[float, ...]:
+    """Columns of a rule with these closed pairs, except its impulse."""
+    if len(pairs) == 1:
+        ((pair, found),) = pairs
+        force, carries = found.force.tolist(), pair in pressing
+        centre = found.centre.tolist() if carries else _NOWHERE
+        return PRESSING if carries else CLOSED, 1.0, found.points, math.hypot(*force), *force, *centre
+    count = sum(found.points for _, found in pairs)
+    carrying = [found for pair, found in pairs if pair in pressing]
+    if not carrying:
+        return CLOSED, len(pairs), count, 0.0, 0.0, 0.0, 0.0, *_NOWHERE
+    sizes = np.array([found.size for found in carrying])
+    total = float(sizes.sum())
+    force = np.sum([found.force for found in carrying], axis=0)
+    centre = (sizes @ np.array([found.centre for found in carrying]) / total).tolist()
+    return PRESSING, len(pairs), count, total, *force.tolist(), *centre
