@@ -29,6 +29,9 @@ largest unknown, which is large where the cones leave little room."""
 _SOLVED = 1e-10
 """Residual at which the answer is accepted."""
 _ITERATIONS, _HALVINGS = 200, 30
+_REACH = 10.0
+"""Largest step in units of the largest unknown: where some points carry no force the derivative is singular, and the step
+without a bound so long that the dual function is rounding there."""
 _DAMPING = 1e-10
 """Part of the identity in the derivative, which is singular where few points carry force, over the residual."""
 
@@ -81,7 +84,8 @@ def least_in_cones(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> Fl
             break
         derivative = np.einsum("kia,kij,kjb->ab", U.reshape(-1, 3, len(y)), slope, U.reshape(-1, 3, len(y)))
         step = solved(derivative + _DAMPING * float(np.abs(miss).max()) * np.eye(len(y)), miss)
-        y = _searched(U, y, step, effect, mu, moved)
+        reach = _REACH * (1.0 + float(np.abs(y).max())) / max(float(np.abs(step).max()), np.finfo(float).tiny)
+        y = _searched(U, y, step * min(1.0, reach), effect, mu, moved)
     if float(np.abs(miss).max()) <= _SOLVED:
         return unit * lam
     return largest_margin(given, freedom, mu)[1]
