@@ -15,6 +15,7 @@ from libc.string cimport memcpy
 
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
 from ffsm_mj_fast.row_memory cimport RowMemory
+from ffsm_mj_fast.rows cimport write_rounding
 from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage
 
 cdef double ON_CONE = cone_depth.ON_CONE, FRICTION_ROUNDING = internal_forces.FRICTION_ROUNDING
@@ -52,12 +53,14 @@ cdef class FrictionState:
     cdef RowMemory own
     cdef object kept_problem, kept_rounding, kept_forces, b
     cdef double[::1] values
+    cdef const double[::1] pushed
 
     def __init__(self, contact_points, rows, force, modes):
         cdef const double[::1] pushed = force
         cdef const double* response
         cdef Py_ssize_t i, d
         cdef double total
+        self.pushed = pushed
         self.contact_points, self.rows, self.force, self.modes, self.own = contact_points, rows, force, modes, rows.memory
         self.b = np.empty(self.own.rows)
         self.values = self.b
@@ -82,8 +85,12 @@ cdef class FrictionState:
     @property
     def rounding(self):
         """Rounding of the accelerations of each point, m/s^2, (k,)."""
+        cdef double[::1] found
         if self.kept_rounding is None:
-            self.kept_rounding = self.rows.acceleration_rounding(self.force)
+            self.kept_rounding = np.empty(self.own.points)
+            found = self.kept_rounding
+            if self.own.points:
+                write_rounding(self.rows.groups, self.own, &self.pushed[0], &found[0])
         return self.kept_rounding
 
     cdef HeldForces held(self):

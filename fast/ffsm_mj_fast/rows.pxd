@@ -39,3 +39,4 @@ cdef class RowEvaluator:
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1
 
 cdef int write_scales(list groups, double* scales) except -1
+cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1

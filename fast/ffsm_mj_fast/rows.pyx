@@ -56,6 +56,22 @@ cdef int write_scales(list groups, double* scales) except -1:
     return 0
 
 
+cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1:
+    """Write the rounding of the accelerations of each point with friction under a generalised force, m/s^2."""
+    cdef Py_ssize_t p, j, d, nv = own.nv
+    cdef const double* response
+    cdef double most
+    write_scales(groups, found)
+    for p in range(own.points):
+        most = found[p]
+        for j in range(3 * p, 3 * p + 3):
+            most, response = max(most, fabs(own.gamma[j])), own.response + j * nv
+            for d in range(nv):
+                most = max(most, fabs(response[d] * force[d]))
+        found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
+    return 0
+
+
 cdef object extremes_of(list groups):
     """Extremes over the points of some groups."""
     cdef double inside = INFINITY, gap = 0.0, rate = 0.0, lowest = INFINITY
@@ -170,19 +186,10 @@ class FrictionalRowsInMemory(FrictionalRows):
     def acceleration_rounding(self, const double[::1] force not None):
         """Rounding of the accelerations under a generalised force, m/s^2, (k,): a share of the largest term."""
         cdef RowMemory own = self.memory
-        cdef Py_ssize_t p, j, d
-        cdef double most
         rounding = np.empty(own.points)
         cdef double[::1] found = rounding
         if own.points:
-            write_scales(self.groups, &found[0])
-        for p in range(own.points):
-            most = found[p]
-            for j in range(3 * p, 3 * p + 3):
-                most = max(most, fabs(own.gamma[j]))
-                for d in range(own.nv):
-                    most = max(most, fabs(own.response[j * own.nv + d] * force[d]))
-            found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
+            write_rounding(self.groups, own, &force[0], &found[0])
         return rounding
 
     def across(self, components):

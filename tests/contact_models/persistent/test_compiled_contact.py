@@ -199,7 +199,7 @@ def test_sums_of_stages(tmp_path, rng):
 
 
 @pytest.mark.parametrize("kinds", [None, (STICK,) * 4, (STICK, SLIDE, CLOSED, STICK)])
-def test_stages_inside_a_step(tmp_path, rng, kinds):
+def test_stages_inside_a_step(tmp_path, rng, monkeypatch, kinds):
     """State after state in the same memory: without friction, with points that stick, and with some that slide."""
     points, motion, *evaluators, force = sides(tmp_path, rng, mu=0.5 if kinds else 0.0)
     modes, found, data = FrictionModes(), [], motion.data
@@ -207,8 +207,12 @@ def test_stages_inside_a_step(tmp_path, rng, kinds):
         slides = np.array(kinds) == SLIDE
         directions = np.where(slides[:, None], np.array([0.0, 1.0, 0.0]), 0.0)
         modes.set(points, np.array(kinds), directions, 0.1 * slides, slides)
-    ways = ((StageForces, Smooth, evaluators[0]), (twins.StageForces, twins.Smooth, evaluators[1]))
-    stages = [kind(smooth(motion, data), each, points, modes.of(points) if kinds else None) for kind, smooth, each in ways]
+    stages = []
+    for switch, kind, smooth, each in zip(
+        "01", (StageForces, twins.StageForces), (Smooth, twins.Smooth), evaluators, strict=True
+    ):
+        monkeypatch.setenv("FFSM_COMPILED", switch)
+        stages.append(kind(smooth(motion, data), each, points, modes.of(points) if kinds else None))
     for _ in range(3):
         data.qvel[:] = 0.1 * rng.normal(size=len(force))
         mujoco.mj_forward(motion.model, data)
