@@ -51,6 +51,11 @@ FEATURE_BOUND_M = CONTACT_GAP_M
 
 The difference is the hysteresis: without it a contact at a bound would change its feature at every evaluation.
 """
+FLAT_M = CONTACT_GAP_M / 2.0
+"""A cap that rolls on its rim lands flat where the highest point of the rim is this far above the lowest one.
+
+The whole rim is then in contact with the face, and stays so up to CONTACT_GAP_M: the difference is the hysteresis.
+"""
 DRIFT_M = CONTACT_GAP_M / 2.0
 """A step ends early where a closed gap has drifted this far; the drift is then projected out."""
 OTHER_POINT_M = CONTACT_GAP_M / 5.0

@@ -60,10 +60,11 @@ class Cap:
         return np.asarray(self.centre + flat @ self.axes)
 
 
-def cap_of(shape: Shape, outward: FloatArray) -> Cap | None:
-    """The cap of a cylinder that faces along a unit vector; None for other geoms, and for a cylinder tilted against it."""
-    found = shape.cap(outward)
-    return Cap(*found) if found else None
+def caps_of(first: Shape, second: Shape, normal: FloatArray) -> tuple[Cap | None, Cap | None]:
+    """The caps of two geoms that face each other along a normal; None for other geoms and for tilted cylinders."""
+    tolerance = first.position_tolerance + second.position_tolerance
+    one, other = first.cap(normal, tolerance), second.cap(-normal, tolerance)
+    return Cap(*one) if one else None, Cap(*other) if other else None
 
 
 def on_each_other(one: Cap, other: Cap, points: FloatArray, other_points: FloatArray) -> tuple[FloatArray, FloatArray]:

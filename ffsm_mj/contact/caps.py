@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.cap import cap_of
+from ffsm_mj.contact.cap import caps_of
 from ffsm_mj.contact.manifold import facing, touching_set
 from ffsm_mj.contact.shape import Shape
 
@@ -26,7 +26,7 @@ def lowest_of_rims(shapes: tuple[Shape, Shape], normal: FloatArray, spin: FloatA
         spin: Angular velocity of the second geom relative to the first; the gap rate increases along normal x spin.
         level: Tolerance of :func:`~ffsm_mj.contact.manifold.touching_set`, m.
     """
-    caps = cap_of(shapes[0], normal), cap_of(shapes[1], -normal)
+    caps = caps_of(*shapes, normal)
     for mine, cap in enumerate(caps):
         lowest = cap.towards(np.cross(spin, normal)) if cap else None
         if cap is None or lowest is None:

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.cap import cap_of, on_each_other
+from ffsm_mj.contact.cap import caps_of, on_each_other
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.hull import hull, turn
 from ffsm_mj.tolerances import CONTACT_GAP_M, FLUSH_M, MERGED_M, PARALLEL, STRAIGHT
@@ -36,8 +36,9 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
     polygon, extended, cross the rim. The hull of these points then contains every corner of that polygon within the rim. If
     both geoms show a cap, each has its fixed points, those of the other that are over it, and the crossings of the rims.
     """
-    a, b = first.extreme(normal, PARALLEL), second.extreme(-normal, PARALLEL)
-    of_first, of_second = cap_of(first, normal), cap_of(second, -normal)
+    tolerance = first.position_tolerance + second.position_tolerance
+    a, b = first.extreme(normal, PARALLEL, tolerance), second.extreme(-normal, PARALLEL, tolerance)
+    of_first, of_second = caps_of(first, second, normal)
     if of_first and of_second:
         a, b = on_each_other(of_first, of_second, a, b)
     elif of_first:

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.cap import Cap, cap_of
+from ffsm_mj.contact.cap import Cap, caps_of
 from ffsm_mj.contact.shape import Shape
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CROSSING, PARALLEL
 
@@ -110,15 +110,15 @@ def _turning(
     """
     system, right = np.zeros((6, 6)), np.zeros(6)
     across, tangents = np.eye(2), np.linalg.svd(normal[None])[2][1:]
-    caps = cap_of(shapes[0], normal), cap_of(shapes[1], -normal)
+    caps = caps_of(*shapes, normal)
     flats = _flats(shapes, normal, points, caps, tangents)
     for k, (shape, motion, cap, flat, outward) in enumerate(zip(shapes, motions, caps, flats, (1.0, -1.0), strict=True)):
         turn = tangents @ np.cross(motion.omega, normal)
         radii = np.zeros((2, 2)) if cap else outward * tangents @ shape.radii(outward * normal) @ tangents.T
         bound = flat - (across - flat) @ radii
         rows = slice(2 * k, 2 * k + 2)
-        # A cap is perpendicular to the normal to within PARALLEL only: as the contact slides along the rim, n . t = 0 for
-        # its tangent t, which turns.
+        # A cap is perpendicular to the normal only to within the tilt at which it counts as flat: as the contact slides
+        # along the rim, n . t = 0 for its tangent t, which turns.
         along_rim = _rank(flat) == 1
         curved = cap.rise(points[k], normal) / cap.radius * flat if cap and along_rim else np.zeros((2, 2))
         system[rows, :2], system[rows, 2 + 2 * k : 4 + 2 * k] = bound, across - flat - curved

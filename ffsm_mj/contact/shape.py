@@ -16,7 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.hull import hull
-from ffsm_mj.tolerances import MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
+from ffsm_mj.tolerances import CONTACT_GAP_M, MERGED_M, MESH_PRECISION, PARALLEL, STRAIGHT
 
 _ON_AXIS = 1e-9
 """A direction within this angle of the axis of a cylinder, in rad, has no radius of curvature around the axis."""
@@ -48,10 +48,11 @@ class Shape:
         """Radius of the side of a capsule or cylinder, m; 0 for other geoms."""
         return side_radius(self._model, self._geom)
 
-    def extreme(self, direction: FloatArray, width: float = 0.0) -> FloatArray:
+    def extreme(self, direction: FloatArray, width: float = 0.0, tolerance: float = 0.0) -> FloatArray:
         """All extreme points along a unit vector, (k, 3).
 
-        Edges and faces within ``width`` rad of perpendicular to the vector count with all their corners.
+        Edges and faces within ``width`` rad of perpendicular to the vector count with all their corners, and caps of
+        cylinders whose whole rim is level within CONTACT_GAP_M and a further ``tolerance`` in m.
         """
         local, size = self._rotation.T @ direction, self._size
         if self._kind == _SPHERE:
@@ -67,24 +68,24 @@ class Shape:
         elif self._kind == _CAPSULE:
             points = np.array([[0.0, 0.0, z] for z in _ends(local[2], size[1], width)]) + size[0] * local
         elif self._kind == _CYLINDER:
-            points = _cylinder_points(local, size[0], size[1], width)
+            points = _cylinder_points(local, size, width, tolerance)
         else:
             points = self._mesh_points(local, width)
         return np.asarray(self._position + points @ self._rotation.T)
 
-    def cap(self, direction: FloatArray) -> tuple[FloatArray, FloatArray, float] | None:
+    def cap(self, direction: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray, float] | None:
         """Centre, two axes in its plane (2, 3) and radius in m of the cap along a unit vector; None if there is none."""
-        if not self.shows_cap(direction):
+        if not self.shows_cap(direction, tolerance):
             return None
         axis, (radius, half) = self._rotation[:, 2], self._size[:2].tolist()
         return self._position + np.copysign(half, axis @ direction) * axis, self._rotation.T[:2], radius
 
-    def shows_cap(self, direction: FloatArray) -> bool:
-        """Whether it is a cylinder and the unit vector is parallel to its axis."""
+    def shows_cap(self, direction: FloatArray, tolerance: float = 0.0) -> bool:
+        """Whether it is a cylinder and the unit vector is parallel to its axis; see :meth:`extreme`."""
         if self._kind != _CYLINDER:
             return False
         x, y, _ = (self._rotation.T @ direction).tolist()
-        return math.hypot(x, y) <= PARALLEL
+        return lies_flat(math.hypot(x, y), float(self._size[0]), tolerance)
 
     def rim_points(self, direction: FloatArray, places: FloatArray) -> FloatArray:
         """Points at which the sides of a convex polygon, extended, cross the rim of the cap along a direction, (m, 3).
@@ -172,15 +173,27 @@ def side_radius(model: Any, geom: int) -> float:
     return float(model.geom_size[geom, 0]) if mujoco.mjtGeom(model.geom_type[geom]) in (_CAPSULE, _CYLINDER) else 0.0
 
 
+def lies_flat(sine: float, radius: float, tolerance: float = 0.0) -> bool:
+    """Whether a cap is in contact with a face all round its rim, not at the lowest point of it alone.
+
+    Args:
+        sine: Sine of the angle between its axis and the normal.
+        radius: Its radius, m.
+        tolerance: Tolerance to which points of the face are known, m.
+    """
+    return sine <= PARALLEL and 2.0 * radius * sine <= CONTACT_GAP_M + tolerance
+
+
 def _ends(component: float, half: float, width: float) -> tuple[float, ...]:
     """Extreme coordinate along one axis; both ends if the direction is perpendicular to it."""
     return (-half, half) if abs(component) <= width else (float(np.copysign(half, component)),)
 
 
-def _cylinder_points(local: FloatArray, radius: float, half: float, width: float) -> FloatArray:
+def _cylinder_points(local: FloatArray, size: FloatArray, width: float, tolerance: float) -> FloatArray:
     """Extreme points of a cylinder, (k, 3): the fixed points of a cap, or one point of a rim, or both ends of the side."""
-    radial = float(np.hypot(local[0], local[1]))
-    if radial <= width:
+    radius, half = size[:2].tolist()
+    radial = math.hypot(local[0], local[1])
+    if radial <= width and lies_flat(radial, radius, tolerance):
         angles = 2.0 * np.pi * np.arange(_DISC_POINTS) / _DISC_POINTS
         rim = np.column_stack((radius * np.cos(angles), radius * np.sin(angles)))
     else:

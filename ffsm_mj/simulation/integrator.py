@@ -222,11 +222,12 @@ class EventDrivenIntegrator:
         if control is not None:
             control.begin(left_s, pushed=bool(self._active))
         self._begin_step()
-        for contact_model in self._active:
-            most_s = min(most_s, contact_model.step_limit(left_s))
+        # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
+        reach_s = min([left_s, *(contact_model.step_limit(left_s) for contact_model in self._active)])
+        most_s = min(most_s, reach_s)
         if control is None:
             return most_s, self.motion.step(most_s)
-        return control.step(self.motion, left_s, most_s, self.exchanged)
+        return control.step(self.motion, reach_s, most_s, self.exchanged)
 
     def exchanged(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in a trial step that may be rejected."""

@@ -99,7 +99,7 @@ class StepControl:
 
         Args:
             motion: The current motion.
-            left_s: Remaining time of the time step, s.
+            left_s: Remaining time of the time step, s, or the longest step that contact forces allow if it is shorter.
             most_s: Time until a known event, s; otherwise ``left_s``.
             exchanged: Returns what contacts exchanged in the (sub-)step of a given duration that has just been made.
 

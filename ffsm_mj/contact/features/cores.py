@@ -165,6 +165,8 @@ class Circle:
         """Arm of the extreme point along a direction, world axes."""
         axis = motion.turned(self.axis)
         outward = unit(shifted(direction, -dot(direction, axis), axis))
+        # Close to the axis the difference is small, and rounding over it would lift the point off the plane of the circle.
+        outward = unit(shifted(outward, -dot(outward, axis), axis))
         return shifted(motion.turned(self.centre), self.size, outward)
 
     def extreme_rate(self, motion: BodyMotion, direction: Vector, vector: Vector) -> Vector:

@@ -21,7 +21,7 @@ class Outline:
     position_tolerance = 0.0
     flat = False
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:  # noqa: ARG002
         """Find the features.
 
         Args:
@@ -29,6 +29,7 @@ class Outline:
             data: Its data, positions and velocities current.
             geom: Id of the geom.
             outward: Unit vector out of the geom, world axes, (3,).
+            tolerance: Tolerance to which points of both geoms are known, m.
         """
         self._body = Body(model, int(model.geom_bodyid[geom]))
         self._motion = self._body.motion(data)
@@ -40,6 +41,10 @@ class Outline:
     def points(self) -> list[Core]:
         """Cores that can be in contact with a face of the other geom, without bounds."""
         return self.corners()
+
+    def rim_points(self, places: FloatArray) -> list[Core]:  # noqa: ARG002
+        """Those of some places in the world, (k, 3), that are on the rim of a cap."""
+        return []
 
     def corners(self) -> list[Core]:
         """Corners, or round parts, each with its bounds."""

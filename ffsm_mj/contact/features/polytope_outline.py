@@ -28,9 +28,9 @@ _NAMES = {_SPHERE: "sphere", _CAPSULE: "end"}
 class PolytopeOutline(Outline):
     """Outline of a polytope with a radius around it."""
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:
         """Find the features; see :class:`Outline`."""
-        super().__init__(model, data, geom, outward)
+        super().__init__(model, data, geom, outward, tolerance)
         self._model, self._geom, self._kind = model, geom, int(model.geom_type[geom])
         self._name = _NAMES.get(self._kind, "vertex")
         self._radius = self._size[0] if self._kind in _NAMES else 0.0

@@ -38,6 +38,20 @@ class RoundOnFace(GapFunction):
         normal = core.body.motion(data).local(self._face.body.motion(data).turned(self._face.normal))
         return shifted(normal, -dot(normal, core.axis), core.axis)
 
+    def rise(self, data: Any) -> float:
+        """Height of the highest point of a rim above its lowest one, m; infinite for an ellipsoid."""
+        tilt, core = self.tilt(data), self._round
+        return 2.0 * core.size * math.hypot(*tilt) if tilt is not None and isinstance(core, Circle) else math.inf
+
+    def tilt_rate(self, data: Any) -> Vector | None:
+        """Rate of the tilt of a rim: its body sees the face turn at omega_plane - omega_round; None for an ellipsoid."""
+        core = self._round
+        if not isinstance(core, Circle):
+            return None
+        first, second = self._face.body.motion(data), core.body.motion(data)
+        turning = second.local(cross(minus(first.omega, second.omega), first.turned(self._face.normal)))
+        return shifted(turning, -dot(turning, core.axis), core.axis)
+
     def at(self, data: Any) -> FeatureState:
         """Evaluate the gap: with t = (omega_plane - omega_round) x n, gap'' contains 2 (omega_plane x n) . w - t . K t."""
         face, core = self._face, self._round

@@ -13,8 +13,8 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector, dot, minus, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.features.outline import Outline
-from ffsm_mj.contact.shape import Shape
-from ffsm_mj.tolerances import PARALLEL
+from ffsm_mj.contact.shape import Shape, lies_flat
+from ffsm_mj.tolerances import CONTACT_GAP_M, PARALLEL
 
 
 class EllipsoidOutline(Outline):
@@ -33,25 +33,38 @@ class EllipsoidOutline(Outline):
 class CylinderOutline(Outline):
     """Outline of a cylinder: its side, a cap, or the rim between them."""
 
-    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray) -> None:
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:
         """Find the features; see :class:`Outline`."""
-        super().__init__(model, data, geom, outward)
+        super().__init__(model, data, geom, outward, tolerance)
         axis: FloatArray = self._rotation[:, 2]
         up = float(outward @ axis)
         across = outward - up * axis
         self._radius, self._half = self._size[0], self._size[1]
         self._side = abs(up) <= PARALLEL
-        self.flat = float(np.linalg.norm(across)) <= PARALLEL
+        self.flat = lies_flat(float(np.linalg.norm(across)), self._radius, tolerance)
         self._axis = axis if up > 0.0 else -axis
         self._start = self._rotation[:, 0] if self.flat else across / np.linalg.norm(across)
-        self._rim_points = Shape(model, data, geom).extreme(outward, PARALLEL) if self.flat else None
+        self._rim_points = Shape(model, data, geom).extreme(outward, PARALLEL, tolerance) if self.flat else None
 
     def points(self) -> list[Core]:
         """The rims, or points of the rim of a cap."""
         if self._rim_points is None:
             return self.corners()
-        none = np.empty((0, 3))
-        return [Point("rim", self._body, self._place(point), 0.0, none) for point in self._rim_points]
+        return [self._rim_point(point) for point in self._rim_points]
+
+    def rim_points(self, places: FloatArray) -> list[Core]:
+        """Those of some places in the world, (k, 3), that are on the rim of a cap."""
+        if not self.flat:
+            return []
+        centre = self._position + self._half * self._axis
+        offsets = places - centre
+        across = offsets - np.outer(offsets @ self._axis, self._axis)
+        lengths = np.linalg.norm(across, axis=1)
+        on_rim = np.abs(lengths - self._radius) <= CONTACT_GAP_M
+        return [self._rim_point(centre + point) for point in self._radius * across[on_rim] / lengths[on_rim, None]]
+
+    def _rim_point(self, place: FloatArray) -> Point:
+        return Point("rim", self._body, self._place(place), 0.0, np.empty((0, 3)))
 
     def corners(self) -> list[Core]:
         """The rim, or the rims at both ends of the side; none for a cap."""

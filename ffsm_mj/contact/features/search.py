@@ -8,12 +8,11 @@ geoms that are extreme along the contact normal.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import mujoco
 
-from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
@@ -50,16 +49,29 @@ def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple
         outside their bounds. A face on a face has several; there are none if only vertices or edges meet vertices or
         parallel edges.
     """
-    a = _outline(model, data, model.geom(pair.geom_a).id, near.normal)
-    b = _outline(model, data, model.geom(pair.geom_b).id, -near.normal)
-    search = _Search(a, b, data, near)
+    search = _search(pair, model, data, near)
     # The highest-dimensional contact wins: corners of a face on a face would otherwise be found again as edge contacts.
     return tuple(search.on_faces() or search.between_lines() or search.on_lines() or search.between_corners())
 
 
-def _outline(model: Any, data: Any, geom: int, outward: FloatArray) -> Outline:
-    kind = int(model.geom_type[geom])
-    return _OUTLINES.get(kind, PolytopeOutline)(model, data, geom, outward)
+def _search(pair: ContactPair, model: Any, data: Any, near: Proximity) -> _Search:
+    a, b = (
+        _OUTLINES.get(int(model.geom_type[geom]), PolytopeOutline)(model, data, geom, outward, pair.position_tolerance)
+        for geom, outward in zip(pair.ids, (near.normal, -near.normal), strict=True)
+    )
+    return _Search(a, b, data, near)
+
+
+def features_at_rest(
+    pair: ContactPair, model: Any, data: Any, near: Proximity, is_at_rest: Callable[[FeatureState], bool]
+) -> list[Feature]:
+    """Those features of a pair that are at rest; see :func:`features`.
+
+    A cap that an impact leaves tipping may do so over any point of its rim, and the fixed points that represent the rim then
+    all separate: the point at which the impact acted is at rest.
+    """
+    found: list[Feature] = [each for each in features(pair, model, data, near) if is_at_rest(each.at(data))]
+    return found or [each for each in _search(pair, model, data, near).on_rims() if is_at_rest(each.at(data))]
 
 
 class _Search:
@@ -88,6 +100,14 @@ class _Search:
             for feature, state in crossings
             if all(math.dist(state.point, corner) > 0.5 * FEATURE_BOUND_M for corner in corners)
         ]
+        return [feature for feature, _ in found]
+
+    def on_rims(self) -> list[GapFunction]:
+        """Contact points of the pair that are points of the rim of a cap, over a face."""
+        a, b, places = self._a, self._b, self._near.points
+        face_a, face_b = a.face(), b.face()
+        found = self._touching((core, face_b) for core in a.rim_points(places) if face_b is not None)
+        found += self._touching((face_a, core) for core in b.rim_points(places) if face_a is not None)
         return [feature for feature, _ in found]
 
     def between_lines(self) -> list[GapFunction]:

@@ -16,6 +16,9 @@ At = Callable[[float], Proximity]
 _FALL = 100.0
 """A pair that starts in contact touches again when its gap has fallen by this many times its rounding."""
 _ITERATIONS = 100
+_KINKED = 20
+"""Iterations after which every second one halves the interval: regula falsi has found the roots of smooth functions by then,
+but creeps along a gap that stays at rounding and then falls, as that of a cap that falls flat does."""
 
 
 def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
@@ -70,13 +73,14 @@ def _falling(at: At, start: float, end: float, first: Proximity, last: Proximity
 
 
 def root(f: Callable[[float], float], left: tuple[float, float], right: tuple[float, float], tolerance: float) -> float:
-    """Root of a function between two points (t, f(t)) of different sign, by the Illinois variant of regula falsi."""
+    """Root of a function between two points (t, f(t)) of different sign: regula falsi (Illinois), then bisection."""
     (a, fa), (b, fb) = left, right
     if fa == 0.0:
         return a
     side = 0
-    for _ in range(_ITERATIONS):
-        c = (a * fb - b * fa) / (fb - fa)
+    for count in range(_ITERATIONS):
+        halves = count >= _KINKED and count % 2 == 0
+        c = 0.5 * (a + b) if halves else (a * fb - b * fa) / (fb - fa)
         if not min(a, b) < c < max(a, b):
             break
         fc = f(c)

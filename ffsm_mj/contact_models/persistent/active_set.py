@@ -9,7 +9,7 @@ from typing import Any
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
-from ffsm_mj.contact.features.search import features
+from ffsm_mj.contact.features.search import features, features_at_rest
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
@@ -93,6 +93,7 @@ class ActiveContactSet:
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
         self._solver.forget_points()
         self._clearance.set_pairs(self.by_pair)
+        self._tilts.set_closed(self.contact_points)
 
     def add_closed(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
         """Set the contact points of a pair to those found at the current state; see :meth:`found`."""
@@ -120,7 +121,7 @@ class ActiveContactSet:
             place = near.point_at(at.point, pair.flush_offset)
             return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
 
-        found = (feature for feature in features(pair, self._model, data, near) if is_still(feature.at(data)))
+        found = features_at_rest(pair, self._model, data, near, is_still)
         return tuple(ContactPoint(pair, feature) for feature in found)
 
     def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:
@@ -220,9 +221,9 @@ class ActiveContactSet:
         flight = self.motion.forced
         if flight is None:
             return left_s
-        flight.implicit, limit = False, left_s
+        flight.implicit, limit = False, min(left_s, self._tilts.step_limit(left_s))
         if self._chosen is not None:
-            limit, flight.implicit = step_limit(self._chosen, left_s)
+            limit, flight.implicit = step_limit(self._chosen, limit)
         return limit
 
     def witness_value(self) -> float:
@@ -236,7 +237,7 @@ class ActiveContactSet:
         decision = self.decide()
         inside, gap, rate, _ = decision.rows.extremes
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
-        bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, self._tilts.least_left()
+        bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, *self._tilts.margins()
         if isinstance(decision, FrictionalDecision):
             valid = decision.validity_margin()
         else:
@@ -250,7 +251,7 @@ class ActiveContactSet:
         decision = self.decide()
         if not decision.holds_all or decision.rows.extremes.inside < -FEATURE_BOUND_M:
             return False
-        return self._clearance_elsewhere(decision) >= 0.0
+        return self._clearance_elsewhere(decision) >= 0.0 and self._tilts.least_rise() >= 0.0
 
     def note_release(self, *, slips: bool = False) -> None:
         """Note whether sticking points are at the limit of friction at the state in ``data``: they slide from there.
@@ -276,8 +277,9 @@ class ActiveContactSet:
         return [gap for contact, gap in gaps if contact.pair is pair]
 
     def touches_elsewhere(self) -> bool:
-        """Whether a closed pair touches at a point other than its contact points."""
-        return self._clearance_elsewhere(self.decide() if self.contact_points else None) < 0.0
+        """Whether a closed pair touches at a point other than its contact points, as a cap does that has fallen flat."""
+        here = self.decide() if self.contact_points else None
+        return self._clearance_elsewhere(here) < 0.0 or self._tilts.least_rise() < 0.0
 
     def overlapping_features(self) -> list[Feature]:
         """Features other than the contact points, by which closed pairs overlap."""

@@ -10,6 +10,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact.features.body_motion import BodyMotion, dot, shifted, unit
+from ffsm_mj.contact.features.cores import Circle
 from ffsm_mj.contact.features.search import features
 from tests.contact_models.impact.test_fixed import good, slab
 from tests.scenes import HEAD, scene
@@ -82,3 +84,14 @@ def test_the_second_rate_where_a_rim_crosses_an_edge(tmp_path):
         rate = pair.second_rate(model, data, near, point)
         # The two places differ by what the tilt lifts, 5e-7 rad over the point's offset of 0.05 m from the tilt's axis.
         assert rate.value == pytest.approx(state.bend - state.normal @ acceleration, abs=1e-7 * rate.scale)
+
+
+@pytest.mark.parametrize("tilt", [1e-5, 1e-8, 1e-11])
+def test_the_lowest_point_of_a_rim_is_in_its_plane_at_any_tilt(tilt):
+    """Rounding over the tilt, 1e-8 of the radius here, lifted it off the plane: gaps of rims on faces were as wrong."""
+    axis, start = (0.48, 0.6, 0.64), (0.8, 0.0, -0.6)
+    still = BodyMotion((0.0, 0.0, 0.0), np.eye(3).ravel().tolist(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    rim = Circle("rim", None, (0.0, 0.0, 0.0), unit(axis), unit(start), _RADIUS)
+    point = rim.extreme(still, unit(shifted(rim.axis, tilt, rim.start)))
+    assert abs(dot(point, rim.axis)) < 1e-16
+    assert math.hypot(*point) == pytest.approx(_RADIUS, rel=1e-15)

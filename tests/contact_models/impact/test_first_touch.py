@@ -80,3 +80,13 @@ def test_a_slow_approach_counts_in_penetration(gap, rate, approaches):
         gap, np.array([1.0, 0.0, 0.0]), np.zeros((1, 3)), np.array([rate]), rate_tolerance=1e-12, rounding=ROUNDING
     )
     assert near.approaches == approaches
+
+
+@pytest.mark.parametrize("level", [0.0, 3e-13])
+def test_a_gap_that_stays_at_rounding_and_then_falls_at_once(level):
+    """The gap of a cap that falls flat has a kink: regula falsi alone stops 1e-7 s past it after all its iterations."""
+    kink, speed = 7.5e-5, 0.27
+    at, looked = path(lambda t: min(level, level - speed * (t - kink)), lambda t: 0.0 if t < kink else -speed)
+    found = first_touch(at, 0.0, 5e-4, lambda _: False)
+    assert found == pytest.approx(kink + level / speed, abs=1e-11)
+    assert len(looked) < 250
