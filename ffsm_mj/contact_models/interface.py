@@ -105,7 +105,7 @@ class EventSource(ContactModel):
     event_bound = math.inf
 
     def due(self) -> bool:
-        """Whether an event is due at the current state, before the next step."""
+        """Whether an event is due at the current state, before the next step; asked as :meth:`is_clear` is."""
         return False
 
     def is_clear(self) -> bool:
