@@ -95,7 +95,7 @@ class ForceSolver:
     def stage_forces(self, contact_points: Points, *, friction: bool) -> StageForces:
         """Forces of the active set in the stages inside a step."""
         modes, known = self._modes.of(contact_points) if friction else None, self._stage_forces
-        if known is None or known.contact_points is not contact_points or known.modes is not modes:
+        if known is None or known.contact_points != contact_points or known.modes is not modes:
             evaluator = self._evaluator(contact_points)
             known = self._stage_forces = self._stage_kind(self._smooth, evaluator, contact_points, modes)
         return known
@@ -103,7 +103,7 @@ class ForceSolver:
     def decide(self, contact_points: Points, last: Sequence[ContactPoint]) -> Decision:
         """Which of some contact points carry force; ``last`` is the active set of the last step."""
         state, known = self._smooth.state(self.other_forces), self._decision
-        if known is None or known[0] is not state or known[1].contact_points is not contact_points:
+        if known is None or known[0] is not state or known[1].contact_points != contact_points:
             known = self._decision = state, Decision(contact_points, self.problem(contact_points), last)
         return known[1]
 

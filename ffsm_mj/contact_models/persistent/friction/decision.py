@@ -44,7 +44,7 @@ class FrictionalDecision:
 
     def is_for(self, contact_points: tuple[ContactPoint, ...], modes: FrictionModes) -> bool:
         """Whether the decision is that of some points in some modes, after the same events; it may differ at one state."""
-        if self.contact_points is not contact_points or self.here.modes is not modes.of(contact_points):
+        if self.contact_points != contact_points or self.here.modes is not modes.of(contact_points):
             return False
         return (self._released, self._struck, self._stops) == (modes.released, modes.struck, modes.stops)
 
