@@ -155,11 +155,11 @@ class FrictionModes:
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores all that decides on the modes of the next step."""
-        flags, points = (self.released, self.struck, self.stops), (self.beginning, self._straight)
+        flags, points = (self.released, self.struck, self.stops), (self.beginning, self.replacing, self._straight)
         kept = self._kinds, self._directions, self._largest_slip
 
         def restore() -> None:
-            (self.released, self.struck, self.stops), (self.beginning, self._straight) = flags, points
+            (self.released, self.struck, self.stops), (self.beginning, self.replacing, self._straight) = flags, points
             self._kinds, self._directions, self._largest_slip = kept
             self.forget_structures()
 

@@ -59,11 +59,6 @@ class PointModes:
     pairs: list[tuple[UnilateralConstraint, slice]]
 
     @cached_property
-    def nothing(self) -> FloatArray:
-        """A zero for each point, (k,)."""
-        return np.zeros(len(self.kinds))
-
-    @cached_property
     def no_slips(self) -> FloatArray:
         """Directions of slip of points that do not slide, (k, 2)."""
         return np.zeros((len(self.kinds), 2))

@@ -61,5 +61,8 @@ def test_points_that_replace_others_that_stick_drift(kind, drifts):
     assert not modes.of(new).drifts.any()
     modes.replace(old, new)
     assert modes.of(new).drifts.all() == drifts
+    restore = modes.snapshot()
     modes.set(new, np.array([SLIDE]), still, np.ones(1), np.array([True]))
     assert not modes.of(new).drifts.any()
+    restore()  # a step that step-size control rejects
+    assert modes.of(new).drifts.all() == drifts
