@@ -64,7 +64,7 @@ ON_SLAB = "contact.block_slab_slab"
 @pytest.mark.parametrize("restitution", [0.3, 0.6])
 def test_a_rocking_block_comes_to_rest_on_both_edges_and_is_hit_by_a_third_body(tmp_path, restitution):
     """Hits of both edges in turn, then rest on four corners; the ball's blow is passed on to the slab; rest again."""
-    run = good(rocking(tmp_path, restitution, duration=1.2))
+    run = good(rocking(tmp_path, restitution, duration=1.5))
     assert run.outcome == "completed"
     rocks = {impact.event for impact in run.impacts if impact.time_s < 1.0}
     assert 4 <= len(rocks) <= 40
