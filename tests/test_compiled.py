@@ -35,6 +35,7 @@ from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.contact_models.persistent.stage_forces import StageForces
+from ffsm_mj.contact_models.persistent.steady import SteadyContacts
 from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
@@ -407,6 +408,7 @@ PLAIN = (
     Smooth,
     StageForces,
     StageSums,
+    SteadyContacts,
     following.StateTransfer,
     TipKinematics,
 )

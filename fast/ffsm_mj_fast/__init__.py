@@ -22,9 +22,10 @@ from ffsm_mj_fast.smooth import Smooth
 from ffsm_mj_fast.stage_forces import StageForces
 from ffsm_mj_fast.stage_sums import StageSums
 from ffsm_mj_fast.state_transfer import StateTransfer
+from ffsm_mj_fast.steady import SteadyContacts
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "7d7c8b5111ec"
+INTERFACE = "cc223fbcdb0b"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [
@@ -47,5 +48,6 @@ __all__ = [
     "StageForces",
     "StageSums",
     "StateTransfer",
+    "SteadyContacts",
     "TipKinematics",
 ]

@@ -6,18 +6,22 @@ The original solves the complementarity problem where the active set is not the 
 
 from typing import NamedTuple
 
+cimport cython
+
 import numpy as np
 
 from ffsm_mj.contact_models.persistent import acceleration as plain
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport INFINITY, fabs
-from libc.string cimport memcpy
+from libc.string cimport memcpy, memset
 
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
+from ffsm_mj_fast.memory cimport numbers, room
 from ffsm_mj_fast.row_memory cimport RowMemory
 from ffsm_mj_fast.rows cimport write_scales
-from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage
+from ffsm_mj_fast.smooth cimport Smooth
+from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage, generalise
 
 cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
 cdef double CLEARLY = plain.CLEARLY, IMMOVABLE = plain.IMMOVABLE
@@ -31,33 +35,45 @@ class Active(NamedTuple):
     slides: tuple = ()
 
 
+@cython.no_gc  # no cycle contains it
 cdef class ContactAcceleration:
     """The contact problem at one state."""
 
-    cdef readonly object rows, free
-    cdef object M, force, block
-    cdef dict held
-    cdef RowMemory own
-    cdef const double[::1] pushed
-    cdef double* without
-    cdef double* allowed
-    cdef bint is_rounded
-
     def __init__(self, M, rows, const double[::1] force not None):
-        cdef RowMemory own = rows.memory
-        cdef Py_ssize_t i, d
+        self.set_up(M, rows, rows.memory)
+        if self.own.nv:
+            memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
+        self.accelerate()
+
+    cdef int set_up(self, M, rows, RowMemory own) except -1:
+        self.M, self.rows, self.own, self.held = M, rows, own, {}
+        self.block = room(3 * own.rows + own.nv + 1)
+        self.without = numbers(self.block)
+        self.allowed = self.without + own.rows
+        self.holding = self.allowed + own.rows
+        self.pushed = self.holding + own.rows
+        return 0
+
+    cdef void accelerate(self) noexcept:
+        cdef Py_ssize_t i, d, nv = self.own.nv
         cdef double total
         cdef const double* response
-        cdef double[::1] memory
-        self.M, self.rows, self.force, self.own, self.held, self.pushed = M, rows, force.base, own, {}, force
-        self.block = np.empty(2 * own.rows + 1)
-        memory, self.free = self.block, self.block[: own.rows]
-        self.without, self.allowed = &memory[0], &memory[0] + own.rows
-        for i in range(own.rows):
-            response, total = own.response + i * own.nv, own.gamma[i]
-            for d in range(own.nv):
-                total += response[d] * force[d]
+        for i in range(self.own.rows):
+            response, total = self.own.response + i * nv, self.own.gamma[i]
+            for d in range(nv):
+                total += response[d] * self.pushed[d]
             self.without[i] = total
+
+    @property
+    def free(self):
+        """Gap'' without contact forces, m/s^2, (k,)."""
+        return np.frombuffer(self.block)[: self.own.rows]
+
+    @property
+    def force(self):
+        """Generalised forces without the contact forces, less the bias, (nv,)."""
+        at = 3 * self.own.rows
+        return np.frombuffer(self.block)[at : at + self.own.nv]
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
@@ -117,18 +133,33 @@ cdef class ContactAcceleration:
     def bilateral_forces(self, which):
         """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
         cdef double[::1] found
-        cdef Py_ssize_t i
+        cdef Py_ssize_t i, k = self.own.rows
         key = tuple(which)
         forces = self.held.get(key)
-        if forces is None:
-            forces = self.held[key] = np.zeros(self.own.rows)
+        if forces is None and len(key) == k:
+            self.all_held()
+            forces = self.held[key] = np.frombuffer(self.block)[2 * k : 3 * k]
+        elif forces is None:
+            forces = self.held[key] = np.zeros(k)
             found = forces
             if len(key) == 1:
                 i = key[0]
-                found[i] = -self.without[i] / self.own.delassus()[i * (self.own.rows + 1)]
+                found[i] = -self.without[i] / self.own.delassus()[i * (k + 1)]
             elif key:
                 self.problem(key).write_forces(self.without, &found[0])
         return forces
+
+    cdef double* all_held(self) except NULL:
+        """Forces that keep gap'' = 0 at all contacts, N, (k,)."""
+        cdef Py_ssize_t k = self.own.rows
+        if not self.has_forces:
+            memset(self.holding, 0, k * sizeof(double))
+            if k == 1:
+                self.holding[0] = -self.without[0] / self.own.delassus()[0]
+            elif k:
+                self.problem(tuple(range(k))).write_forces(self.without, self.holding)
+            self.has_forces = True
+        return self.holding
 
     cdef HeldForces problem(self, key):
         """The linear problem of active contacts: the same under several efforts."""
@@ -154,15 +185,37 @@ cdef class ContactAcceleration:
 
     def stage(self, const double[::1] qvel not None):
         """A stage in which all contacts are active, and the generalised forces, (nv,)."""
+        generalised = np.empty(self.own.nv)
+        cdef double[::1] sums = generalised
+        return self.held_stage(&qvel[0], &sums[0]), generalised
+
+    cdef StageInMemory held_stage(self, const double* qvel, double* generalised):
         cdef RowMemory own = self.own
         cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), False)
-        cdef const double[::1] forces = self.bilateral_forces(range(own.rows))
-        generalised = np.empty(own.nv)
-        cdef double[::1] sums = generalised
-        if own.rows:
-            memcpy(stage.along, &forces[0], own.rows * sizeof(double))
-        finish_stage(stage, own, &qvel[0], &sums[0])
-        return stage, generalised
+        memcpy(stage.along, self.all_held(), own.rows * sizeof(double))
+        generalise(stage.along, own, generalised)
+        finish_stage(stage, own, qvel, generalised)
+        return stage
+
+    cdef bint holds_all(self) except -1:
+        """Whether all contacts push, each by more than rounding: their forces are then those that hold them."""
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        cdef const double* rounding = self.roundings()
+        cdef const double* forces
+        cdef double opens, allowed
+        if k == 1 and not G[0] > IMMOVABLE:
+            return False
+        forces = self.all_held()
+        if k == 1:
+            return forces[0] * G[0] > rounding[0]
+        for i in range(k):
+            opens, allowed = self.without[i], CLEARLY * rounding[i]
+            for j in range(k):
+                opens += G[i * k + j] * forces[j]
+            if not (forces[i] * G[i * (k + 1)] > allowed and fabs(opens) <= allowed):
+                return False
+        return True
 
     def unilateral_forces(self, expected=()):
         """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm.
@@ -170,21 +223,15 @@ cdef class ContactAcceleration:
         Args:
             expected: Contacts that probably carry force, such as the active set of the last step; tried first.
         """
-        cdef Py_ssize_t i, j, k = self.own.rows
-        cdef const double* G = self.own.delassus()
-        cdef const double[::1] forces
-        cdef const double* rounding
-        cdef double opens, allowed
-        key = tuple(expected)
-        if k > 1 and len(key) == k:
-            found, rounding = self.bilateral_forces(key), self.roundings()
-            forces = found
-            for i in range(k):
-                opens, allowed = self.without[i], CLEARLY * rounding[i]
-                for j in range(k):
-                    opens += G[i * k + j] * forces[j]
-                if not (forces[i] * G[i * (k + 1)] > allowed and fabs(opens) <= allowed):
-                    break
-            else:
-                return found
+        if self.own.rows > 1 and len(expected) == self.own.rows and self.holds_all():
+            return self.bilateral_forces(range(self.own.rows))
         return plain.ContactAcceleration(self.M, self.rows, self.force).unilateral_forces(expected)
+
+
+cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, const double* pushes):
+    """The problem under the smooth forces at the current state and applied forces, (nv,)."""
+    cdef ContactAcceleration found = ContactAcceleration.__new__(ContactAcceleration)
+    found.set_up(M, rows, own)
+    smooth.write_force(pushes, found.pushed)
+    found.accelerate()
+    return found

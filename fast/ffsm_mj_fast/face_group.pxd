@@ -27,12 +27,13 @@ cdef class FaceState:
     cdef double[3] turning  # rate of the normal
     cdef double[3] own_turning  # that of the normal of the face, from which it differs in a flat patch
     cdef double sign
-    cdef object table
-    cdef double[:, ::1] own
+    cdef bytearray block
+    cdef double* own
 
     cdef void move(self, const Twist* b, const Twist* a) noexcept
     cdef void place_points(self, const double* omega) noexcept
     cdef const double* centre(self) noexcept
+    cdef const double* point(self, Py_ssize_t p) noexcept
     cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept
     cdef double normal_rate(self, const Twist* body, const double* arm) noexcept
     cdef double normal_gamma(self, Py_ssize_t p) noexcept
@@ -42,16 +43,11 @@ cdef class FaceState:
     cdef double inside(self, Py_ssize_t p) except? -1.0
     cdef Py_ssize_t write_scales(self, double* scales) noexcept
     cdef int find_extremes(self, double* inside, double* gap, double* rate, double* lowest) except -1
-    cdef int add_resultant(
-        self, const double[:] forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
-    ) except -1
+    cdef void add_resultant(
+        self, const double* forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
+    ) noexcept
+    cdef object table(self)
 
-cdef int add_resultant(
-    const double[:, :] normals,
-    const double[:, :] points,
-    const double[:] forces,
-    Py_ssize_t at,
-    double total,
-    Py_ssize_t count,
-    double* found,
-) except -1
+cdef void add_point(
+    const double* normal, const double* point, double force, double total, Py_ssize_t count, double* found
+) noexcept

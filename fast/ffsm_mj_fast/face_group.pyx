@@ -4,6 +4,8 @@
 Formulas are those of that module and of ffsm_mj.dynamics.body_twists, point by point.
 """
 
+cimport cython
+
 import numpy as np
 
 from ffsm_mj.contact.features.gap_function import FeatureState
@@ -11,6 +13,8 @@ from ffsm_mj.contact.features.gap_function import FeatureState
 from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.math cimport fabs
 from libc.string cimport memcpy
+
+from ffsm_mj_fast.memory cimport numbers, room
 
 cdef enum:
     PLACE = 0  # columns of the table of a state
@@ -85,12 +89,13 @@ cdef class FaceGroup:
     cdef FaceState at_state(self, const Twist* b, const Twist* a):
         """The points at the current state, with the twists of both bodies of the contact there."""
         cdef FaceState state = FaceState.__new__(FaceState)
-        state.group, state.count, state.table = self, self.count, np.empty((self.count, <int>COLUMNS))
-        state.own, state.sign = state.table, -1.0 if self.swapped else 1.0
+        state.group, state.count, state.block = self, self.count, room(self.count * COLUMNS)
+        state.own, state.sign = numbers(state.block), -1.0 if self.swapped else 1.0
         state.move(b, a)
         return state
 
 
+@cython.no_gc  # no cycle contains it
 cdef class FaceState:
     """Points over a face at one state."""
 
@@ -98,7 +103,7 @@ cdef class FaceState:
         """How a saved state of a simulation holds it."""
         cdef bytes first = PyBytes_FromStringAndSize(<char*>&self.first, sizeof(Twist))
         cdef bytes second = PyBytes_FromStringAndSize(<char*>&self.second, sizeof(Twist))
-        return face_state, (self.group, first, second, self.normal, self.offset, self.turning, self.own_turning, self.table)
+        return face_state, (self.group, first, second, self.normal, self.offset, self.turning, self.own_turning, bytes(self.block))
 
     cdef void move(self, const Twist* b, const Twist* a) noexcept:
         """Take the current state, with the twists of both bodies of the contact there."""
@@ -123,7 +128,7 @@ cdef class FaceState:
         cross(self.first.omega, self.normal, self.own_turning)
         cross(omega, self.normal, self.turning)
         for p in range(self.count):
-            row = &self.own[p, 0]
+            row = self.own + p * COLUMNS
             for i in range(3):
                 row[PLACE + i] = group.second_origin[i] + (
                     group.centres[p, 0] * group.second_axes[3 * i]
@@ -156,6 +161,10 @@ cdef class FaceState:
         """Centre of body b of the contact, about which moments of wrench rows are."""
         return &self.first.centre[0] if self.group.swapped else &self.second.centre[0]
 
+    cdef const double* point(self, Py_ssize_t p) noexcept:
+        """Point of application of the force at a point."""
+        return self.own + p * COLUMNS + POINT
+
     cdef void wrench_row(self, const double* axis, const double* place, double* row) noexcept:
         """Moment and force of a unit force along an axis at a place."""
         cdef double[3] arm
@@ -174,8 +183,8 @@ cdef class FaceState:
 
     cdef double normal_gamma(self, Py_ssize_t p) noexcept:
         cdef double[3] arm, other
-        minus(&self.own[p, PLACE], self.second.centre, arm)
-        minus(&self.own[p, PLACE], self.first.centre, other)
+        minus(self.own + p * COLUMNS + PLACE, self.second.centre, arm)
+        minus(self.own + p * COLUMNS + PLACE, self.first.centre, other)
         return self.normal_rate(&self.second, arm) - self.normal_rate(&self.first, other)
 
     cdef void outward(self, double* normal) noexcept:
@@ -190,7 +199,7 @@ cdef class FaceState:
         cdef double[3] normal
         self.outward(normal)
         for p in range(self.count):
-            self.wrench_row(normal, &self.own[p, PLACE], rows + 6 * stride * p)
+            self.wrench_row(normal, self.own + p * COLUMNS + PLACE, rows + 6 * stride * p)
             gamma[stride * p] = self.normal_gamma(p)
 
     cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept:
@@ -200,14 +209,14 @@ cdef class FaceState:
         cdef double[3] arm, other, here, there, spin
         minus(self.second.omega, self.first.omega, spin)
         for p in range(self.count):
-            minus(&self.own[p, POINT], self.second.centre, arm)
-            minus(&self.own[p, POINT], self.first.centre, other)
+            minus(self.own + p * COLUMNS + POINT, self.second.centre, arm)
+            minus(self.own + p * COLUMNS + POINT, self.first.centre, other)
             spatial_at(&self.second, arm, here)
             spatial_at(&self.first, other, there)
             minus(here, there, here)
-            cross(spin, &self.own[p, POINT_RATE], there)
+            cross(spin, self.own + p * COLUMNS + POINT_RATE, there)
             for j in range(2):
-                self.wrench_row(tangents + 3 * j, &self.own[p, POINT], rows + 6 * (3 * p + j + 1))
+                self.wrench_row(tangents + 3 * j, self.own + p * COLUMNS + POINT, rows + 6 * (3 * p + j + 1))
                 # The second body moves along minus a tangent relative to the first one if it is a.
                 gamma[3 * p + j + 1] = self.sign * (dot(tangents + 3 * j, here) + dot(tangents + 3 * j, there))
 
@@ -215,25 +224,25 @@ cdef class FaceState:
     def gaps(self):
         """Gaps, m."""
         cdef Py_ssize_t p
-        return [self.own[p, GAP] for p in range(self.count)]
+        return [self.own[p * COLUMNS + GAP] for p in range(self.count)]
 
     @property
     def rates(self):
         """Their rates, m/s."""
         cdef Py_ssize_t p
-        return [self.own[p, RATE] for p in range(self.count)]
+        return [self.own[p * COLUMNS + RATE] for p in range(self.count)]
 
     @property
     def scales(self):
         """Largest terms of the curvature, m/s^2."""
         cdef Py_ssize_t p
-        return [fabs(self.own[p, BEND]) for p in range(self.count)]
+        return [fabs(self.own[p * COLUMNS + BEND]) for p in range(self.count)]
 
     cdef Py_ssize_t write_scales(self, double* scales) noexcept:
         """Write these; the number of points."""
         cdef Py_ssize_t p
         for p in range(self.count):
-            scales[p] = fabs(self.own[p, BEND])
+            scales[p] = fabs(self.own[p * COLUMNS + BEND])
         return self.count
 
     @property
@@ -248,9 +257,9 @@ cdef class FaceState:
         cdef Py_ssize_t s
         cdef double here, least = 0.0
         if not sides.shape[0]:
-            return self.group.face.inside(tuple(self.table[p, LOCAL : LOCAL + 3].tolist()))
+            return self.group.face.inside(tuple(self.table()[p, LOCAL : LOCAL + 3].tolist()))
         for s in range(sides.shape[0]):
-            here = dot(&self.own[p, LOCAL], &sides[s, 0]) - sides[s, 3]
+            here = dot(self.own + p * COLUMNS + LOCAL, &sides[s, 0]) - sides[s, 3]
             least = here if s == 0 or here < least else least
         return least
 
@@ -258,34 +267,38 @@ cdef class FaceState:
         """Extremes over these points and those before: distance to the bounds, absolute gap and rate, and lowest gap."""
         cdef Py_ssize_t p
         for p in range(self.count):
-            lowest[0] = min(lowest[0], self.own[p, GAP])
+            lowest[0] = min(lowest[0], self.own[p * COLUMNS + GAP])
             inside[0] = min(inside[0], self.inside(p))
-            gap[0], rate[0] = max(gap[0], fabs(self.own[p, GAP])), max(rate[0], fabs(self.own[p, RATE]))
+            gap[0], rate[0] = max(gap[0], fabs(self.own[p * COLUMNS + GAP])), max(rate[0], fabs(self.own[p * COLUMNS + RATE]))
         return 0
 
-    cdef int add_resultant(
-        self, const double[:] forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
-    ) except -1:
-        """See :func:`add_resultant`."""
-        return add_resultant(
-            self.own[:, NORMAL : NORMAL + 3], self.own[:, POINT : POINT + 3], forces, at, total, count, found
-        )
+    cdef void add_resultant(
+        self, const double* forces, Py_ssize_t at, double total, Py_ssize_t count, double* found
+    ) noexcept:
+        """Add these points to the resultant of their pair; see :func:`add_point`."""
+        cdef Py_ssize_t p
+        for p in range(self.count):
+            add_point(self.own + p * COLUMNS + NORMAL, self.own + p * COLUMNS + POINT, forces[at + p], total, count, found)
+
+    cdef object table(self):
+        """Numbers of all points, (m, columns)."""
+        return np.frombuffer(self.block).reshape(-1, <int>COLUMNS)
 
     @property
     def normals(self):
         """Normals from a to b, (m, 3)."""
-        return self.table[:, NORMAL : NORMAL + 3]
+        return self.table()[:, NORMAL : NORMAL + 3]
 
     @property
     def points(self):
         """Points of application of the forces, (m, 3)."""
-        return self.table[:, POINT : POINT + 3]
+        return self.table()[:, POINT : POINT + 3]
 
     @property
     def states(self):
         """States of the features."""
-        places, rates = self.table[:, PLACE : PLACE + 3], map(tuple, self.table[:, POINT_RATE : POINT_RATE + 3].tolist())
-        bends = self.table[:, BEND].tolist()
+        places, rates = self.table()[:, PLACE : PLACE + 3], map(tuple, self.table()[:, POINT_RATE : POINT_RATE + 3].tolist())
+        bends = self.table()[:, BEND].tolist()
         each = zip(self.gaps, self.rates, self.normals, self.points, places, bends, self.insides, rates, strict=True)
         return [
             FeatureState(gap, rate, normal, point, place, place, bend, abs(bend), inside, point_rate)
@@ -293,36 +306,25 @@ cdef class FaceState:
         ]
 
 
-cdef int add_resultant(
-    const double[:, :] normals,
-    const double[:, :] points,
-    const double[:] forces,
-    Py_ssize_t at,
-    double total,
-    Py_ssize_t count,
-    double* found,
-) except -1:
-    """Add some points of a pair to its resultant force, its centre and its mean normal, (3, 3).
+cdef void add_point(
+    const double* normal, const double* point, double force, double total, Py_ssize_t count, double* found
+) noexcept:
+    """Add a point of a pair to its resultant force, its centre and its mean normal, (3, 3).
 
     Args:
-        normals: Normals of the points, (m, 3).
-        points: The points, (m, 3).
-        forces: Normal forces of all points, N, (k,).
-        at: Index of the first of the points among these.
+        normal: Its normal, (3,).
+        point: The point, (3,).
+        force: Its normal force, N.
         total: Sum of the normal forces of the pair, N.
         count: Number of points of the pair.
         found: The resultant.
     """
-    cdef Py_ssize_t p
     cdef int i
-    cdef double weight
-    for p in range(points.shape[0]):
-        weight = forces[at + p] / total if total > 0.0 else 1.0 / count
-        for i in range(3):
-            found[i] += forces[at + p] * normals[p, i]
-            found[3 + i] += weight * points[p, i]
-            found[6 + i] += weight * normals[p, i]
-    return 0
+    cdef double weight = force / total if total > 0.0 else 1.0 / count
+    for i in range(3):
+        found[i] += force * normal[i]
+        found[3 + i] += weight * point[i]
+        found[6 + i] += weight * normal[i]
 
 
 def face_group(features, data, in_patch):
@@ -330,12 +332,13 @@ def face_group(features, data, in_patch):
     return FaceGroup(features, data, in_patch=in_patch)
 
 
-def face_state(FaceGroup group, bytes first, bytes second, normal, offset, turning, own_turning, table):
+def face_state(FaceGroup group, bytes first, bytes second, normal, offset, turning, own_turning, block):
     """Points over a face at a state that was saved."""
     cdef FaceState state = FaceState.__new__(FaceState)
     state.group, state.count = group, group.count
     memcpy(&state.first, <const char*>first, sizeof(Twist))
     memcpy(&state.second, <const char*>second, sizeof(Twist))
     state.normal, state.offset, state.turning, state.own_turning = normal, offset, turning, own_turning
-    state.table, state.own, state.sign = table, table, -1.0 if group.swapped else 1.0
+    state.block, state.sign = bytearray(block), -1.0 if group.swapped else 1.0
+    state.own = numbers(state.block)
     return state

@@ -1,6 +1,8 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Contact points with friction at one state; twin of ffsm_mj.contact_models.persistent.friction.state."""
 
+cimport cython
+
 import numpy as np
 
 from ffsm_mj.contact_models.persistent.friction import cone_depth, internal_forces
@@ -11,12 +13,14 @@ from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.tolerances import CANCELLED
 
 from libc.math cimport INFINITY, fabs, sqrt
-from libc.string cimport memcpy
+from libc.string cimport memcpy, memset
 
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
+from ffsm_mj_fast.memory cimport numbers, room
 from ffsm_mj_fast.row_memory cimport RowMemory
 from ffsm_mj_fast.rows cimport write_rounding
-from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage
+from ffsm_mj_fast.smooth cimport Smooth
+from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage, generalise
 
 cdef double ON_CONE = cone_depth.ON_CONE, FRICTION_ROUNDING = internal_forces.FRICTION_ROUNDING
 
@@ -46,52 +50,65 @@ cdef object structure_of(modes, RowMemory own):
     return structure
 
 
+@cython.no_gc  # no cycle contains it
 cdef class FrictionState:
     """What stages and decisions need of k contact points at one state."""
 
-    cdef readonly object contact_points, rows, force, modes
-    cdef RowMemory own
-    cdef object kept_problem, kept_rounding, kept_forces, b
-    cdef double[::1] values
-    cdef const double[::1] pushed
+    def __init__(self, contact_points, rows, const double[::1] force not None, modes):
+        self.set_up(contact_points, rows, rows.memory, modes)
+        if self.own.nv:
+            memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
+        self.accelerate()
 
-    def __init__(self, contact_points, rows, force, modes):
-        cdef const double[::1] pushed = force
+    cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1:
+        self.contact_points, self.rows, self.own, self.modes, self.mu = contact_points, rows, own, modes, modes.mu
+        self.block = room(2 * own.rows + own.points + own.nv + 1)
+        self.b = numbers(self.block)
+        self.stuck = self.b + own.rows
+        self.roughness = self.stuck + own.rows
+        self.pushed = self.roughness + own.points
+        return 0
+
+    cdef void accelerate(self) noexcept:
         cdef const double* response
-        cdef Py_ssize_t i, d
+        cdef Py_ssize_t i, d, nv = self.own.nv
         cdef double total
-        self.pushed = pushed
-        self.contact_points, self.rows, self.force, self.modes, self.own = contact_points, rows, force, modes, rows.memory
-        self.b = np.empty(self.own.rows)
-        self.values = self.b
         for i in range(self.own.rows):
-            response, total = self.own.response + i * self.own.nv, self.own.gamma[i]
-            for d in range(self.own.nv):
-                total += response[d] * pushed[d]
-            self.values[i] = total
+            response, total = self.own.response + i * nv, self.own.gamma[i]
+            for d in range(nv):
+                total += response[d] * self.pushed[d]
+            self.b[i] = total
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
         return type(self), (self.contact_points, self.rows, self.force, self.modes)
 
     @property
+    def force(self):
+        """Generalised forces without the contact forces, less the bias, (nv,)."""
+        at = 2 * self.own.rows + self.own.points
+        return np.frombuffer(self.block)[at : at + self.own.nv]
+
+    @property
     def problem(self):
         """The problem of the accelerations of the points."""
         if self.kept_problem is None:
             rows, modes = self.rows, self.modes
-            self.kept_problem = FrictionProblem(rows.G, self.b, modes.mu, modes.structures, rows.held)
+            b = np.frombuffer(self.block)[: self.own.rows]
+            self.kept_problem = FrictionProblem(rows.G, b, modes.mu, modes.structures, rows.held)
         return self.kept_problem
 
     @property
     def rounding(self):
         """Rounding of the accelerations of each point, m/s^2, (k,)."""
-        cdef double[::1] found
-        if self.kept_rounding is None:
-            self.kept_rounding = np.empty(self.own.points)
-            found = self.kept_rounding
-            if self.own.points:
-                write_rounding(self.rows.groups, self.own, &self.pushed[0], &found[0])
-        return self.kept_rounding
+        self.roundings()
+        return np.frombuffer(self.block)[2 * self.own.rows : 2 * self.own.rows + self.own.points]
+
+    cdef double* roundings(self) except NULL:
+        if not self.has_rounding:
+            write_rounding(self.rows.groups, self.own, self.pushed, self.roughness)
+            self.has_rounding = True
+        return self.roughness
 
     cdef HeldForces held(self):
         """The linear problem in the present modes."""
@@ -102,16 +119,14 @@ cdef class FrictionState:
             held = self.rows.held[both] = of_rows(self.modes.mu, self.own, structure)
         return held
 
-    cdef object stuck_forces(self):
+    cdef double* stuck_forces(self) except NULL:
         """Forces (n, t1, t2) in the present modes, in which no point slides with friction, N, (k, 3)."""
-        cdef double[:, ::1] found
-        if self.kept_forces is None:
-            forces = np.zeros((self.own.points, 3))
-            found = forces
+        if not self.has_forces:
+            memset(self.stuck, 0, self.own.rows * sizeof(double))
             if self.own.points:
-                self.held().write_forces(&self.values[0], &found[0, 0])
-            self.kept_forces = forces
-        return self.kept_forces
+                self.held().write_forces(self.b, self.stuck)
+            self.has_forces = True
+        return self.stuck
 
     cdef bint creeps(self) noexcept:
         """Whether no point slips by more than the drift of sticking points."""
@@ -130,58 +145,104 @@ cdef class FrictionState:
                 return False
         return True
 
+    cdef double largest_slip(self) noexcept:
+        """Largest slip along a tangent, m/s."""
+        cdef Py_ssize_t p, d
+        cdef int j
+        cdef const double* J
+        cdef double total, most = 0.0
+        for p in range(self.own.points):
+            for j in range(1, 3):
+                J, total = self.own.J + (3 * p + j) * self.own.nv, 0.0
+                for d in range(self.own.nv):
+                    total += J[d] * self.own.qvel[d]
+                most = max(most, fabs(total))
+        return most
+
+    cdef double margin(self) except? -2.0:
+        """Least margin of the points to their own cones, m/s^2, if all stick and none slips; negative otherwise."""
+        if not self.has_margin:
+            self.has_margin = True
+            self.kept_margin = self.own_margin() if self.modes.all_stick and self.creeps() else -1.0
+        return self.kept_margin
+
+    cdef double own_margin(self) except? -2.0:
+        cdef const double* forces = self.stuck_forces()
+        cdef const double* rounding = self.roundings()
+        cdef Py_ssize_t p
+        cdef int j
+        cdef double least = 0.0, largest = 0.0, roughest = 0.0, inertia = 0.0, depth
+        for p in range(self.own.points):
+            depth = self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2])
+            least = depth if p == 0 or depth < least else least
+            roughest, inertia = max(roughest, rounding[p]), inertia + self.own.inverse_mass(3 * p)
+            for j in range(3):
+                largest = max(largest, fabs(forces[j]))
+            forces += 3
+        inertia /= self.own.points
+        return least * inertia + ON_CONE * (largest * inertia + roughest)
+
     def sticking(self):
         """The solution if all points stick and may go on to do so: none slips, and each is inside its own cone."""
-        cdef double[:, ::1] forces, accelerations
-        cdef const double[::1] mu, rounding
+        cdef double[:, ::1] accelerations
         cdef const double* G
-        cdef Py_ssize_t p, i, j, m = self.own.rows
-        cdef double least, largest = 0.0, roughest = 0.0, inertia = 0.0, depth, total
-        if not self.modes.all_stick or not self.creeps():
-            return None
-        found, rates, rounding, mu = self.stuck_forces(), np.empty((self.own.points, 3)), self.rounding, self.modes.mu
-        forces, accelerations, G = found, rates, self.own.delassus()
-        for p in range(self.own.points):
-            depth = mu[p] * forces[p, 0] - sqrt(forces[p, 1] * forces[p, 1] + forces[p, 2] * forces[p, 2])
-            least = depth if p == 0 or depth < least else least
-            roughest, inertia = max(roughest, rounding[p]), inertia + G[3 * p * (m + 1)]
-            for j in range(3):
-                largest = max(largest, fabs(forces[p, j]))
-        inertia /= self.own.points
-        least = least * inertia + ON_CONE * (largest * inertia + roughest)
+        cdef const double* forces
+        cdef Py_ssize_t i, j, m = self.own.rows
+        cdef double total, least = self.margin()
         if not least >= 0.0:
             return None
+        rates, forces, G = np.empty((self.own.points, 3)), self.stuck_forces(), self.own.delassus()
+        found, accelerations = np.frombuffer(self.block)[m : 2 * m].reshape(-1, 3), rates
         for i in range(m):
-            total = self.values[i]
+            total = self.b[i]
             for j in range(m):
-                total += G[i * m + j] * (&forces[0, 0])[j]
+                total += G[i * m + j] * forces[j]
             (&accelerations[0, 0])[i] = total
         return Solution(self.modes.kinds, self.modes.no_slips, found, rates, least, False)
 
     def limit_ratios(self, const double[:, :] forces not None):
         """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction."""
-        cdef const double[::1] mu = self.modes.mu
-        cdef Py_ssize_t p
-        cdef int i
-        cdef double friction, limit, rounding = 0.0
-        for p in range(forces.shape[0]):
-            for i in range(3):
-                rounding = max(rounding, FRICTION_ROUNDING * fabs(forces[p, i]))
-        ratios = []
-        for p in range(forces.shape[0]):
-            friction = sqrt(forces[p, 1] * forces[p, 1] + forces[p, 2] * forces[p, 2])
-            limit = mu[p] * forces[p, 0]
-            ratios.append(0.0 if friction <= rounding else friction / limit if limit > 0.0 else INFINITY)
-        return ratios
+        cdef const double[:, ::1] given = np.ascontiguousarray(forces)
+        cdef Py_ssize_t p, n = forces.shape[0]
+        cdef bytearray block = room(n + 1)
+        cdef double* ratios = numbers(block)
+        if n:
+            largest_ratio(&given[0, 0], self.mu, ratios)
+        return [ratios[p] for p in range(n)]
 
     def stuck_stage(self):
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
+        generalised = np.empty(self.own.nv)
+        cdef double[::1] sums = generalised
+        return self.stuck_into(&sums[0]), generalised
+
+    cdef StageInMemory stuck_into(self, double* generalised):
         cdef RowMemory own = self.own
         cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), True)
-        cdef double[:, ::1] forces = self.stuck_forces()
-        generalised = np.empty(own.nv)
-        cdef double[::1] sums = generalised
-        if own.rows:
-            memcpy(stage.along, &forces[0, 0], own.rows * sizeof(double))
-        finish_stage(stage, own, own.qvel, &sums[0])
-        return stage, generalised
+        memcpy(stage.along, self.stuck_forces(), own.rows * sizeof(double))
+        generalise(stage.along, own, generalised)
+        finish_stage(stage, own, own.qvel, generalised)
+        return stage
+
+
+cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes):
+    """The points under the smooth forces at the current state and applied forces, (nv,)."""
+    cdef FrictionState here = FrictionState.__new__(FrictionState)
+    here.set_up(contact_points, rows, own, modes)
+    smooth.write_force(pushes, here.pushed)
+    here.accelerate()
+    return here
+
+
+cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept:
+    """Ratios of friction to its limit, see ``FrictionState.limit_ratios``, and the largest of them."""
+    cdef Py_ssize_t p
+    cdef double friction, limit, rounding = 0.0, largest = 0.0
+    for p in range(3 * mu.shape[0]):
+        rounding = max(rounding, FRICTION_ROUNDING * fabs(forces[p]))
+    for p in range(mu.shape[0]):
+        friction = sqrt(forces[1] * forces[1] + forces[2] * forces[2])
+        limit = mu[p] * forces[0]
+        ratios[p] = 0.0 if friction <= rounding else friction / limit if limit > 0.0 else INFINITY
+        largest, forces = max(largest, ratios[p]), forces + 3
+    return largest

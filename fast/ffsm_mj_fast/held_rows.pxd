@@ -23,6 +23,7 @@ cdef class HeldForces:
     cdef object delassus(self)
     cdef void find_range(self) noexcept
     cdef object matrix(self, const double* values, Py_ssize_t rows, Py_ssize_t columns)
+    cdef int turn(self, const double* slips) except -1
     cdef int write_forces(self, const double* b, double* forces) except -1
     cdef void spread(self, double* forces) noexcept
     cdef void reduce(self) noexcept

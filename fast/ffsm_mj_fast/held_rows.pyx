@@ -211,22 +211,27 @@ cdef class HeldForces:
 
     def turn_to(self, slips):
         """Set the directions of slip, (k, 2)."""
+        cdef double[:, ::1] given
+        if self.sliding:
+            given = np.array(slips, dtype=np.float64, order="C")
+            self.turn(&given[0, 0])
+
+    cdef int turn(self, const double* slips) except -1:
         cdef Py_ssize_t i, j, point, n = self.held
-        cdef const double[:, :] s
         cdef const double[::1] mu
         if not self.sliding:
-            return
-        s, mu, self.factored = slips, self.mu, False
-        for i in range(n * n):
-            self.system[i] = self.square[i]
+            return 0
+        mu, self.factored = self.mu, False
+        memcpy(self.system, self.square, n * n * sizeof(double))
         for j in range(self.sliding):
             point = self.slides[j]
-            self.friction[2 * j], self.friction[2 * j + 1] = -mu[point] * s[point, 0], -mu[point] * s[point, 1]
+            self.friction[2 * j], self.friction[2 * j + 1] = -mu[point] * slips[2 * point], -mu[point] * slips[2 * point + 1]
             for i in range(n):
                 self.system[i * n + self.columns[j]] += (
                     self.friction[2 * j] * self.G[self.rows[i] * self.count + 3 * point + 1]
                     + self.friction[2 * j + 1] * self.G[self.rows[i] * self.count + 3 * point + 2]
                 )
+        return 0
 
     def forces(self, const double[::1] b not None, slips):
         """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""

@@ -1,7 +1,8 @@
 cdef class RowMemory:
     cdef readonly Py_ssize_t points, rows, nv
     cdef readonly tuple counts
-    cdef object block, G_block
+    cdef bytearray block, G_block
+    cdef bint frictional
     cdef double* start
     cdef double* J
     cdef double* response
@@ -14,5 +15,6 @@ cdef class RowMemory:
     cdef bint has_G
 
     cdef void renew(self) noexcept
+    cdef double inverse_mass(self, Py_ssize_t i) noexcept
     cdef double* delassus(self) except NULL
     cdef int write_resultants(self, const double* forces, double* out) except -1

@@ -1,11 +1,16 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Rows of contact points in one block of memory, of which arrays are made when Python asks for them."""
 
+cimport cython
+
 import numpy as np
 
 from libc.string cimport memset
 
+from ffsm_mj_fast.memory cimport numbers, room, zeros
 
+
+@cython.no_gc  # no cycle contains it
 cdef class RowMemory:
     """Rows of groups of points at one state.
 
@@ -14,13 +19,13 @@ cdef class RowMemory:
     """
 
     def __init__(self, Py_ssize_t points, tuple counts, Py_ssize_t nv, bint frictional, block=None):
-        cdef double[::1] memory
-        cdef Py_ssize_t rows = sum(counts)
-        self.points, self.rows, self.nv, self.counts = points, rows, nv, counts
+        cdef Py_ssize_t rows = 0, count, size
+        for count in counts:
+            rows += count
+        self.points, self.rows, self.nv, self.counts, self.frictional = points, rows, nv, counts, frictional
         size = 2 * rows * nv + 7 * rows + 3 * len(counts) + (9 * points + nv if frictional else 0)
-        self.block = np.zeros(size + 1) if block is None else block  # one more: no array is empty
-        memory = self.block
-        self.start = self.J = &memory[0]
+        self.block = zeros(size + 1) if block is None else bytearray(block)
+        self.start = self.J = numbers(self.block)
         self.response, self.gamma = self.J + rows * nv, self.J + 2 * rows * nv
         self.wrenches = self.gamma + rows
         self.centres = self.wrenches + 6 * rows
@@ -29,8 +34,7 @@ cdef class RowMemory:
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        frictional = len(self.block) > 2 * self.rows * self.nv + 7 * self.rows + 3 * len(self.counts) + 1
-        return type(self), (self.points, self.counts, self.nv, frictional, self.block)
+        return type(self), (self.points, self.counts, self.nv, self.frictional, bytes(self.block))
 
     cdef int write_resultants(self, const double* forces, double* out) except -1:
         """Write force, and moment about the world origin, on geom b of each group, (g, 6), for forces along the rows."""
@@ -72,15 +76,13 @@ cdef class RowMemory:
     cdef double* delassus(self) except NULL:
         cdef Py_ssize_t i, j, d, rows = self.rows, nv = self.nv
         cdef double total
-        cdef double[::1] memory
         cdef double* G
         cdef const double* response
         cdef const double* J
         if not self.has_G:
             if self.G == NULL:
-                self.G_block = np.empty(rows * rows + 1)
-                memory = self.G_block
-                self.G = &memory[0]
+                self.G_block = room(rows * rows + 1)
+                self.G = numbers(self.G_block)
             G, self.has_G = self.G, True
             for i in range(rows):
                 response = self.response + i * nv
@@ -91,23 +93,32 @@ cdef class RowMemory:
                     G[i * rows + j] = G[j * rows + i] = total
         return self.G
 
+    cdef double inverse_mass(self, Py_ssize_t i) noexcept:
+        """Diagonal element of the Delassus matrix, 1/kg."""
+        cdef Py_ssize_t d
+        cdef double total = 0.0
+        for d in range(i * self.nv, (i + 1) * self.nv):
+            total += self.response[d] * self.J[d]
+        return total
+
     def array(self, str name):
         """One of the arrays."""
         cdef Py_ssize_t m = self.rows, nv = self.nv
-        if name == "J":
-            return self.block[: m * nv].reshape(m, nv)
-        if name == "response":
-            return self.block[m * nv : 2 * m * nv].reshape(m, nv)
-        if name == "gamma":
-            return self.block[2 * m * nv : 2 * m * nv + m]
         if name == "G":
             self.delassus()
-            return self.G_block[: m * m].reshape(m, m)
+            return np.frombuffer(self.G_block)[: m * m].reshape(m, m)
+        block = np.frombuffer(self.block)
+        if name == "J":
+            return block[: m * nv].reshape(m, nv)
+        if name == "response":
+            return block[m * nv : 2 * m * nv].reshape(m, nv)
+        if name == "gamma":
+            return block[2 * m * nv : 2 * m * nv + m]
         at = 2 * m * nv + m
         if name == "wrenches":
-            return self.block[at : at + 6 * m].reshape(m, 6)
+            return block[at : at + 6 * m].reshape(m, 6)
         at += 6 * m + 3 * len(self.counts)
         if name == "axes":
-            return self.block[at : at + 9 * self.points].reshape(self.points, 3, 3)
+            return block[at : at + 9 * self.points].reshape(self.points, 3, 3)
         at += 9 * self.points
-        return self.block[at : at + nv]
+        return block[at : at + nv]

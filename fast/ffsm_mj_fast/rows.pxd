@@ -34,9 +34,12 @@ cdef class RowEvaluator:
     cdef RowMemory empty(self, bint frictional)
     cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1
     cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1
+    cdef int write_wrenches(self, list states, RowMemory own, bint frictional) except -1
     cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1
     cdef int write_frictional_rows(self, Group group, state, RowMemory own) except -1
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1
 
 cdef int write_scales(list groups, double* scales) except -1
 cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1
+cdef int find_extremes(list groups, double* found) except -1
+cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* found) except -1

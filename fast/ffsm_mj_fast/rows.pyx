@@ -20,7 +20,7 @@ from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 
 from libc.math cimport INFINITY, fabs, sqrt
 
-from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist, add_resultant
+from ffsm_mj_fast.face_group cimport FaceGroup, FaceState, Twist, add_point
 from ffsm_mj_fast.functions cimport address, mj, mjData, mjModel
 from ffsm_mj_fast.row_memory cimport RowMemory
 
@@ -72,35 +72,55 @@ cdef int write_rounding(list groups, RowMemory own, const double* force, double*
     return 0
 
 
-cdef object extremes_of(list groups):
-    """Extremes over the points of some groups."""
-    cdef double inside = INFINITY, gap = 0.0, rate = 0.0, lowest = INFINITY
+cdef int find_extremes(list groups, double* found) except -1:
+    """Write the extremes over the points of some groups: inside, gap, rate, lowest; see ``Extremes``."""
+    found[0], found[1], found[2], found[3] = INFINITY, 0.0, 0.0, INFINITY
     for state in groups:
         if isinstance(state, FaceState):
-            (<FaceState>state).find_extremes(&inside, &gap, &rate, &lowest)
+            (<FaceState>state).find_extremes(found, found + 1, found + 2, found + 3)
         else:
-            inside, lowest = min(inside, <double>min(state.insides)), min(lowest, <double>min(state.gaps))
-            gap, rate = max(gap, <double>max(map(abs, state.gaps))), max(rate, <double>max(map(abs, state.rates)))
-    return Extremes(inside, gap, rate, lowest)
+            found[0], found[3] = min(found[0], <double>min(state.insides)), min(found[3], <double>min(state.gaps))
+            found[1] = max(found[1], <double>max(map(abs, state.gaps)))
+            found[2] = max(found[2], <double>max(map(abs, state.rates)))
+    return 0
 
 
-cdef object resultant_of(list groups, part, const double[:] forces, friction):
-    """Resultant force of the points of one pair, its centre, and the mean unit normal."""
-    cdef const double[:, :] across
-    cdef Py_ssize_t p, at = 0, start = part.start, stop = part.stop
-    cdef int i
-    cdef double total = 0.0, length
-    vectors = np.zeros((3, 3))
-    cdef double[:, ::1] found = vectors  # force, centre, normal
+cdef object extremes_of(list groups):
+    """Extremes over the points of some groups."""
+    cdef double[4] found
+    find_extremes(groups, found)
+    return Extremes(found[0], found[1], found[2], found[3])
+
+
+cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* found) except -1:
+    """Add up the points of one pair: force, centre, and mean normal, which is not normalised; (3, 3) zeros before."""
+    cdef Py_ssize_t p, at = 0
+    cdef double total = 0.0
+    cdef const double[:, :] normals, points
     for p in range(start, stop):
         total += forces[p]
     for state in groups:
         if start <= at < stop:
             if isinstance(state, FaceState):
-                (<FaceState>state).add_resultant(forces, at, total, stop - start, &found[0, 0])
+                (<FaceState>state).add_resultant(forces, at, total, stop - start, found)
             else:
-                add_resultant(state.normals, state.points, forces, at, total, stop - start, &found[0, 0])
+                normals, points = np.array(state.normals), np.array(state.points)
+                for p in range(points.shape[0]):
+                    add_point(&normals[p, 0], &points[p, 0], forces[at + p], total, stop - start, found)
         at += state.count
+    return 0
+
+
+cdef object resultant_of(list groups, part, const double[:] forces, friction):
+    """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+    cdef const double[:, :] across
+    cdef Py_ssize_t p, start = part.start, stop = part.stop
+    cdef int i
+    cdef double length
+    vectors = np.zeros((3, 3))
+    cdef double[:, ::1] found = vectors  # force, centre, normal
+    cdef const double[::1] along = np.ascontiguousarray(forces)
+    sum_up(groups, start, stop, &along[0], &found[0, 0])
     if friction is not None:
         across = friction
         for p in range(start, stop):
@@ -313,18 +333,16 @@ cdef class RowEvaluator:
         return 0
 
     cdef int combine(self, RowMemory own, Py_ssize_t per_point) except -1:
-        """Write J and J M^-1 of all points, and the centres of their moments."""
+        """Write J and J M^-1 of all points."""
         cdef Group group
-        cdef Py_ssize_t g, i, d, at, row, n = self.nv
+        cdef Py_ssize_t i, d, at, row, n = self.nv
         cdef int j
         cdef double share
         cdef const double* twist
         cdef const double* response
         cdef double* J
         cdef double* answers
-        for g, group in enumerate(self.groups):
-            for j in range(3):
-                own.centres[3 * g + j] = self.twists[group.b].centre[j]
+        for group in self.groups:
             for i in range(per_point * group.start, per_point * (group.start + group.count)):
                 J, answers = own.J + i * n, own.response + i * n
                 for j in range(6):
@@ -372,7 +390,10 @@ cdef class RowEvaluator:
         return RowMemory(self.k, self.frictional_counts if frictional else self.counts, self.nv, frictional)
 
     cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1:
-        """Evaluate points of :meth:`groups_in_memory` and their rows at the current state; mass matrix factored."""
+        """Evaluate points of :meth:`groups_in_memory` and their wrench rows at the current state; mass matrix factored.
+
+        :meth:`combine` completes the rows.
+        """
         cdef Group group
         self.evaluate_twists()
         self.evaluate_pairs()
@@ -380,13 +401,21 @@ cdef class RowEvaluator:
             if state is not None:
                 (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
         own.renew()
-        return self.write_rows(states, own, frictional)
+        return self.write_wrenches(states, own, frictional)
 
     cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1:
         """Write the rows of the points, which are zero."""
+        self.write_wrenches(states, own, frictional)
+        return self.combine(own, 3 if frictional else 1)
+
+    cdef int write_wrenches(self, list states, RowMemory own, bint frictional) except -1:
+        """Write the wrench rows of the points, their centres and gamma."""
         cdef Group group
-        cdef Py_ssize_t d
-        for group, state in zip(self.groups, states):
+        cdef Py_ssize_t g, d
+        for g in range(len(states)):
+            group, state = self.groups[g], states[g]
+            for d in range(3):
+                own.centres[3 * g + d] = self.twists[group.b].centre[d]
             if state is None:
                 continue
             if frictional:
@@ -396,7 +425,7 @@ cdef class RowEvaluator:
         if frictional:
             for d in range(self.nv):
                 own.qvel[d] = self.rates[d]
-        return self.combine(own, 3 if frictional else 1)
+        return 0
 
     cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1:
         if group.on_face is not None:

@@ -11,3 +11,7 @@ cdef class Smooth:
     cdef bint follows
 
     cdef void write_force(self, const double* pushes, double* force) noexcept
+    cpdef object place(self)
+    cpdef object load(self, double[::1] pushes)
+    cpdef object state(self, double[::1] pushes)
+    cpdef object force(self, double[::1] pushes)

@@ -43,28 +43,28 @@ cdef class Smooth:
         """How a saved state of a simulation holds it: it has no memory."""
         return type(self), (self.motion, self.seen)
 
-    def place(self):
+    cpdef object place(self):
         """Token of the current positions and velocities: the same object while they are the same bit by bit."""
         cdef bint stays = same(self.qpos, self.last_qpos)
         if not same(self.qvel, self.last_qvel) or not stays:
             self.last_place = copied(self.qpos)
         return self.last_place
 
-    def load(self, double[::1] pushes not None):
+    cpdef object load(self, double[::1] pushes):
         """The same of the current efforts and of applied forces, (nv,)."""
         cdef bint stays = same(self.ctrl, self.last_ctrl)
         if not same(pushes, self.last_pushes) or not stays:
             self.last_load = copied(pushes)
         return self.last_load
 
-    def state(self, double[::1] pushes not None):
+    cpdef object state(self, double[::1] pushes):
         """The same of the positions, velocities, efforts and applied forces."""
         place, load = self.place(), self.load(pushes)
         if self.last_state is None or self.last_state[0] is not place or self.last_state[1] is not load:
             self.last_state = place, load
         return self.last_state
 
-    def force(self, double[::1] pushes not None):
+    cpdef object force(self, double[::1] pushes):
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""
         total = np.empty(self.qvel.shape[0])
         cdef double[::1] force = total

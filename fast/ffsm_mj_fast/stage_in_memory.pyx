@@ -1,75 +1,99 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Contact forces in one stage of a step in one block of memory; for Stage in ffsm_mj.contact_models.persistent.exchange.
+"""Contact forces in one stage of a step in one block of memory; for Stage in ffsm_mj.contact_models.persistent.exchange."""
 
-No point slides with friction.
-"""
+cimport cython
 
 import numpy as np
 
+from ffsm_mj.contact_models.persistent.exchange import Slide
+
 from libc.string cimport memset
 
+from ffsm_mj_fast.memory cimport numbers, zeros
 from ffsm_mj_fast.row_memory cimport RowMemory
 
 
+@cython.no_gc  # no cycle contains it
 cdef class StageInMemory:
-    """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6)."""
+    """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6).
+
+    Where points slide with friction, heat and slip speeds of all points, (2, k).
+    """
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return stage_in_memory, (self.rows, self.block, self.count, self.nv, self.groups, self.frictional)
+        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional, self.slides)
 
     @property
     def slide(self):
-        """Heat and slip of the points: none."""
-        return None
+        """Heat and slip of the points; None where none slides with friction."""
+        if not self.slides:
+            return None
+        at = self.count + self.nv + 6 * self.groups
+        return Slide(*np.frombuffer(self.block)[at : at + 2 * self.count // 3].reshape(2, -1))
 
     @property
     def forces(self):
         """Normal forces, N, (k,)."""
-        along = self.block[: self.count]
+        along = np.frombuffer(self.block)[: self.count]
         return along[::3] if self.frictional else along
 
     @property
     def friction(self):
         """Friction force on geom b of each point, world axes, N, (k, 3); None without friction."""
-        return self.rows.friction_forces(self.block[: self.count])
+        return self.rows.friction_forces(np.frombuffer(self.block)[: self.count])
 
     @property
     def power(self):
         """Power of the contact forces by degree of freedom, W, (nv,)."""
-        return self.block[self.count : self.count + self.nv]
+        return np.frombuffer(self.block)[self.count : self.count + self.nv]
 
     @property
     def wrenches(self):
         """Force, and moment about the world origin, on geom b of each group of points of one pair."""
-        return self.block[self.count + self.nv :].reshape(-1, 6)
+        return np.frombuffer(self.block)[self.count + self.nv : self.count + self.nv + 6 * self.groups].reshape(-1, 6)
 
 
-def stage_in_memory(rows, block, count, nv, groups, frictional):
+def stage_in_memory(rows, block, count, nv, groups, frictional, slides):
     """A stage that was saved."""
+    return new_stage(rows, bytearray(block), count, nv, groups, frictional, slides)
+
+
+cdef StageInMemory new_stage(
+    rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides
+):
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
-    cdef double[::1] memory = block
-    stage.rows, stage.block, stage.count, stage.nv, stage.groups, stage.frictional = rows, block, count, nv, groups, frictional
-    stage.along, stage.powers, stage.found = &memory[0], &memory[0] + stage.count, &memory[0] + stage.count + stage.nv
+    stage.rows, stage.block, stage.count, stage.nv, stage.groups = rows, block, count, nv, groups
+    stage.frictional, stage.slides, stage.along = frictional, slides, numbers(block)
+    stage.powers, stage.found = stage.along + count, stage.along + count + nv
+    stage.heat = stage.found + 6 * groups
+    stage.speeds = stage.heat + count // 3
     return stage
 
 
-cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
+cdef StageInMemory empty_stage(
+    rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides=False
+):
     """A stage without forces."""
-    return stage_in_memory(rows, np.zeros(count + nv + 6 * groups), count, nv, groups, frictional)
+    cdef Py_ssize_t size = count + nv + 6 * groups + (2 * count // 3 if slides else 0)
+    return new_stage(rows, zeros(size + 1), count, nv, groups, frictional, slides)
 
 
-cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, double* generalised) except -1:
-    """Write power and wrenches of the forces of a stage along rows, and the generalised forces, (nv,)."""
+cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:
+    """Generalised forces, (nv,), of forces along rows."""
     cdef Py_ssize_t i, d, nv = own.nv
-    cdef double force
     cdef const double* J
     memset(generalised, 0, nv * sizeof(double))
     for i in range(own.rows):
-        force, J = stage.along[i], own.J + i * nv
-        if force != 0.0:
+        if along[i] != 0.0:
+            J = own.J + i * nv
             for d in range(nv):
-                generalised[d] += force * J[d]
-    for d in range(nv):
+                generalised[d] += along[i] * J[d]
+
+
+cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1:
+    """Write power and wrenches of the forces of a stage."""
+    cdef Py_ssize_t d
+    for d in range(own.nv):
         stage.powers[d] = generalised[d] * qvel[d]
     return own.write_resultants(stage.along, stage.found)

@@ -41,6 +41,9 @@ class EventDrivenIntegrator:
         """Start at the state of the motion."""
         self.contact_models = tuple(contact_models)
         self.event_sources = tuple(each for each in contact_models if isinstance(each, EventSource))
+        self._after_substeps = [
+            each for each in self.event_sources if type(each).after_substep is not EventSource.after_substep
+        ]
         self.replayable = tuple(each for each in contact_models if isinstance(each, Replayable))
         self._force_sources = tuple(each for each in contact_models if isinstance(each, ForceSource))
         self.control: StepControl | None = None
@@ -223,7 +226,9 @@ class EventDrivenIntegrator:
             control.begin(left_s, pushed=bool(self._active))
         self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
-        reach_s = min([left_s, *(contact_model.step_limit(left_s) for contact_model in self._active)])
+        reach_s = left_s
+        for contact_model in self._active:
+            reach_s = min(reach_s, contact_model.step_limit(left_s))
         most_s = min(most_s, reach_s)
         if control is None:
             return most_s, self.motion.step(most_s)
@@ -238,7 +243,7 @@ class EventDrivenIntegrator:
         return sum(contact_model.work_without_heat(duration_s) for contact_model in self._active)
 
     def _after_substep(self, duration_s: float) -> None:
-        for contact_model in self.event_sources:
+        for contact_model in self._after_substeps:
             contact_model.after_substep(duration_s)
 
     def finish(self, instant: EventTime) -> list[Any]:
@@ -249,5 +254,9 @@ class EventDrivenIntegrator:
         """Exchanges of the active contact models in the finished (sub-)step."""
         if not self._active or duration_s <= 0.0:
             return []  # no forces are applied, or an event was due before the step
-        done = (contact_model.end_step(duration_s) for contact_model in self._active)
-        return [booking for booking in done if booking is not None]
+        done = []
+        for contact_model in self._active:
+            booking = contact_model.end_step(duration_s)
+            if booking is not None:
+                done.append(booking)
+        return done

@@ -7,28 +7,28 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ffsm_mj.compiled import fastest
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
-from ffsm_mj.contact.features.search import features, features_at_rest
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance
 from ffsm_mj.contact_models.persistent.decision import Decision
-from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
+from ffsm_mj.contact_models.persistent.point_search import points_at_rest, slow_points
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.steady import SteadyContacts
 from ffsm_mj.contact_models.persistent.tilts import Tilts
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, LIFT_OFF_M, PARALLEL
+from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, LIFT_OFF_M
 
-_SLOW_M_S = 1e-3
-"""Only contacts that separate below this speed may stay closed for their small lift-off."""
 _PATCH_POINTS = 3
 """Contact points of two convex geoms are corners of a convex polygon or ends of a line: three are not on a line."""
 
@@ -44,6 +44,9 @@ class ActiveContactSet:
         stages: Contact forces of the stages since the start of the step.
         modes: Friction modes of the contact points.
         has_friction: Whether a closed pair has friction.
+        solver: Contact forces at the present state.
+        clearance: Clearance of closed pairs outside their contact points.
+        steady: Shortcut through steady states.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -53,23 +56,30 @@ class ActiveContactSet:
         self.by_pair: dict[UnilateralConstraint, tuple[ContactPoint, ...]] = {}
         self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
-        self.stages: list[Stage] = []
+        self.stages: list[Stage | TwistStage] = []
         self.modes = FrictionModes()
         self.has_friction = False
-        self._solver, self._clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
+        self.solver, self.clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts = Tilts(scene.data)
         self._chosen: FrictionalDecision | None = None
+        self.steady = fastest(SteadyContacts)(self, scene.system)
 
     @property
     def data(self) -> Any:
         """MuJoCo data of the logged system."""
         return self._scene.data
 
+    @property
+    def last_stage(self) -> Stage | None:
+        """Contact forces at the end of the last step; None without a step since the last event."""
+        last = self.stages[-1] if self.stages else None
+        return None if isinstance(last, TwistStage) else last
+
     def bind(self, motion: Motion) -> None:
         """Use another motion, with all caches cleared."""
         self.motion, self._chosen = motion, None
-        self._solver.bind(motion)
-        self._clearance.forget()
+        self.solver.bind(motion)
+        self.clearance.forget()
         self.modes.forget_structures()
         self.clear_stages()
 
@@ -91,74 +101,32 @@ class ActiveContactSet:
         self.modes.forget_structures()
         self.has_friction = any(pair.mu > 0.0 for pair, contact_points in self.by_pair.items() if contact_points)
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
-        self._solver.forget_points()
-        self._clearance.set_pairs(self.by_pair)
+        self.solver.forget_points()
+        self.clearance.set_pairs(self.by_pair)
         self._tilts.set_closed(self.contact_points)
 
     def add_closed(self, pair: UnilateralConstraint, near: Proximity, still: float) -> None:
-        """Set the contact points of a pair to those found at the current state; see :meth:`found`."""
-        self.set_points(pair, self.found(pair, near, still))
-
-    def found(self, pair: UnilateralConstraint, near: Proximity, still: float) -> tuple[ContactPoint, ...]:
-        """Features of a pair with gap 0 and a gap rate of at most ``still`` in m/s.
-
-        Args:
-            pair: Two geoms.
-            near: Their proximity at the state in ``data``.
-            still: Gap rates within this of zero are rounding.
-        """
-        data = self._scene.data
-        if isinstance(pair, JointLimit):
-            return (ContactPoint(pair, pair.feature),) if abs(near.rate) <= still else ()
-
-        def is_still(at: FeatureState) -> bool:
-            if abs(at.rate) <= still:
-                return True
-            # An edge that lies on a cap is parallel to it only to about 1e-10 rad, and the normals at its ends differ by as
-            # much. Impacts act along the normal of the pair: at a slip of 0.3 m/s they leave gap rates of 3e-11 m/s. The
-            # normals at both ends of round sides along each other differ by more.
-            parallel = math.dist(at.normal, near.normal) <= max(PARALLEL, pair.flush_angle)
-            place = near.point_at(at.point, pair.flush_offset)
-            return parallel and abs(pair.rate_along(data, near.normal, place)) <= still
-
-        found = features_at_rest(pair, self._model, data, near, is_still)
-        return tuple(ContactPoint(pair, feature) for feature in found)
+        """Set the contact points of a pair to those found at the current state; see :func:`points_at_rest`."""
+        self.set_points(pair, points_at_rest(self._scene, pair, near, still))
 
     def keep_slow_points(self, pairs: Sequence[tuple[UnilateralConstraint, Proximity]]) -> None:
         """Also close contact points that separate so slowly that the pressing forces would stop them below ``LIFT_OFF_M``.
 
         Otherwise a block that rocks from corner to corner would do so for ever, at heights below rounding (Zeno behaviour).
         """
-        model, data, held = self._model, self._scene.data, self.contact_points
-        found = [
-            ContactPoint(pair, feature)
-            for pair, near in pairs
-            for feature in ((pair.feature,) if isinstance(pair, JointLimit) else features(pair, model, data, near))
-        ]
-        slow = [
-            (contact, at)
-            for contact in found
-            if 0.0 < (at := contact.feature.at(data)).rate <= _SLOW_M_S and not self._has_point(contact, at)
-        ]
+        slow, held = slow_points(self._scene, pairs, self.contact_points), self.contact_points
         if not slow:
             return
-        problem = self._solver.problem((*held, *(contact for contact, _ in slow)))
+        problem = self.solver.problem((*held, *(contact for contact, _ in slow)))
         pressing = problem.own_acceleration(problem.unilateral_forces())[len(held) :]
-        for (contact, at), b in zip(slow, pressing.tolist(), strict=True):
+        for (contact, rate), b in zip(slow, pressing.tolist(), strict=True):
             # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
-            if at.rate**2 <= 2.0 * b * LIFT_OFF_M:
+            if rate**2 <= 2.0 * b * LIFT_OFF_M:
                 self.set_points(contact.pair, (*self.by_pair.get(contact.pair, ()), contact))
-
-    def _has_point(self, new: ContactPoint, at: FeatureState) -> bool:
-        """Whether the set already has a contact point at this position, or this joint limit."""
-        data = self._scene.data
-        if isinstance(new.pair, JointLimit):
-            return bool(self.by_pair.get(new.pair))
-        return any(math.dist(contact.feature.at(data).point, at.point) < FEATURE_BOUND_M for contact in self.contact_points)
 
     def push(self, data: Any) -> None:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
-        applied, solver, flight = data.qfrc_applied, self._solver, self.motion.forced
+        applied, solver, flight = data.qfrc_applied, self.solver, self.motion.forced
         assert flight is not None
         if flight.inside:
             if self.pressing:
@@ -168,7 +136,9 @@ class ActiveContactSet:
         if not self.pressing:
             return
         if self.has_friction:
-            stage, generalised = stage_of(solver.friction_state(self.pressing), flight.stage)
+            here = solver.friction_state(self.pressing)
+            stage, generalised = stage_of(here, flight.stage)
+            solver.stage_forces(self.pressing, friction=True).begin(here.rows)
         else:
             stage, generalised = solver.problem(self.pressing).stage(data.qvel)
         applied += generalised
@@ -180,12 +150,12 @@ class ActiveContactSet:
     def decide(self) -> Decision | FrictionalDecision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
         if self.has_friction:
-            return self._solver.decide_with_friction(self.contact_points)
-        return self._solver.decide(self.contact_points, self.pressing)
+            return self.solver.decide_with_friction(self.contact_points)
+        return self.solver.decide(self.contact_points, self.pressing)
 
     def assume(self, decision: FrictionalDecision) -> None:
         """Take a decision as that at the state in ``data`` under its efforts."""
-        self._solver.assume(decision)
+        self.solver.assume(decision)
 
     def leaving(self) -> tuple[ContactPoint, ...]:
         """Contact points whose gap acceleration is positive: they open."""
@@ -205,11 +175,22 @@ class ActiveContactSet:
             self._chosen.keep_modes()
         self._tilts.begin_step()
 
+    @property
+    def may_be_steady(self) -> bool:
+        """Whether :attr:`steady` knows all that bounds a step: not tilts, joint limits and closed loops."""
+        closed = all(contact_points and not isinstance(pair, JointLimit) for pair, contact_points in self.by_pair.items())
+        others = self.motion.loops is not None or self._tilts.bound_steps
+        return closed and not others and self.pressing == self.contact_points != ()
+
+    def begin_steady_step(self) -> None:
+        """Begin a step with the active set of the step before, in which no point slides."""
+        self._chosen = None
+
     def set_pressing(self, pressing: tuple[ContactPoint, ...]) -> None:
         """Set the active set."""
         self.pressing = pressing
         held = Counter(contact.pair for contact in pressing)
-        self._solver.flat = frozenset(pair for pair, points in held.items() if points >= _PATCH_POINTS)
+        self.solver.flat = frozenset(pair for pair, points in held.items() if points >= _PATCH_POINTS)
         self._tilts.set_points(pressing)
 
     def step_limit(self, left_s: float) -> float:
@@ -221,7 +202,9 @@ class ActiveContactSet:
         flight = self.motion.forced
         if flight is None:
             return left_s
-        flight.implicit, limit = False, min(left_s, self._tilts.step_limit(left_s))
+        flight.implicit, limit = False, left_s
+        if self._tilts.bound_steps:
+            limit = min(limit, self._tilts.step_limit(left_s))
         if self._chosen is not None:
             limit, flight.implicit = step_limit(self._chosen, limit)
         return limit
@@ -266,9 +249,9 @@ class ActiveContactSet:
     def _clearance_elsewhere(self, here: Decision | FrictionalDecision | None) -> float:
         """Least clearance of closed pairs outside their active contact points, m."""
         largest = here.rows.extremes.gap if here is not None else 0.0
-        return self._clearance.least(self._solver.place(), largest, self._gaps_of)
+        return self.clearance.least(self.solver.place(), largest, self.gaps_of)
 
-    def _gaps_of(self, pair: ContactPair) -> list[float]:
+    def gaps_of(self, pair: ContactPair) -> list[float]:
         """Gaps of the contact points of a pair, m."""
         if not self.by_pair[pair]:
             return []
@@ -283,7 +266,7 @@ class ActiveContactSet:
 
     def overlapping_features(self) -> list[Feature]:
         """Features other than the contact points, by which closed pairs overlap."""
-        return self._clearance.overlapping_features(self._gaps_of)
+        return self.clearance.overlapping_features(self.gaps_of)
 
     def states(self) -> dict[UnilateralConstraint, list[FeatureState]]:
         """States of the contact points of each closed pair."""

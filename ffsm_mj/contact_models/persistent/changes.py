@@ -14,6 +14,7 @@ from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.point_modes import Mode
+from ffsm_mj.contact_models.persistent.point_search import points_at_rest
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
@@ -143,7 +144,7 @@ class ContactChanges:
     def _features_now(self, pair: UnilateralConstraint) -> tuple[ContactPoint, ...]:
         """Contact points of a pair that left a feature: none if, for example, a corner slid off a face."""
         near = pair.proximity(self._scene.system.mj, self._scene.data)
-        return self._active_set.found(pair, near, switched_rate_tolerance(near))
+        return points_at_rest(self._scene, pair, near, switched_rate_tolerance(near))
 
 
 def _slides(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dict[UnilateralConstraint, bool]:

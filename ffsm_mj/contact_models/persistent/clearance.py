@@ -17,7 +17,7 @@ from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import OTHER_POINT_M
 
-_LEVEL_M = 0.1 * OTHER_POINT_M
+LEVEL_M = 0.1 * OTHER_POINT_M
 """Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Strictly convex geoms: they touch any convex geom at one point only."""
@@ -27,7 +27,12 @@ GapsOf = Callable[[ContactPair], Sequence[float]]
 
 
 class Clearance:
-    """Clearance of the closed pairs that may touch at several points."""
+    """Clearance of the closed pairs that may touch at several points.
+
+    Attributes:
+        pairs: These pairs.
+        flat_pairs: Those of them that lie on a face with three corners at least.
+    """
 
     def __init__(self, scene: Scene) -> None:
         """Initialise with no closed pairs."""
@@ -36,11 +41,11 @@ class Clearance:
 
     def set_pairs(self, by_pair: Mapping[UnilateralConstraint, Sequence[ContactPoint]]) -> None:
         """Set the closed pairs and their contact points."""
-        self._pairs = [pair for pair in by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)]
+        self.pairs = [pair for pair in by_pair if isinstance(pair, ContactPair) and may_touch_at_several_points(pair)]
         # Vertices of a mesh are as far from the plane of its face as single precision takes them.
-        self._flat_pairs = {
+        self.flat_pairs = {
             pair
-            for pair in self._pairs
+            for pair in self.pairs
             if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and PointsOnFace.lie_flat([each.feature for each in by_pair[pair]])
         }
         self.forget()
@@ -57,12 +62,12 @@ class Clearance:
             largest: Largest absolute gap of a contact point, m.
             gaps_of: Returns gaps of contact points.
         """
-        if not self._pairs:
+        if not self.pairs:
             return math.inf
         if self._known is None or self._known[0] is not place:
             # On three corners, two convex bodies are on either side of the face: nothing else of them can overlap.
-            level = self._flat_pairs if largest <= _LEVEL_M else ()
-            others = [self._gap_elsewhere(pair, gaps_of(pair)) for pair in self._pairs if pair not in level]
+            level = self.flat_pairs if largest <= LEVEL_M else ()
+            others = [self._gap_elsewhere(pair, gaps_of(pair)) for pair in self.pairs if pair not in level]
             self._known = place, min([*others, 0.0] if level else others) + OTHER_POINT_M
         return self._known[1]
 
@@ -87,7 +92,7 @@ class Clearance:
         model, data = self._model, self._scene.data
         return [
             feature
-            for pair in self._pairs
+            for pair in self.pairs
             for feature in features(pair, model, data, pair.proximity(model, data))
             if feature.at(data).gap < min([0.0, *gaps_of(pair)]) - 0.5 * OTHER_POINT_M
         ]

@@ -66,6 +66,20 @@ class Stage:
         return self.rows.wrenches(self.along)
 
 
+class TwistStage(NamedTuple):
+    """Contact forces of patches that stick, in a stage inside a step; see ``friction/held_twists.py``.
+
+    Attributes:
+        power: Power of the contact forces by degree of freedom, W, (nv,).
+        wrenches: Force, and moment about the world origin, on body b of each pair.
+        slide: None: no point slides.
+    """
+
+    power: FloatArray
+    wrenches: list[Wrench]
+    slide: None = None
+
+
 class StageSums:
     """Integrals over a step of the contact forces in its stages.
 
@@ -76,7 +90,7 @@ class StageSums:
         sizes: Time integrals of the force magnitudes of the groups, N s.
     """
 
-    def __init__(self, stages: Sequence[Stage], parts: FloatArray) -> None:
+    def __init__(self, stages: Sequence[Stage | TwistStage], parts: FloatArray) -> None:
         """Sum up with the quadrature weights of the stages, s."""
         wrenches = np.array([stage.wrenches for stage in stages])
         self.work: FloatArray = parts.dot(np.array([stage.power for stage in stages]))
@@ -158,7 +172,7 @@ def robot_dofs(system: System, motion: Motion) -> slice:
 
 
 def exchanged(
-    sums: StageSums, stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
+    sums: StageSums, stages: Sequence[Stage | TwistStage], parts: FloatArray, shares: Shares, robot: slice
 ) -> tuple[Exchange, dict[UnilateralConstraint, float]]:
     """Energy and momentum exchanged in a step, and the time integral of the force magnitude of each pair, N s.
 
@@ -174,7 +188,9 @@ def exchanged(
     sizes = dict[UnilateralConstraint, float]()
     for pair, groups, first in shares.pairs:
         if isinstance(pair, JointLimit):
-            sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
+            # A limit is among points, never among patches alone.
+            forces = [stage.forces.item(first) for stage in stages if not isinstance(stage, TwistStage)]
+            sizes[pair] = float(parts.dot(forces))
         elif len(groups) == 1:
             sizes[pair] = sums.sizes[groups[0]]
         else:

@@ -32,7 +32,12 @@ class ForceSolver:
     Rows (Jacobians) are kept if only efforts have changed.
 
     Attributes:
+        smooth: Smooth forces on the motion.
         other_forces: Applied forces besides those of persistent contacts, (nv,).
+        last_rows: Rows computed last, with their points and place.
+        last_problem: Contact problem set up last, with its place and load; without friction.
+        last_friction_rows: As ``last_rows``, with friction.
+        last_friction_state: Points with friction evaluated last, with their place and load.
         flat: Pairs that are held at three points of a flat patch at least.
     """
 
@@ -44,13 +49,13 @@ class ForceSolver:
 
     def bind(self, motion: Motion) -> None:
         """Use another motion."""
-        self._motion, self._smooth = motion, fastest(Smooth)(motion, self._data)
+        self._motion, self.smooth = motion, fastest(Smooth)(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
-        self._rows: tuple[Points, object, ContactRows] | None = None
-        self._problem: tuple[object, object, ContactAcceleration] | None = None
+        self.last_rows: tuple[Points, object, ContactRows] | None = None
+        self.last_problem: tuple[object, object, ContactAcceleration] | None = None
         self._decision: tuple[object, Decision] | None = None
-        self._friction_rows: tuple[Points, object, FrictionalRows] | None = None
-        self._friction_state: tuple[object, object, FrictionState] | None = None
+        self.last_friction_rows: tuple[Points, object, FrictionalRows] | None = None
+        self.last_friction_state: tuple[object, object, FrictionState] | None = None
         self._friction_decision: tuple[object, FrictionalDecision] | None = None
         self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
         self._stage_kind = fastest(StageForces)
@@ -63,53 +68,53 @@ class ForceSolver:
 
     def place(self) -> object:
         """Token of the current positions and velocities."""
-        return self._smooth.place()
+        return self.smooth.place()
 
     def problem(self, contact_points: Points) -> ContactAcceleration:
         """Gap accelerations of some contact points."""
-        motion, smooth = self._motion, self._smooth
-        place, load, known, rows = smooth.place(), smooth.load(self.other_forces), self._problem, self._rows
+        motion, smooth = self._motion, self.smooth
+        place, load, known, rows = smooth.place(), smooth.load(self.other_forces), self.last_problem, self.last_rows
         if rows is None or rows[1] is not place or rows[0] != contact_points:
-            known, rows = None, (contact_points, place, self._with_loops(self._evaluator(contact_points).rows()))
-            self._rows = rows
+            known, rows = None, (contact_points, place, self._with_loops(self.evaluator(contact_points).rows()))
+            self.last_rows = rows
         if known is None or known[0] is not place or known[1] is not load:
             M = partial(mass_matrix, motion.model, motion.data)
             known = place, load, self._problem_kind(M, rows[2], smooth.force(self.other_forces))
-            self._problem = known
+            self.last_problem = known
         return known[2]
 
     def friction_state(self, contact_points: Points) -> FrictionState:
         """Some contact points with friction, in their modes."""
-        smooth, modes = self._smooth, self._modes.of(contact_points)
-        place, load, known = smooth.place(), smooth.load(self.other_forces), self._friction_state
+        smooth, modes = self.smooth, self._modes.of(contact_points)
+        place, load, known = smooth.place(), smooth.load(self.other_forces), self.last_friction_state
         if known is not None and known[0] is place and known[1] is load and known[2].modes is modes:
             return known[2]
-        rows = self._friction_rows
+        rows = self.last_friction_rows
         if rows is None or rows[1] is not place or rows[0] != contact_points:
-            found = self._with_loops(self._evaluator(contact_points).frictional_rows())
-            rows = self._friction_rows = contact_points, place, found
+            found = self._with_loops(self.evaluator(contact_points).frictional_rows())
+            rows = self.last_friction_rows = contact_points, place, found
         here = self._state_kind(contact_points, rows[2], smooth.force(self.other_forces), modes)
-        self._friction_state = place, load, here
+        self.last_friction_state = place, load, here
         return here
 
     def stage_forces(self, contact_points: Points, *, friction: bool) -> StageForces:
         """Forces of the active set in the stages inside a step."""
         modes, known = self._modes.of(contact_points) if friction else None, self._stage_forces
         if known is None or known.contact_points != contact_points or known.modes is not modes:
-            evaluator = self._evaluator(contact_points)
-            known = self._stage_forces = self._stage_kind(self._smooth, evaluator, contact_points, modes)
+            evaluator = self.evaluator(contact_points)
+            known = self._stage_forces = self._stage_kind(self.smooth, evaluator, contact_points, modes)
         return known
 
     def decide(self, contact_points: Points, last: Sequence[ContactPoint]) -> Decision:
         """Which of some contact points carry force; ``last`` is the active set of the last step."""
-        state, known = self._smooth.state(self.other_forces), self._decision
+        state, known = self.smooth.state(self.other_forces), self._decision
         if known is None or known[0] is not state or known[1].contact_points != contact_points:
             known = self._decision = state, Decision(contact_points, self.problem(contact_points), last)
         return known[1]
 
     def decide_with_friction(self, contact_points: Points) -> FrictionalDecision:
         """Modes of some contact points."""
-        state, known = self._smooth.state(self.other_forces), self._friction_decision
+        state, known = self.smooth.state(self.other_forces), self._friction_decision
         if known is None or known[0] is not state or not known[1].is_for(contact_points, self._modes):
             here = self.friction_state(contact_points)
             known = self._friction_decision = state, FrictionalDecision(here, self._modes)
@@ -117,7 +122,7 @@ class ForceSolver:
 
     def assume(self, decision: FrictionalDecision) -> None:
         """Keep a decision as that at the present state under the present efforts."""
-        self._friction_decision = self._smooth.state(self.other_forces), decision
+        self._friction_decision = self.smooth.state(self.other_forces), decision
 
     def _with_loops(self, rows: _Rows) -> _Rows:
         """Rows as they are with the closed loops of the motion."""
@@ -125,7 +130,7 @@ class ForceSolver:
             rows.close_loops(self._motion.loops)
         return rows
 
-    def _evaluator(self, contact_points: Points) -> RowEvaluator:
+    def evaluator(self, contact_points: Points) -> RowEvaluator:
         """Evaluator of the rows of some contact points; kept for the present contact points and parts of them."""
         key = contact_points, self.flat
         found = self._evaluators.get(key)

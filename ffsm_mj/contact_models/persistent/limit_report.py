@@ -97,9 +97,9 @@ class LimitReport:
     def forces_before(self, limits: Sequence[JointLimit]) -> dict[JointLimit, float]:
         """Forces at the end of the last step, N or N m; 0 if there was no step since the last event."""
         forces: dict[JointLimit, float] = dict.fromkeys(limits, 0.0)
-        if self._active_set.stages:
-            last = self._active_set.stages[-1].forces.tolist()
-            for contact, force in zip(self._active_set.pressing, last, strict=True):
+        last = self._active_set.last_stage
+        if last is not None:
+            for contact, force in zip(self._active_set.pressing, last.forces.tolist(), strict=True):
                 if isinstance(contact.pair, JointLimit) and contact.pair in forces:
                     forces[contact.pair] = force
         return forces

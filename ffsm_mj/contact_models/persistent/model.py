@@ -171,7 +171,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
-        if not self.active or (self._active_set.is_settled() and not self._changes.unlogged()):
+        closed = self._active_set
+        if not self.active or ((closed.steady.is_now() or closed.is_settled()) and not self._changes.unlogged()):
             return False
         return bool(self._changes.left_at_once() or self._changes.pending() or self._active_set.touches_elsewhere())
 
@@ -181,12 +182,13 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         Raises:
             RunEnded: No friction modes are possible.
         """
-        self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
-        self._account.projected = self._drift.remove_drift()
-        self._active_set.update_pressing()
-        self._active_set.modes.move()
+        self._located_s, self._account.projected = None, None
+        if not self._active_set.steady.goes_on():
+            self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
+            self._account.projected = self._drift.remove_drift()
+            self._active_set.update_pressing()
+            self._active_set.modes.move()
         self._active_set.stages.clear()
-        self._located_s = None
 
     def continue_step(self) -> None:
         """Go on with the active set and the modes of the step before, without projection."""
@@ -203,7 +205,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def is_clear(self) -> bool:
         """Whether the active set and the features of the step's start are still valid at its end."""
-        return not self.active or self._active_set.witness_value() >= 0.0
+        closed = self._active_set
+        return not self.active or closed.steady.is_now() or closed.witness_value() >= 0.0
 
     def first_event(self, duration_s: float) -> float | None:
         """Time at which the active set or a feature ceased to be valid, located just after the zero crossing."""
@@ -224,7 +227,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def push(self, data: Any) -> None:
         """Add the contact forces; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
-        self._active_set.push(data)
+        self._active_set.steady.push(data)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
         """Contact forces on the bodies under the efforts in ``data``, from a new active set."""
@@ -237,6 +240,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def end_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum exchanged by the contact forces, and by the drift projection at the start of the step."""
+        steady = self._account.of_steady_step(duration_s)
+        if steady is not None:
+            return steady
         done, impulses = self._account.exchanged(duration_s)
         self._report.add_impulses(impulses)
         self._limits.add_impulses(impulses)

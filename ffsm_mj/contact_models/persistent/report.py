@@ -32,6 +32,7 @@ from ffsm_mj.contact_models.persistent.rule_columns import (
     row_of,
     signals_of,
 )
+from ffsm_mj.contact_models.persistent.steady import RuleTables
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
@@ -72,6 +73,8 @@ class ContactReport:
         signals = tuple(signal for rule in self._rules for signal in signals_of(rule, friction=rule in with_friction))
         self.friction = FrictionReport(with_friction)
         flat, self._residual = self._values.reshape(-1), np.zeros(1)
+        friction = self.friction
+        closed.steady.report_to(RuleTables(self._values, self._rules, friction.values, friction.rules, friction.work_J))
         self.columns = (
             Columns(signals, flat, None, lambda _: self._write_values(), self._restore_values, self._at_state),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
@@ -96,6 +99,9 @@ class ContactReport:
         if not closed.by_pair and self._is_blank:
             return
         self._is_blank = not closed.by_pair
+        if closed.steady.write():
+            self._residual[0] = 0.0
+            return
         decision = closed.decide() if closed.contact_points else None
         by_rule = self._resultants(decision) if decision is not None else {}
         if len(by_rule) < len(self._rules):
@@ -181,7 +187,7 @@ class ContactReport:
 
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
-        stage = self._active_set.stages[-1] if self._active_set.stages else None
+        stage = self._active_set.last_stage
         if stage is None:
             return dict.fromkeys(pairs, 0.0)
         points = self._active_set.pressing

@@ -11,10 +11,12 @@ from functools import partial
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
-from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
+from ffsm_mj.contact_models.persistent.friction.held_twists import HeldTwists
 from ffsm_mj.contact_models.persistent.friction.point_modes import PointModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
+from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.rigid_body import mass_matrix
@@ -41,16 +43,26 @@ class StageForces:
         """
         self._smooth, self._evaluator, self.contact_points, self.modes = smooth, evaluator, contact_points, modes
         self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
+        self._start: FrictionalRows | None = None
+        self._twists = HeldTwists(smooth.motion, contact_points) if modes is not None and modes.all_stick else None
+        self._holds_twists = False
 
-    def add(self, applied: FloatArray) -> Stage:
+    def begin(self, rows: FrictionalRows) -> None:
+        """Begin a step at the current state, with the rows of the points there; required with friction."""
+        if self._twists is not None and rows is not self._start:
+            self._start, self._holds_twists = rows, self._twists.begin(rows)
+
+    def add(self, applied: FloatArray) -> Stage | TwistStage:
         """Add the forces at the current state to the applied ones, (nv,), and return the stage; explicit stages only."""
         stage, generalised = self._evaluate(self._smooth.force(applied))
         applied += generalised
         return stage
 
-    def _evaluate(self, force: FloatArray) -> tuple[Stage, FloatArray]:
+    def _evaluate(self, force: FloatArray) -> tuple[Stage | TwistStage, FloatArray]:
         motion, evaluator = self._smooth.motion, self._evaluator
         if self.modes is not None:
+            if self._twists is not None and self._holds_twists:
+                return self._twists.stage(force)
             tangential = evaluator.frictional_rows()
             if motion.loops is not None:
                 tangential.close_loops(motion.loops)

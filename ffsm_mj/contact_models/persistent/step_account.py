@@ -15,7 +15,7 @@ from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, StageSums, exchanged, robot_dofs
+from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, StageSums, TwistStage, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
@@ -51,9 +51,17 @@ class StepAccount:
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
         self._sums: StageSums
-        self._last: tuple[Sequence[Stage], FloatArray]
+        self._last: tuple[Sequence[Stage | TwistStage], FloatArray]
         self._sums_kind = fastest(StageSums)
         self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
+
+    def of_steady_step(self, duration_s: float) -> Exchange | None:
+        """Energy and momentum exchanged in a step that ends in a steady state, with all that it adds to columns."""
+        closed = self._active_set
+        exchange = None if self.projected is not None else closed.steady.exchange(duration_s)
+        if exchange is not None:
+            self._overlap.add(closed.contact_points[0].pair, closed.steady.lowest)
+        return exchange
 
     def exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
         """Energy and momentum exchanged, and the impulse of each pair in N s."""
@@ -109,7 +117,7 @@ class StepAccount:
         """Whether a pair with friction was closed and contacts carried force."""
         return bool(self._active_set.has_friction and self._active_set.pressing)
 
-    def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
+    def _stages(self, duration_s: float) -> tuple[Sequence[Stage | TwistStage], FloatArray]:
         """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
         flight = self._active_set.motion.forced
         assert flight is not None

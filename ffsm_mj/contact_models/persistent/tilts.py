@@ -41,6 +41,11 @@ class Tilts:
         """Set the contact points that carry force."""
         self._rims = [contact for contact in pressing if type(contact.feature).tilt is not GapFunction.tilt]
 
+    @property
+    def bound_steps(self) -> bool:
+        """Whether there are any."""
+        return bool(self._rims or self._caps)
+
     def begin_step(self) -> None:
         """Start at the state in ``data``."""
         tilts = ((contact, contact.feature.tilt(self._data)) for contact in self._rims)

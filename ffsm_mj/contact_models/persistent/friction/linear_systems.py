@@ -29,6 +29,27 @@ def triangular_solution(R: FloatArray, right: FloatArray, *, transposed: bool = 
     return solution
 
 
+def cholesky_factor(square: FloatArray, least: float) -> FloatArray | None:
+    """Lower factor of a positive semidefinite matrix; None where a pivot is below a share of the largest element."""
+    factor: FloatArray
+    factor, failed = _lapack().dpotrf(square, lower=1, clean=1)
+    return None if failed or not _is_regular(factor, square, least) else factor
+
+
+def least_norm_forces(square: FloatArray, accelerations: FloatArray) -> FloatArray:
+    """Forces of least norm that cancel accelerations, square times these, with a positive semidefinite matrix."""
+    forces: FloatArray
+    factor, forces, failed = _lapack().dposv(square, accelerations, lower=1)
+    if failed or not _is_regular(factor, square, RANK):
+        return np.asarray(np.linalg.lstsq(square, -accelerations, rcond=RANK)[0])
+    return -forces
+
+
+def _is_regular(factor: FloatArray, square: FloatArray, least: float) -> bool:
+    """Whether all pivots of a matrix exceed a share of its largest diagonal element."""
+    return bool(min(factor.diagonal().tolist()) ** 2 > least * max(square.diagonal().tolist()))
+
+
 def range_basis(square: FloatArray) -> FloatArray | None:
     """Orthonormal basis of the range of a positive semidefinite matrix, (n, rank); None if its rank is n."""
     order, rank = _pivots(square) if len(square) else (np.zeros(0, dtype=np.int64), 0)

@@ -37,6 +37,7 @@ class FrictionModes:
             it is projected out like that before they move.
         replacing: Points without a mode whose slip is drift: those that they replace stick.
         estimates: Forces with the least use of friction found last, N, (m, 3), by the points that share a load.
+        generation: Number of changes of the modes so far.
     """
 
     def __init__(self) -> None:
@@ -46,6 +47,7 @@ class FrictionModes:
         self.replacing: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
         self.estimates: dict[tuple[ContactPoint, ...], FloatArray] = {}
+        self.generation = 0
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
@@ -177,6 +179,7 @@ class FrictionModes:
     def forget_structures(self) -> None:
         """Discard the rows held and estimates of forces: the modes, the contact points or the motion have changed."""
         self._of, self.estimates = {}, {}
+        self.generation += 1
 
 
 def _with_friction(contact_points: Sequence[ContactPoint]) -> list[tuple[UnilateralConstraint, slice]]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
 from ffsm_mj.contact_models.persistent.friction.pair_state import PairFriction
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.columns import Columns
@@ -42,6 +42,9 @@ class FrictionReport:
 
     Attributes:
         columns: The columns.
+        values: Their values, a row for each rule.
+        rules: Row of each rule.
+        work_J: Value of the column of the work of contact forces, (1,).
     """
 
     def __init__(self, rules: Iterable[str]) -> None:
@@ -50,28 +53,28 @@ class FrictionReport:
         Args:
             rules: Names of the contact rules with mu > 0.
         """
-        self._rules = {name: i for i, name in enumerate(rules)}
-        self._values = np.zeros((len(self._rules), len(_SIGNALS)))
+        self.rules = {name: i for i, name in enumerate(rules)}
+        self.values = np.zeros((len(self.rules), len(_SIGNALS)))
         signals = tuple(
             Signal("contact", f"{identifier(rule)}_{name}", unit, meaning.format(rule))
-            for rule in self._rules
+            for rule in self.rules
             for name, unit, meaning in _SIGNALS
         )
-        self._work = np.zeros(1)
+        self.work_J = np.zeros(1)
         self.columns = (
-            Columns(signals, live=self._values.reshape(-1), resume=self._restore, at_state=self._values.flatten),
-            Columns((_WORK,), live=self._work, resume=self._restore_work),
+            Columns(signals, live=self.values.reshape(-1), resume=self._restore, at_state=self.values.flatten),
+            Columns((_WORK,), live=self.work_J, resume=self._restore_work),
         )
 
     def _restore(self, logged: FloatArray) -> None:
-        self._values[:] = logged.reshape(self._values.shape)
+        self.values[:] = logged.reshape(self.values.shape)
 
     def _restore_work(self, logged: FloatArray) -> None:
-        self._work[:] = logged
+        self.work_J[:] = logged
 
     def write(self, by_rule: Mapping[str, Sequence[PairFriction]]) -> None:
         """Write the columns for the pairs that carry force, by rule."""
-        self._values[:, :_SLIP] = 0.0
+        self.values[:, :_SLIP] = 0.0
         for rule, pairs in by_rule.items():
             sums = [0.0] * _SLIP
             for pair in pairs:
@@ -81,14 +84,18 @@ class FrictionReport:
                 sums[2] += y
                 sums[3] += z
                 sums[4], sums[5] = max(sums[4], pair.use), max(sums[5], pair.slip_speed)
-            self._values[self._rules[rule], :_SLIP] = sums
+            self.values[self.rules[rule], :_SLIP] = sums
 
     def slip(self, rule: str) -> float:
         """Slip distance of a rule since t = 0, m."""
-        return float(self._values[self._rules[rule], _SLIP])
+        return float(self.values[self.rules[rule], _SLIP])
 
     def add_step(
-        self, contact_points: Sequence[ContactPoint], stages: Sequence[Stage], weights_s: FloatArray, work_J: float
+        self,
+        contact_points: Sequence[ContactPoint],
+        stages: Sequence[Stage | TwistStage],
+        weights_s: FloatArray,
+        work_J: float,
     ) -> float:
         """Add slip, heat and work in a step.
 
@@ -102,18 +109,18 @@ class FrictionReport:
             Heat of all rules in the step, J.
         """
         total = 0.0
-        self._work[0] += work_J
+        self.work_J[0] += work_J
         for stage, weight in zip(stages, weights_s.tolist(), strict=True):
             if stage.slide is None:
                 continue
             for contact, heat in zip(contact_points, stage.slide.heat.tolist(), strict=True):
                 if contact.pair.mu > 0.0:
-                    self._values[self._rules[contact.pair.rule], _HEAT] += weight * heat
+                    self.values[self.rules[contact.pair.rule], _HEAT] += weight * heat
                     total += weight * heat
             largest: dict[str, float] = {}
             for contact, speed in zip(contact_points, stage.slide.speeds.tolist(), strict=True):
                 if speed > largest.get(contact.pair.rule, 0.0):
                     largest[contact.pair.rule] = speed
             for rule, speed in largest.items():
-                self._values[self._rules[rule], _SLIP] += weight * speed
+                self.values[self.rules[rule], _SLIP] += weight * speed
         return total

@@ -20,6 +20,12 @@ from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
 pytestmark = pytest.mark.usefixtures("unexplained")
 
 
+@pytest.fixture(autouse=True)
+def _plain(monkeypatch):
+    """The mistakes are put into the originals of compiled twins."""
+    monkeypatch.setenv("FFSM_COMPILED", "0")
+
+
 def along_the_slip(monkeypatch):
     """Friction in the stages acts along the slip, not against it."""
     right = stage.slip_directions

@@ -1,0 +1,152 @@
+"""Shortcut through steady states: the same logs as without it, and no state taken for steady that is not."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.contact_models.persistent import active_set
+from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
+from ffsm_mj.contact_models.persistent.steady import SteadyContacts
+
+pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
+# Sums of some twenty terms are taken in another order, over 60 steps.
+ROUNDING = 1e-12
+HALF, REACH, WIDE, THIN = 0.2, 0.4, 0.12, 0.02
+TURN = 0.5
+OBJECT = """<mujoco><option gravity="0 0 0"/><worldbody><body name="box"><freejoint name="free"/>
+<inertial pos="0.01 0.02 0" mass="3" diaginertia="0.1 0.09 0.12"/>
+<geom name="left" pos="0 -0.1 0" type="box" size="0.2 0.1 0.2" mass="0"/>
+<geom name="right" pos="0 0.1 0" type="box" size="0.2 0.1 0.2" mass="0"/></body></worldbody></mujoco>"""
+
+
+def gripper(pad, inwards):
+    """MJCF of a free base with a wrist that turns about z and carries two slides along y, each with a pad."""
+    jaws = "".join(
+        f"""<body name="{name}" pos="0 {side * REACH} 0"><inertial pos="0 0 0" mass="0.5" diaginertia=".01 .01 .01"/>
+        <joint name="{name}" type="slide" axis="0 1 0"/>
+        <geom name="{name}" pos="0 {-side * inwards} 0" {pad} mass="0"/></body>"""
+        for name, side in (("low", -1.0), ("high", 1.0))
+    )
+    return f"""<mujoco><option gravity="0 0 0"/><worldbody><body name="bus"><freejoint name="base"/>
+    <inertial pos="0 0 -0.1" mass="5" diaginertia="1 0.8 1.2"/>
+    <body name="wrist"><inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+    <joint name="wrist" axis="0 0 1"/>{jaws}</body></body></worldbody>
+    <actuator><motor name="ml" joint="low"/><motor name="mh" joint="high"/></actuator></mujoco>"""
+
+
+PADS = {
+    "plates": (f'type="box" size="{WIDE} {THIN} 0.1"', THIN),
+    "balls": (f'type="sphere" size="{THIN}"', THIN),
+    "rods": (f'type="capsule" size="{THIN} {WIDE}"', THIN),
+}
+
+
+def held(folder, *, pad="plates", mu=0.5, one_rule=True, squeeze=4.0, drift=0.0, spin=(0.0, 0.0, 0.0), slip=0.0):
+    """A box between two pads that press on it with a constant force; it slips along them with ``slip`` m/s."""
+    form, inwards = PADS[pad]
+    folder.mkdir(exist_ok=True)
+    (folder / "robot.xml").write_text(gripper(form, inwards))
+    (folder / "object.xml").write_text(OBJECT)
+    close = REACH - inwards - THIN - HALF
+    sides = [["robot", "box"]] if one_rule else [["low", "box/left"], ["high", "box/right"]]
+    rules = [{"between": each, "restitution": 0.0, "mu": mu} for each in sides]
+    scenario = {
+        "name": "held",
+        "duration_s": 0.06,
+        "time_step_s": 0.001,
+        "control_period_s": 0.001,
+        "robot": {"mjcf": "robot.xml"},
+        "objects": {"box": {"mjcf": "object.xml"}},
+        "initial": {
+            "joints": {"low": close, "high": -close},
+            "rates": {
+                "base": [0.1, 0.0, -0.05, *spin],
+                "wrist": TURN,
+                "box/free": [0.1, 0.0, slip - 0.05, *spin[:2], spin[2] + TURN],
+            },
+        },
+        "contacts": {"rules": rules},
+        "phases": [
+            {
+                "name": "hold",
+                "until": "end",
+                "controller": {
+                    "kind": "pd",
+                    "joints": ["low", "high"],
+                    "kp": 1.0,
+                    "kd": drift,
+                    "target": [close + squeeze, -close - squeeze],
+                },
+            }
+        ],
+    }
+    path = folder / "scene.yaml"
+    path.write_text(json.dumps(scenario))
+    return path
+
+
+@pytest.fixture
+def decided(monkeypatch):
+    """Number of decisions on the contact points that were taken, apart from those that were known."""
+    count = []
+    for name in ("problem", "friction_state"):
+        original = getattr(ForceSolver, name)
+
+        def counted(*args, original=original, name=name):
+            count.append(name)
+            return original(*args)
+
+        monkeypatch.setattr(ForceSolver, name, counted)
+    return count
+
+
+def both(folder, monkeypatch, decided, **scene):
+    """Rows with the shortcut and without, and how many problems of forces were set up outside it in the first."""
+    monkeypatch.setenv("FFSM_COMPILED", "1")
+    with_shortcut = ffsm_mj.run(held(folder / "with", **scene))
+    taken = len(decided)
+    fastest = active_set.fastest
+    monkeypatch.setattr(active_set, "fastest", lambda kind: kind if kind is SteadyContacts else fastest(kind))
+    without = ffsm_mj.run(held(folder / "without", **scene))
+    assert (with_shortcut.outcome, without.outcome) == ("completed", "completed")
+    return with_shortcut.log, without.log, taken
+
+
+TURNS = (0.3, -0.2, 0.4)
+
+
+@pytest.mark.parametrize("one_rule", [True, False])
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize("pad", PADS)
+def test_the_log_is_that_without_the_shortcut(tmp_path, monkeypatch, decided, pad, mu, one_rule):
+    """Grips of one, two and four points on each side, in one rule and in two, turning, under a load that changes."""
+    log, other, taken = both(tmp_path, monkeypatch, decided, pad=pad, mu=mu, one_rule=one_rule, spin=TURNS, drift=0.5)
+    np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
+    # The first ticks find the active set and the modes; every tick sets up three problems and more without the shortcut.
+    if pad != "rods":  # whose clearance elsewhere is looked at in each state
+        assert taken < 20, taken
+
+
+@pytest.mark.parametrize("pad", PADS)
+def test_the_log_is_that_of_plain_python(tmp_path, monkeypatch, pad):
+    """Forces of a patch by its wrench, of a ball's point, and of rods that touch at two points each; all share a load."""
+    logs = []
+    for switch in "01":
+        monkeypatch.setenv("FFSM_COMPILED", switch)
+        logs.append(ffsm_mj.run(held(tmp_path / switch, pad=pad, spin=TURNS)).log)
+    np.testing.assert_allclose(*(np.array(log.rows) for log in logs), rtol=10.0 * ROUNDING, atol=10.0 * ROUNDING)
+
+
+def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided):
+    """The box slides through the pads, and is steady once it sticks: at the same time to rounding."""
+    log, other, taken = both(tmp_path, monkeypatch, decided, mu=0.1, squeeze=1.0, slip=3e-3)
+    stops, others = ([record.time_s for record in each.records["contact_sticks"]] for each in (log, other))
+    assert len(stops) > 0
+    assert 0.01 < stops[0] < 0.05
+    np.testing.assert_allclose(stops, others, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
+    assert taken < len(decided) - taken, "the second run has as many while it slides, and more where it sticks"
