@@ -39,6 +39,7 @@ from ffsm_mj_fast.stage_in_memory cimport StageInMemory
 cdef double _DRIFT_M = DRIFT_M, _DRIFT_M_S = DRIFT_M_S, _FEATURE_BOUND_M = FEATURE_BOUND_M, _LEVEL_M = LEVEL_M
 cdef double GAP_M = PROJECTED_GAP_M, RATE_M_S = PROJECTED_RATE_M_S, SLIP_M_S = PROJECTED_SLIP_M_S
 cdef double[::1] _WEIGHTS = WEIGHTS
+STEP = slice(-5, -1)  # the stages of an explicit step; the last one of all is at its end
 
 
 cdef class SteadyContacts:
@@ -254,11 +255,13 @@ cdef class SteadyContacts:
         cdef Py_ssize_t s, i, g
         if not self.holds():
             return None
-        stages = self.closed.stages
+        stages = self.closed.stages[STEP]
+        if len(stages) < 4 or not all([isinstance(each, StageInMemory) for each in stages]):
+            return None
         found = np.zeros(21)
         sums = found
         for s in range(4):
-            stage, part = stages[len(stages) - 5 + s], duration_s * _WEIGHTS[s]
+            stage, part = stages[s], duration_s * _WEIGHTS[s]
             for i in range(stage.nv):
                 power = part * stage.powers[i]
                 total += power
