@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
 from ffsm_mj.contact_models.persistent.exchange import Shares, robot_dofs
 from ffsm_mj.dynamics.forced_stepper import WEIGHTS
 from ffsm_mj.dynamics.rigid_body import mass_matrix
@@ -47,8 +47,8 @@ cdef class SteadyContacts:
 
     cdef object closed, modes, solver, system, tables
     # Closed contacts, as they were taken over
-    cdef object points, pressing, generation, point_modes, evaluator, M, others
-    cdef bint possible, frictional, is_level
+    cdef object points, pressing, generation, point_modes, evaluator, M
+    cdef bint possible, frictional, others, is_level
     cdef Smooth smooth
     cdef StageForces inside
     cdef StuckPatches patches
