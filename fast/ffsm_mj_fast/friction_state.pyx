@@ -130,33 +130,20 @@ cdef class FrictionState:
 
     cdef bint creeps(self) noexcept:
         """Whether no point slips by more than the drift of sticking points."""
-        cdef Py_ssize_t p, d
-        cdef int j
-        cdef const double* J
-        cdef double total, square, most = self.modes.drift_m_s
+        cdef Py_ssize_t p
+        cdef double u, v, most = self.modes.drift_m_s
         for p in range(self.own.points):
-            square = 0.0
-            for j in range(1, 3):
-                J, total = self.own.J + (3 * p + j) * self.own.nv, 0.0
-                for d in range(self.own.nv):
-                    total += J[d] * self.own.qvel[d]
-                square += total * total
-            if not square <= most * most:
+            u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
+            if not u * u + v * v <= most * most:
                 return False
         return True
 
     cdef double largest_slip(self) noexcept:
         """Largest slip along a tangent, m/s."""
-        cdef Py_ssize_t p, d
-        cdef int j
-        cdef const double* J
-        cdef double total, most = 0.0
+        cdef Py_ssize_t p
+        cdef double most = 0.0
         for p in range(self.own.points):
-            for j in range(1, 3):
-                J, total = self.own.J + (3 * p + j) * self.own.nv, 0.0
-                for d in range(self.own.nv):
-                    total += J[d] * self.own.qvel[d]
-                most = max(most, fabs(total))
+            most = max(most, max(fabs(self.own.velocity(3 * p + 1)), fabs(self.own.velocity(3 * p + 2))))
         return most
 
     cdef double margin(self) except? -2.0:

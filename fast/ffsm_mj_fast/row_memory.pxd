@@ -15,6 +15,7 @@ cdef class RowMemory:
     cdef bint has_G
 
     cdef void renew(self) noexcept
+    cdef double velocity(self, Py_ssize_t i) noexcept
     cdef double inverse_mass(self, Py_ssize_t i) noexcept
     cdef double* delassus(self) except NULL
     cdef int write_resultants(self, const double* forces, double* out) except -1

@@ -93,6 +93,15 @@ cdef class RowMemory:
                     G[i * rows + j] = G[j * rows + i] = total
         return self.G
 
+    cdef double velocity(self, Py_ssize_t i) noexcept:
+        """Velocity along a row, m/s; with friction."""
+        cdef Py_ssize_t d
+        cdef const double* J = self.J + i * self.nv
+        cdef double total = 0.0
+        for d in range(self.nv):
+            total += J[d] * self.qvel[d]
+        return total
+
     cdef double inverse_mass(self, Py_ssize_t i) noexcept:
         """Diagonal element of the Delassus matrix, 1/kg."""
         cdef Py_ssize_t d

@@ -191,16 +191,11 @@ class FrictionalRowsInMemory(FrictionalRows):
         """Largest slip of some points along a tangent, m/s; which, (k,)."""
         cdef RowMemory own = self.memory
         cdef const unsigned char[::1] chosen = which.view(np.uint8)
-        cdef Py_ssize_t p, d
-        cdef int j
-        cdef const double* J
-        cdef double total, most = 0.0
+        cdef Py_ssize_t p
+        cdef double most = 0.0
         for p in range(own.points):
-            for j in range(1, 3 if chosen[p] else 1):
-                J, total = own.J + (3 * p + j) * own.nv, 0.0
-                for d in range(own.nv):
-                    total += J[d] * own.qvel[d]
-                most = max(most, fabs(total))
+            if chosen[p]:
+                most = max(most, max(fabs(own.velocity(3 * p + 1)), fabs(own.velocity(3 * p + 2))))
         return most
 
     def acceleration_rounding(self, const double[::1] force not None):

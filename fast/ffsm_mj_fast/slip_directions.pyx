@@ -12,16 +12,9 @@ cdef double _RANK = RANK
 
 cdef void find_slips(RowMemory own, double* slips) noexcept:
     """Write the slip velocities of all points along the tangents, m/s, (k, 2)."""
-    cdef Py_ssize_t p, d
-    cdef int j
-    cdef const double* J
-    cdef double total
+    cdef Py_ssize_t p
     for p in range(own.points):
-        for j in range(2):
-            J, total = own.J + (3 * p + 1 + j) * own.nv, 0.0
-            for d in range(own.nv):
-                total += J[d] * own.qvel[d]
-            slips[2 * p + j] = total
+        slips[2 * p], slips[2 * p + 1] = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
 
 
 cdef inline void make_unit(double* v) noexcept:
