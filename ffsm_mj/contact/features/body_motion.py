@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 Vector = tuple[float, float, float]
@@ -40,6 +41,13 @@ def unit(a: Vector) -> Vector:
     return scaled(1.0 / math.hypot(*a), a)
 
 
+def turned(axes: Sequence[float], local: Vector) -> Vector:
+    """Transform a vector from body axes to world axes, with the rotation matrix row by row."""
+    x, y, z = local
+    a, b, c, d, e, f, g, h, i = axes
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
 class BodyMotion(NamedTuple):
     """A body at one state, in world axes.
 
@@ -57,9 +65,7 @@ class BodyMotion(NamedTuple):
 
     def turned(self, local: Vector) -> Vector:
         """Transform a vector from body axes to world axes."""
-        x, y, z = local
-        a, b, c, d, e, f, g, h, i = self.axes
-        return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+        return turned(self.axes, local)
 
     def local(self, vector: Vector) -> Vector:
         """Transform a vector from world axes to body axes."""

@@ -59,6 +59,7 @@ class RowEvaluator:
     matrix is solved for the rows of the points or for those of the twists, whichever are fewer.
 
     Attributes:
+        data: Data of the logged system.
         at_limits: Indices of the joint limits among the contact points.
     """
 
@@ -77,7 +78,7 @@ class RowEvaluator:
             contact_points: Pairs and features.
             flat: Pairs that are held at three points of a flat patch at least.
         """
-        self._motion, self._data, self._shape = motion, data, (len(contact_points), motion.model.nv)
+        self._motion, self.data, self._shape = motion, data, (len(contact_points), motion.model.nv)
         pairs: dict[tuple[int, int], int] = {}
         self._groups = []
         together = point_runs(contact_points)
@@ -163,7 +164,7 @@ class RowEvaluator:
         for group in self._groups:
             twist = pairs[group.bodies]
             self._centres.append(twist.b.centre)
-            states.append(group.points.at_state(self._data, twist))
+            states.append(group.points.at_state(self.data, twist))
         return states
 
 

@@ -12,10 +12,10 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
 from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
-from ffsm_mj.contact_models.persistent.friction.held_twists import HeldTwists
 from ffsm_mj.contact_models.persistent.friction.point_modes import PointModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
+from ffsm_mj.contact_models.persistent.holds.held_twists import HeldTwists
 from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
@@ -44,8 +44,8 @@ class StageForces:
         self._smooth, self._evaluator, self.contact_points, self.modes = smooth, evaluator, contact_points, modes
         self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
         self._start: FrictionalRows | None = None
-        self._twists = HeldTwists(smooth.motion, contact_points) if modes is not None and modes.all_stick else None
-        self._holds_twists = False
+        self._twists = HeldTwists.of(smooth.motion, evaluator.data, contact_points, modes)
+        self._holds_twists = modes is None
 
     def begin(self, rows: FrictionalRows) -> None:
         """Begin a step at the current state, with the rows of the points there; required with friction."""
@@ -60,9 +60,9 @@ class StageForces:
 
     def _evaluate(self, force: FloatArray) -> tuple[Stage | TwistStage, FloatArray]:
         motion, evaluator = self._smooth.motion, self._evaluator
+        if self._twists is not None and self._holds_twists:
+            return self._twists.stage(force)
         if self.modes is not None:
-            if self._twists is not None and self._holds_twists:
-                return self._twists.stage(force)
             tangential = evaluator.frictional_rows()
             if motion.loops is not None:
                 tangential.close_loops(motion.loops)

@@ -39,6 +39,9 @@ def cholesky_factor(square: FloatArray, least: float) -> FloatArray | None:
 def least_norm_forces(square: FloatArray, accelerations: FloatArray) -> FloatArray:
     """Forces of least norm that cancel accelerations, square times these, with a positive semidefinite matrix."""
     forces: FloatArray
+    if len(square) == 1 and square[0, 0] > 0.0:
+        forces = accelerations / -square[0, 0]
+        return forces
     factor, forces, failed = _lapack().dposv(square, accelerations, lower=1)
     if failed or not _is_regular(factor, square, RANK):
         return np.asarray(np.linalg.lstsq(square, -accelerations, rcond=RANK)[0])

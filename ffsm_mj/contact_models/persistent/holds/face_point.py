@@ -1,0 +1,67 @@
+"""A point of one body over a face of another at one state, in plain floats: where it is, and the second rate of its gap."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted, turned
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
+from ffsm_mj.contact_models.persistent.affine_motion import Affine, acceleration_along, velocity_along
+from ffsm_mj.dynamics.body_twists import PairTwist
+
+
+class FacePoint:
+    """A point that is fixed to a body over a face of another one.
+
+    Attributes:
+        normal: Normal of the face from body a to b, world axes.
+        turning: Its rate, 1/s.
+        point: The point, m.
+        arm: Its position from the centre of b, m.
+    """
+
+    normal: Vector
+    turning: Vector
+    point: Vector
+    arm: Vector
+
+    def __init__(self, feature: PointOnFace, data: Any, place: Vector) -> None:
+        """Store the point, in axes of its body, and take views of the arrays of ``data``, which MuJoCo does not move."""
+        face, first, second = feature.face, feature.face.body.id, feature.point.body.id
+        self._swapped, self._place = feature.swapped, place
+        self._normal = scaled(-1.0 if feature.swapped else 1.0, face.normal)
+        self._level = dot(self._normal, face.centre)
+        self._face_origin, self._face_axes = data.xpos[first], data.xmat[first]
+        self._origin, self._axes = data.xpos[second], data.xmat[second]
+
+    def turned(self, local: Vector) -> Vector:
+        """Transform a vector from axes of the body of the point to world axes, at the current state."""
+        return turned(self._now, local)
+
+    def move_to(self, twist: PairTwist) -> None:
+        """Set the attributes for the current state."""
+        self._now: list[float] = self._axes.tolist()
+        self.normal = turned(self._face_axes.tolist(), self._normal)
+        self.turning = cross(twist.b.omega if self._swapped else twist.a.omega, self.normal)
+        self.point = shifted(self._origin.tolist(), 1.0, turned(self._now, self._place))
+        self.arm = minus(self.point, twist.b.centre)
+
+    def own_motion(self, twist: PairTwist) -> tuple[Vector, Vector]:
+        """Angular velocity of the body of the point, and its velocity at the centre of b."""
+        b, a = twist.b, twist.a
+        if not self._swapped:
+            return b.omega, b.velocity
+        return a.omega, shifted(a.velocity, 1.0, cross(a.omega, twist.offset))
+
+    def second_rate(self, twist: PairTwist) -> Affine:
+        """Second rate of the gap at zero joint accelerations, as a function of the arm of the point.
+
+        It contains 2 n' times the relative velocity, as the normal is fixed to the face.
+        """
+        constant, (x, y, z) = acceleration_along(self.normal, twist, *self.own_motion(twist))
+        bend, (u, v, w) = velocity_along(self.turning, twist)
+        return constant + bend, (x + u, y + v, z + w)
+
+    def height(self) -> float:
+        """Height of the point over the plane of the face along the normal, m: negative where the face is that of b."""
+        return dot(self.normal, minus(self.point, self._face_origin.tolist())) - self._level

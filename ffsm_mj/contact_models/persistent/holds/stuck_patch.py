@@ -1,0 +1,67 @@
+"""Points of one pair that all stick, not on a line: they hold the whole twist of two bodies.
+
+Where all three axes of each of k points are held, and moments are about the middle of the points,
+
+    W^T W = diag(S, k),   S = sum(|r|^2 - r r^T) over the arms r
+
+which does not change in axes of b while they stick.
+
+Bodies that stick have no relative twist. Where stages have one, of the order of the step, its rate is zero all the same: the
+motion differs from that with rows of points by less than the error of the method.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.friction.linear_systems import cholesky_factor
+from ffsm_mj.dynamics.body_twists import PairTwist
+
+_UNIT: FloatArray = np.eye(3)
+_FLAT = 1e-6
+"""Points are on a line where a pivot of S is below this share of the largest."""
+
+
+class StuckPatch:
+    """At least three points.
+
+    Attributes:
+        count: See :class:`~.hold.Hold`.
+    """
+
+    count = 6
+
+    def __init__(self, body_b: int, data: Any) -> None:
+        """Take views of the arrays of ``data``, that of the logged system, for its body b; MuJoCo does not move them."""
+        self._origin, self._axes = data.xpos[body_b], data.xmat[body_b].reshape(3, 3)
+        self._middle: FloatArray
+        self._turns: FloatArray
+        self._root = 0.0
+
+    def begin(self, points: FloatArray) -> bool:
+        """See :class:`~.hold.Hold`: points on a line do not hold the twist."""
+        k = len(points)
+        places = (points - self._origin).dot(self._axes)
+        self._middle, self._root = places.sum(axis=0) / k, math.sqrt(k)
+        arms = places - self._middle
+        squares = arms.T.dot(arms)
+        factor = cholesky_factor((squares[0, 0] + squares[1, 1] + squares[2, 2]) * _UNIT - squares, _FLAT)
+        if factor is None:
+            return False
+        self._turns = factor.T
+        return True
+
+    def write(self, twist: PairTwist, rows: FloatArray, bias: FloatArray) -> None:
+        """See :class:`~.hold.Hold`: factor of S times the angular velocity, sqrt(k) times the velocity at the middle."""
+        root, (p, q, r), (x, y, z) = self._root, twist.alpha, twist.acceleration
+        turns = self._turns.dot(self._axes.T)
+        i, j, k = (self._origin + self._axes.dot(self._middle) - twist.b.centre).tolist()
+        rows[:3, :3], rows[:3, 3:] = turns, 0.0
+        a, b, c = root * i, root * j, root * k
+        rows[3:] = (0.0, c, -b, root, 0.0, 0.0), (-c, 0.0, a, 0.0, root, 0.0), (b, -a, 0.0, 0.0, 0.0, root)
+        bias[:3] = turns.dot(twist.alpha)
+        bias[3:] = root * (x + q * k - r * j), root * (y + r * i - p * k), root * (z + p * j - q * i)
