@@ -14,7 +14,8 @@ cdef class RowEvaluator:
     cdef tuple counts, frictional_counts
     cdef const mjModel* m
     cdef mjData* d
-    cdef object motion, data, made_of
+    cdef readonly object data
+    cdef object motion, made_of
     cdef Py_ssize_t k, nv, bodies
     cdef double[:, ::1] chains, screws, screw_rates, velocities, centres
     cdef double[:, ::1] own, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1

@@ -12,16 +12,15 @@ accelerations are unique even if contacts are redundant and their forces are not
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
-from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_solution
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED
 
 CLEARLY = 10.0
 """Forces and second rates of gaps that exceed their rounding by this factor are not rounding."""
@@ -89,14 +88,14 @@ class ContactAcceleration:
         k = len(self.free)
         if len(which) == k > 1:
             # Redundant contacts make G singular; the least-norm solution is one of the force distributions.
-            return _least_norm_solution(self._G, -self.free)
+            return least_norm_solution(self._G, -self.free)
         forces = np.zeros(k)
         if len(which) == 1:
             i = which[0]
             forces[i] = -self.free.item(i) / self._G.item(i, i)
         elif which:
             picked = np.array(which)
-            forces[picked] = _least_norm_solution(self._G[picked[:, None], picked], -self.free[picked])
+            forces[picked] = least_norm_solution(self._G[picked[:, None], picked], -self.free[picked])
         return forces
 
     def validity(self, which: Sequence[int]) -> float:
@@ -157,19 +156,3 @@ class ContactAcceleration:
         # With closed loops, J Mc^-1 = A L^-1 gives the A of the problem in which they are held.
         A = np.linalg.solve(L, rows.J[which].T).T if rows.loop_rates is None else rows.response[which] @ L
         return A, np.linalg.lstsq(A, self.free[which], rcond=None)[0]
-
-
-def _least_norm_solution(A: FloatArray, b: FloatArray) -> FloatArray:
-    """Least-norm solution x of A x = b with a symmetric positive semidefinite A, (k, k), as of ``numpy.linalg.lstsq``."""
-    solve, *work = _solver(len(b))
-    solution: FloatArray = solve(A, b, *work, RANK)[0]
-    return solution
-
-
-@cache
-def _solver(k: int) -> tuple[Any, int, int]:
-    """LAPACK's solver, which NumPy calls too at several times its cost for small matrices, and sizes of its work space."""
-    from scipy.linalg.lapack import dgelsd, dgelsd_lwork  # a third of a second to import
-
-    size, size_of_integers, _ = dgelsd_lwork(k, k, 1)
-    return dgelsd, int(size), int(size_of_integers)

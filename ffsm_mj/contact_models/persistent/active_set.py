@@ -138,7 +138,7 @@ class ActiveContactSet:
         if self.has_friction:
             here = solver.friction_state(self.pressing)
             stage, generalised = stage_of(here, flight.stage)
-            solver.stage_forces(self.pressing, friction=True).begin(here.rows)
+            solver.stage_forces(self.pressing, friction=True).begin(here.rows.points)
         else:
             stage, generalised = solver.problem(self.pressing).stage(data.qvel)
         applied += generalised

@@ -45,6 +45,9 @@ class FaceState:
     """Points over a face at one state; see :class:`~.point_groups.GroupState`.
 
     Quantities are of body b relative to a, along the normal n from a to b: also where the face is that of b.
+
+    Attributes:
+        normal: The normal.
     """
 
     def __init__(self, gaps: PointsOnFace, data: Any, twist: PairTwist, *, in_patch: bool) -> None:
@@ -54,18 +57,18 @@ class FaceState:
         x, y, z = normal.tolist()
         self._outward: Vector = (x, y, z)
         self._sign = -1.0 if gaps.swapped else 1.0
-        self._normal = scaled(self._sign, self._outward)
+        self.normal = scaled(self._sign, self._outward)
         self._first = twist.b if gaps.swapped else twist.a
-        self._turning = cross(self._first.omega, self._normal)
-        self._patch_turning = cross(twist.a.omega, self._normal) if in_patch else self._turning
+        self._turning = cross(self._first.omega, self.normal)
+        self._patch_turning = cross(twist.a.omega, self.normal) if in_patch else self._turning
         self._arms = np.empty((gaps.count, 4))
         self._arms[:, 3] = 1.0
         np.subtract(self._places, twist.b.centre, out=self._arms[:, :3])
 
     def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
         """Write the normal rows: gap'' contains 2 n' times the relative velocity, as the normal is fixed to the face."""
-        rows[:] = normal_wrench_rows(self._normal, self._arms)
-        constant, (x, y, z) = acceleration_along(self._normal, self._twist, *self._second)
+        rows[:] = normal_wrench_rows(self.normal, self._arms)
+        constant, (x, y, z) = acceleration_along(self.normal, self._twist, *self._second)
         bend, (u, v, w) = velocity_along(self._bend_axis, self._twist)
         gamma[:] = self._at_places((constant + bend, (x + u, y + v, z + w)))
 
@@ -91,7 +94,7 @@ class FaceState:
         # The contact points are beyond their places by the level along the normal, and move there with the rate of the gap.
         terms = np.empty((self.count, 6))
         terms[:, :4], terms[:, 4], terms[:, 5] = self._arms, self._beyond, self._rates
-        terms[:, :3] += np.multiply.outer(self._beyond, self._normal)
+        terms[:, :3] += np.multiply.outer(self._beyond, self.normal)
         rows[:] = wrench_rows(axes, terms[:, :4])
         gamma[:] = terms.dot(self._rates_along(axes))
 
@@ -100,7 +103,7 @@ class FaceState:
 
         They are affine in the arms of these, in how far they are beyond their places, and in the rates of the gaps.
         """
-        twist, normal, turning = self._twist, self._normal, self._turning
+        twist, normal, turning = self._twist, self.normal, self._turning
         omega, velocity = self._second
         beyond = minus(turning, cross(omega, normal))
         point_rates = np.array((*_turning_rows(omega), velocity, beyond, scaled(-0.5, self._outward)))
@@ -136,7 +139,7 @@ class FaceState:
 
     @cached_property
     def _rates(self) -> FloatArray:
-        return self._at_places(velocity_along(self._normal, self._twist))
+        return self._at_places(velocity_along(self.normal, self._twist))
 
     @property
     def rates(self) -> list[float]:
@@ -163,7 +166,7 @@ class FaceState:
     @cached_property
     def points(self) -> FloatArray:
         """See :class:`~.point_groups.GroupState`."""
-        return self._places + np.multiply.outer(self._beyond, self._normal)
+        return self._places + np.multiply.outer(self._beyond, self.normal)
 
     @cached_property
     def point_rates(self) -> FloatArray:
@@ -178,7 +181,7 @@ class FaceState:
     def normals(self) -> FloatArray:
         """See :class:`~.point_groups.GroupState`."""
         normals = np.empty_like(self._places)
-        normals[:] = self._normal
+        normals[:] = self.normal
         return normals
 
     @cached_property

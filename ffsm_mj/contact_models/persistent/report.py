@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.features.body_motion import shifted
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
@@ -20,6 +21,7 @@ from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.friction.slip_rounding import force_accuracy
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.resultant import Resultant, points_of, resultant
+from ffsm_mj.contact_models.persistent.rows import point_runs
 from ffsm_mj.contact_models.persistent.rule_columns import (
     CLOSED,
     FREE,
@@ -32,7 +34,7 @@ from ffsm_mj.contact_models.persistent.rule_columns import (
     row_of,
     signals_of,
 )
-from ffsm_mj.contact_models.persistent.steady import RuleTables
+from ffsm_mj.contact_models.persistent.steady_columns import RuleTables
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
@@ -187,13 +189,14 @@ class ContactReport:
 
     def forces_before(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, float]:
         """Resultant forces at the end of the last step, N; 0 if there was no step since the last event."""
-        stage = self._active_set.last_stage
-        if stage is None:
-            return dict.fromkeys(pairs, 0.0)
-        points = self._active_set.pressing
-        return {
-            pair: resultant(points, stage.rows, stage.forces, points_of(pair, points), stage.friction).size for pair in pairs
-        }
+        closed, forces = self._active_set, dict.fromkeys(pairs, (0.0, 0.0, 0.0))
+        if closed.stages:
+            runs = point_runs(closed.pressing)
+            for run, (x, y, z, *_) in zip(runs, closed.stages[-1].wrenches, strict=True):
+                pair = closed.pressing[run.start].pair
+                if isinstance(pair, ContactPair) and pair in forces:
+                    forces[pair] = shifted((x, y, z), 1.0, forces[pair])
+        return {pair: math.hypot(*force) for pair, force in forces.items()}
 
     def accuracy(self) -> dict[str, float]:
         """Accuracy of forces before and after an event at the state in ``data``, N, by field of a record."""

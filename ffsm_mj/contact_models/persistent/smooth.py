@@ -44,12 +44,12 @@ class Smooth:
             self._load = now
         return self._load
 
-    def state(self, pushes: FloatArray) -> object:
-        """The same of the positions, velocities, efforts and applied forces."""
+    def state(self, pushes: FloatArray) -> tuple[object, object]:
+        """The same of both together: place and load."""
         place, load, last = self.place(), self.load(pushes), self._state
         if last is None or last[0] is not place or last[1] is not load:
-            self._state = place, load
-        return self._state
+            last = self._state = place, load
+        return last
 
     def force(self, pushes: FloatArray) -> FloatArray:
         """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""

@@ -16,7 +16,6 @@ from ffsm_mj.contact_models.persistent.friction.point_modes import PointModes
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.holds.held_twists import HeldTwists
-from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
 from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.dynamics.rigid_body import mass_matrix
@@ -43,14 +42,14 @@ class StageForces:
         """
         self._smooth, self._evaluator, self.contact_points, self.modes = smooth, evaluator, contact_points, modes
         self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
-        self._start: FrictionalRows | None = None
+        self._start: FloatArray | None = None
         self._twists = HeldTwists.of(smooth.motion, evaluator.data, contact_points, modes)
         self._holds_twists = modes is None
 
-    def begin(self, rows: FrictionalRows) -> None:
-        """Begin a step at the current state, with the rows of the points there; required with friction."""
-        if self._twists is not None and rows is not self._start:
-            self._start, self._holds_twists = rows, self._twists.begin(rows)
+    def begin(self, points: FloatArray) -> None:
+        """Begin a step at the current state, with the contact points there, m, (k, 3); required with friction."""
+        if self._twists is not None and points is not self._start:
+            self._start, self._holds_twists = points, self._twists.begin(points)
 
     def add(self, applied: FloatArray) -> Stage | TwistStage:
         """Add the forces at the current state to the applied ones, (nv,), and return the stage; explicit stages only."""

@@ -42,10 +42,10 @@ def check(pair, model, data, found, kind, rng):
     evaluator, modes = RowEvaluator(motion, data, points), in_modes(points, kind)
     holds = HeldTwists.of(motion, data, points, modes)
     assert holds is not None
-    assert holds.begin(evaluator.frictional_rows())
+    assert holds.begin(evaluator.frictional_rows().points)
     by_points, by_twist = (StageForces(Smooth(motion, data), evaluator, points, modes) for _ in range(2))
     by_points._twists = None
-    by_twist.begin(evaluator.frictional_rows())
+    by_twist.begin(evaluator.frictional_rows().points)
     given, sides = rng.normal(size=model.nv), []
     for each in (by_points, by_twist):
         applied = given.copy()

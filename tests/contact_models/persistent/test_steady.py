@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.steady import SteadyContacts
 
-pytest.importorskip("ffsm_mj_fast", reason="the extra 'fast' is not installed")
+COMPILED = pytest.param("1", marks=pytest.mark.skipif(not find_spec("ffsm_mj_fast"), reason="needs the extra 'fast'"))
 # Sums of some twenty terms are taken in another order, over 60 steps.
 ROUNDING = 1e-12
 HALF, REACH, WIDE, THIN = 0.2, 0.4, 0.12, 0.02
@@ -91,7 +92,7 @@ def held(folder, *, pad="plates", mu=0.5, one_rule=True, squeeze=4.0, drift=0.0,
 
 @pytest.fixture
 def decided(monkeypatch):
-    """Number of decisions on the contact points that were taken, apart from those that were known."""
+    """Number of problems of forces set up outside the shortcut."""
     count = []
     for name in ("problem", "friction_state"):
         original = getattr(ForceSolver, name)
@@ -104,13 +105,20 @@ def decided(monkeypatch):
     return count
 
 
-def both(folder, monkeypatch, decided, **scene):
+class NeverSteady(SteadyContacts):
+    """No state is steady."""
+
+    def _may_be(self):
+        return False
+
+
+def both(folder, monkeypatch, decided, switch, **scene):
     """Rows with the shortcut and without, and how many problems of forces were set up outside it in the first."""
-    monkeypatch.setenv("FFSM_COMPILED", "1")
+    monkeypatch.setenv("FFSM_COMPILED", switch)
     with_shortcut = ffsm_mj.run(held(folder / "with", **scene))
     taken = len(decided)
     fastest = active_set.fastest
-    monkeypatch.setattr(active_set, "fastest", lambda kind: kind if kind is SteadyContacts else fastest(kind))
+    monkeypatch.setattr(active_set, "fastest", lambda kind: NeverSteady if kind is SteadyContacts else fastest(kind))
     without = ffsm_mj.run(held(folder / "without", **scene))
     assert (with_shortcut.outcome, without.outcome) == ("completed", "completed")
     return with_shortcut.log, without.log, taken
@@ -119,18 +127,22 @@ def both(folder, monkeypatch, decided, **scene):
 TURNS = (0.3, -0.2, 0.4)
 
 
+@pytest.mark.parametrize("switch", ["0", COMPILED])
 @pytest.mark.parametrize("one_rule", [True, False])
 @pytest.mark.parametrize("mu", [0.0, 0.5])
 @pytest.mark.parametrize("pad", PADS)
-def test_the_log_is_that_without_the_shortcut(tmp_path, monkeypatch, decided, pad, mu, one_rule):
+def test_the_log_is_that_without_the_shortcut(tmp_path, monkeypatch, decided, pad, mu, one_rule, switch):
     """Grips of one, two and four points on each side, in one rule and in two, turning, under a load that changes."""
-    log, other, taken = both(tmp_path, monkeypatch, decided, pad=pad, mu=mu, one_rule=one_rule, spin=TURNS, drift=0.5)
+    log, other, taken = both(
+        tmp_path, monkeypatch, decided, switch, pad=pad, mu=mu, one_rule=one_rule, spin=TURNS, drift=0.5
+    )
     np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
     # The first ticks find the active set and the modes; every tick sets up three problems and more without the shortcut.
     if pad != "rods":  # whose clearance elsewhere is looked at in each state
         assert taken < 20, taken
 
 
+@pytest.mark.skipif(not find_spec("ffsm_mj_fast"), reason="needs the extra 'fast'")
 @pytest.mark.parametrize("pad", PADS)
 def test_the_log_is_that_of_plain_python(tmp_path, monkeypatch, pad):
     """Forces of a patch by its wrench, of a ball's point, and of rods that touch at two points each; all share a load."""
@@ -141,9 +153,10 @@ def test_the_log_is_that_of_plain_python(tmp_path, monkeypatch, pad):
     np.testing.assert_allclose(*(np.array(log.rows) for log in logs), rtol=10.0 * ROUNDING, atol=10.0 * ROUNDING)
 
 
-def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided):
+@pytest.mark.parametrize("switch", ["0", COMPILED])
+def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided, switch):
     """The box slides through the pads, and is steady once it sticks: at the same time to rounding."""
-    log, other, taken = both(tmp_path, monkeypatch, decided, mu=0.1, squeeze=1.0, slip=3e-3)
+    log, other, taken = both(tmp_path, monkeypatch, decided, switch, mu=0.1, squeeze=1.0, slip=3e-3)
     stops, others = ([record.time_s for record in each.records["contact_sticks"]] for each in (log, other))
     assert len(stops) > 0
     assert 0.01 < stops[0] < 0.05

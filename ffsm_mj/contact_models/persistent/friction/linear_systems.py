@@ -44,8 +44,23 @@ def least_norm_forces(square: FloatArray, accelerations: FloatArray) -> FloatArr
         return forces
     factor, forces, failed = _lapack().dposv(square, accelerations, lower=1)
     if failed or not _is_regular(factor, square, RANK):
-        return np.asarray(np.linalg.lstsq(square, -accelerations, rcond=RANK)[0])
+        return least_norm_solution(square, -accelerations)
     return -forces
+
+
+def least_norm_solution(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Least-norm solution x of A x = b with a positive semidefinite A, (k, k), as of ``numpy.linalg.lstsq``."""
+    solve, *work = _solver(len(b))
+    solution: FloatArray = solve(A, b, *work, RANK)[0]
+    return solution
+
+
+@cache
+def _solver(k: int) -> tuple[Any, int, int]:
+    """LAPACK's solver, and sizes of its work space."""
+    lapack = _lapack()
+    size, size_of_integers, _ = lapack.dgelsd_lwork(k, k, 1)
+    return lapack.dgelsd, int(size), int(size_of_integers)
 
 
 def _is_regular(factor: FloatArray, square: FloatArray, least: float) -> bool:

@@ -27,7 +27,7 @@ _SIGNALS = (
     ("slip_m", "m", "slip distance of {} since t = 0: time integral of its largest slip speed"),
     (SLIDING_HEAT.lstrip("_"), "J", "heat of sliding in persistent contact of {} since t = 0; without that of impacts"),
 )
-_SLIP, _HEAT = len(_SIGNALS) - 2, len(_SIGNALS) - 1
+SLIP, _HEAT = len(_SIGNALS) - 2, len(_SIGNALS) - 1
 _WORK = Signal(
     "balance",
     CONTACT_WORK,
@@ -74,9 +74,9 @@ class FrictionReport:
 
     def write(self, by_rule: Mapping[str, Sequence[PairFriction]]) -> None:
         """Write the columns for the pairs that carry force, by rule."""
-        self.values[:, :_SLIP] = 0.0
+        self.values[:, :SLIP] = 0.0
         for rule, pairs in by_rule.items():
-            sums = [0.0] * _SLIP
+            sums = [0.0] * SLIP
             for pair in pairs:
                 x, y, z = pair.force.tolist()
                 sums[0] += math.hypot(x, y, z)
@@ -84,11 +84,11 @@ class FrictionReport:
                 sums[2] += y
                 sums[3] += z
                 sums[4], sums[5] = max(sums[4], pair.use), max(sums[5], pair.slip_speed)
-            self.values[self.rules[rule], :_SLIP] = sums
+            self.values[self.rules[rule], :SLIP] = sums
 
     def slip(self, rule: str) -> float:
         """Slip distance of a rule since t = 0, m."""
-        return float(self.values[self.rules[rule], _SLIP])
+        return float(self.values[self.rules[rule], SLIP])
 
     def add_step(
         self,
@@ -122,5 +122,5 @@ class FrictionReport:
                 if speed > largest.get(contact.pair.rule, 0.0):
                     largest[contact.pair.rule] = speed
             for rule, speed in largest.items():
-                self.values[self.rules[rule], _SLIP] += weight * speed
+                self.values[self.rules[rule], SLIP] += weight * speed
         return total

@@ -28,8 +28,9 @@ class FacePoint:
     def __init__(self, feature: PointOnFace, data: Any, place: Vector) -> None:
         """Store the point, in axes of its body, and take views of the arrays of ``data``, which MuJoCo does not move."""
         face, first, second = feature.face, feature.face.body.id, feature.point.body.id
-        self._swapped, self._place = feature.swapped, place
-        self._normal = scaled(-1.0 if feature.swapped else 1.0, face.normal)
+        self._face, self._swapped, self._place = face, feature.swapped, place
+        self._sign = -1.0 if feature.swapped else 1.0
+        self._normal, (self._first_radius, self._radius) = scaled(self._sign, face.normal), feature.radii
         self._level = dot(self._normal, face.centre)
         self._face_origin, self._face_axes = data.xpos[first], data.xmat[first]
         self._origin, self._axes = data.xpos[second], data.xmat[second]
@@ -41,7 +42,8 @@ class FacePoint:
     def move_to(self, twist: PairTwist) -> None:
         """Set the attributes for the current state."""
         self._now: list[float] = self._axes.tolist()
-        self.normal = turned(self._face_axes.tolist(), self._normal)
+        self._face_now: list[float] = self._face_axes.tolist()
+        self.normal = turned(self._face_now, self._normal)
         self.turning = cross(twist.b.omega if self._swapped else twist.a.omega, self.normal)
         self.point = shifted(self._origin.tolist(), 1.0, turned(self._now, self._place))
         self.arm = minus(self.point, twist.b.centre)
@@ -62,6 +64,24 @@ class FacePoint:
         bend, (u, v, w) = velocity_along(self.turning, twist)
         return constant + bend, (x + u, y + v, z + w)
 
-    def height(self) -> float:
-        """Height of the point over the plane of the face along the normal, m: negative where the face is that of b."""
-        return dot(self.normal, minus(self.point, self._face_origin.tolist())) - self._level
+    def inside(self) -> float:
+        """Distance by which the point is inside the bounds of the face, m."""
+        x, y, z = minus(self.point, self._face_origin.tolist())
+        a, b, c, d, e, f, g, h, i = self._face_now
+        return self._face.inside((a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z))
+
+    def gap(self) -> float:
+        """Gap, m."""
+        return self._height() - self._radius
+
+    def beyond(self) -> float:
+        """How far the contact point, midway between both surfaces, is from the point along the normal, m."""
+        return self._sign * (self._first_radius - 0.5 * (self._height() + self._radius))
+
+    def contact_point(self) -> Vector:
+        """The contact point, m."""
+        return shifted(self.point, self.beyond(), self.normal)
+
+    def _height(self) -> float:
+        """Height of the point over the plane of the face, m."""
+        return self._sign * (dot(self.normal, minus(self.point, self._face_origin.tolist())) - self._level)

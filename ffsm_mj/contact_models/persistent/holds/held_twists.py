@@ -19,7 +19,6 @@ from ffsm_mj.contact_models.persistent.holds.face_hold import FaceHold
 from ffsm_mj.contact_models.persistent.holds.hold import Hold
 from ffsm_mj.contact_models.persistent.holds.stuck_patch import StuckPatch
 from ffsm_mj.contact_models.persistent.holds.stuck_point import StuckPoint
-from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.contact_models.persistent.rows import ContactPoint, point_runs
 from ffsm_mj.contact_models.persistent.wrench_rows import WrenchRows
 from ffsm_mj.dynamics.body_twists import BodyTwists, PairTwist, PairTwistRows
@@ -27,25 +26,37 @@ from ffsm_mj.dynamics.motion import Motion
 
 
 class HeldTwists:
-    """Evaluates the forces of some holds, state by state."""
+    """Evaluates the forces of some holds, state by state.
+
+    Attributes:
+        holds: The holds.
+        parts: Rows of each.
+        twists: Twists of the bodies of each, at the state evaluated last.
+        bias: Accelerations along the rows at zero joint accelerations there, (m,).
+        responses: J M^-1 of the rows there, (m, nv).
+        G: Their Delassus matrix J M^-1 J^T, 1/kg, (m, m).
+    """
+
+    twists: list[PairTwist]
+    G: FloatArray
 
     def __init__(
         self, motion: Motion, runs: Sequence[slice], bodies: Sequence[tuple[int, int]], holds: Sequence[Hold]
     ) -> None:
         """Store the holds, with the contact points and the bodies (b, a) of each in the model of the motion."""
         model, data = motion.model, motion.data
-        self._model, self._data, self._runs, self._qvel = model, data, runs, data.qvel
+        self._model, self._data, self._runs, self._qvel, self.holds = model, data, runs, data.qvel, tuple(holds)
         ends = [0, *accumulate(hold.count for hold in holds)]
-        self._parts = [slice(start, end) for start, end in pairwise(ends)]
-        self._rows, self._bias = np.zeros((ends[-1], 6)), np.empty(ends[-1])
-        self._J, self._responses = np.empty((2, ends[-1], model.nv))
-        of_pairs = np.empty((6 * len(holds), model.nv))
-        self._twist_rows = PairTwistRows(model, data, bodies, of_pairs)
+        self.parts = [slice(start, end) for start, end in pairwise(ends)]
+        self._rows, self.bias = np.zeros((ends[-1], 6)), np.empty(ends[-1])
+        self._J, self.responses = np.empty((2, ends[-1], model.nv))
+        of_pairs = np.empty((len(holds), 6, model.nv))
+        self._twist_rows = PairTwistRows(model, data, bodies, of_pairs.reshape(-1, model.nv))
         every = list(dict.fromkeys(body for both in bodies for body in both))
-        self._twists = BodyTwists(model, data, every)
-        self._holds = [
-            (hold, every.index(b), every.index(a), self._rows[part], self._bias[part], own, self._J[part])
-            for hold, (b, a), part, own in zip(holds, bodies, self._parts, of_pairs.reshape(-1, 6, model.nv), strict=True)
+        self._bodies, self._pairs = BodyTwists(model, data, every), [(every.index(b), every.index(a)) for b, a in bodies]
+        self._places = [
+            (hold, self._rows[part], self.bias[part], own, self._J[part])
+            for hold, part, own in zip(holds, self.parts, of_pairs, strict=True)
         ]
 
     @classmethod
@@ -72,9 +83,9 @@ class HeldTwists:
             holds.append(hold)
         return cls(motion, runs, [(motion.bodies[pair.body_b], motion.bodies[pair.body_a]) for pair in pairs], holds)
 
-    def begin(self, rows: PointRows) -> bool:
-        """Begin a step at the current state, with the rows of the points there; returns whether the holds are right."""
-        return all(each[0].begin(rows.points[run]) for each, run in zip(self._holds, self._runs, strict=True))
+    def begin(self, points: FloatArray) -> bool:
+        """Begin a step at the current state, with the points there, m, (k, 3); returns whether the holds are right."""
+        return all(hold.begin(points[run]) for hold, run in zip(self.holds, self._runs, strict=True))
 
     def stage(self, force: FloatArray) -> tuple[TwistStage, FloatArray]:
         """The stage at the current state, and the generalised contact forces, (nv,); mass matrix factored.
@@ -82,18 +93,32 @@ class HeldTwists:
         Args:
             force: Generalised forces without the contact forces, less the bias, (nv,).
         """
-        twists, centres = self._twists.at_state(), []
+        self.find_twists()
+        self.find_rows()
+        return self.stage_of(self.forces(force))
+
+    def find_twists(self) -> None:
+        """Set the twists for the current state."""
+        twists = self._bodies.at_state()
+        self.twists = [PairTwist.of(twists[b], twists[a]) for b, a in self._pairs]
+
+    def find_rows(self) -> None:
+        """Set the other attributes for this state; mass matrix factored."""
         self._twist_rows.write()
-        for hold, b, a, rows, bias, own, J in self._holds:
-            twist = PairTwist.of(twists[b], twists[a])
+        for twist, (hold, rows, bias, own, J) in zip(self.twists, self._places, strict=True):
             hold.write(twist, rows, bias)
             np.dot(rows, own, out=J)
-            centres.append(twist.b.centre)
-        J, responses = self._J, self._responses
-        mujoco.mj_solveM(self._model, self._data, responses, J)
-        forces = least_norm_forces(responses.dot(J.T), responses.dot(force) + self._bias)
-        generalised = forces.dot(J)
-        wrenches = WrenchRows(self._rows, self._parts, centres).resultants(forces)
+        mujoco.mj_solveM(self._model, self._data, self.responses, self._J)
+        self.G = self.responses.dot(self._J.T)
+
+    def forces(self, force: FloatArray) -> FloatArray:
+        """Forces along the rows that hold the points, N, (m,), under the other forces, (nv,); see :meth:`stage`."""
+        return least_norm_forces(self.G, self.responses.dot(force) + self.bias)
+
+    def stage_of(self, forces: FloatArray) -> tuple[TwistStage, FloatArray]:
+        """The stage with some forces along the rows, N, (m,), and the generalised forces, (nv,)."""
+        generalised = forces.dot(self._J)
+        wrenches = WrenchRows(self._rows, self.parts, [twist.b.centre for twist in self.twists]).resultants(forces)
         return TwistStage(generalised * self._qvel, wrenches), generalised
 
 

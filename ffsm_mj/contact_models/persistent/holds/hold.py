@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.dynamics.body_twists import PairTwist
 
 
@@ -31,5 +33,14 @@ class Hold(Protocol):
             twist: Twists of both bodies there.
             rows: Rows over the relative twist about the centre of b: moments and forces of unit forces, (m, 6).
             bias: Their accelerations at zero joint accelerations, (m,).
+        """
+        ...
+
+    def forces_at(self, points: Sequence[Vector], forces: FloatArray) -> list[Vector]:
+        """Forces of least norm on b at the points, world axes, N, at the state of the rows.
+
+        Args:
+            points: The points, m, k of them.
+            forces: Forces along the rows, N, (m,).
         """
         ...

@@ -13,11 +13,13 @@ motion differs from that with rows of points by less than the error of the metho
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.body_motion import Vector, cross, minus, shifted
 from ffsm_mj.contact_models.persistent.friction.linear_systems import cholesky_factor
 from ffsm_mj.dynamics.body_twists import PairTwist
 
@@ -40,6 +42,9 @@ class StuckPatch:
         self._origin, self._axes = data.xpos[body_b], data.xmat[body_b].reshape(3, 3)
         self._middle: FloatArray
         self._turns: FloatArray
+        self._springs: FloatArray
+        self._displaced: FloatArray
+        self._place: Vector
         self._root = 0.0
 
     def begin(self, points: FloatArray) -> bool:
@@ -47,21 +52,29 @@ class StuckPatch:
         k = len(points)
         places = (points - self._origin).dot(self._axes)
         self._middle, self._root = places.sum(axis=0) / k, math.sqrt(k)
+        self._displaced = self._root * _UNIT
         arms = places - self._middle
         squares = arms.T.dot(arms)
         factor = cholesky_factor((squares[0, 0] + squares[1, 1] + squares[2, 2]) * _UNIT - squares, _FLAT)
         if factor is None:
             return False
-        self._turns = factor.T
+        self._turns, self._springs = factor.T, np.asarray(np.linalg.inv(factor.T), dtype=np.float64)
         return True
 
     def write(self, twist: PairTwist, rows: FloatArray, bias: FloatArray) -> None:
         """See :class:`~.hold.Hold`: factor of S times the angular velocity, sqrt(k) times the velocity at the middle."""
         root, (p, q, r), (x, y, z) = self._root, twist.alpha, twist.acceleration
         turns = self._turns.dot(self._axes.T)
-        i, j, k = (self._origin + self._axes.dot(self._middle) - twist.b.centre).tolist()
-        rows[:3, :3], rows[:3, 3:] = turns, 0.0
+        u, v, w = self._place = tuple((self._origin + self._axes.dot(self._middle)).tolist())
+        i, j, k = minus((u, v, w), twist.b.centre)
         a, b, c = root * i, root * j, root * k
-        rows[3:] = (0.0, c, -b, root, 0.0, 0.0), (-c, 0.0, a, 0.0, root, 0.0), (b, -a, 0.0, 0.0, 0.0, root)
+        rows[:3, :3], rows[3:, 3:] = turns, self._displaced
+        rows[3:, :3] = (0.0, c, -b), (-c, 0.0, a), (b, -a, 0.0)
         bias[:3] = turns.dot(twist.alpha)
         bias[3:] = root * (x + q * k - r * j), root * (y + r * i - p * k), root * (z + p * j - q * i)
+
+    def forces_at(self, points: Sequence[Vector], forces: FloatArray) -> list[Vector]:
+        """See :class:`~.hold.Hold`: those of springs at the points under a turn and a displacement at the middle."""
+        a, b, c = self._axes.dot(self._springs.dot(forces[:3])).tolist()
+        x, y, z = (forces[3:] / self._root).tolist()
+        return [shifted((x, y, z), 1.0, cross((a, b, c), minus(point, self._place))) for point in points]
