@@ -16,6 +16,7 @@ from laws import LAWS, Config
 from rows import metrics_of, points
 
 import ffsm_mj
+from ffsm_mj.all_cores import on_all_cores
 
 CHECKED = Path(__file__).parent / "check.json"
 POINTS = 8
@@ -29,14 +30,19 @@ _CHATTERING = {"sdre 1": 0.05, "sdre 7": 0.05}
 
 def computed() -> dict[str, Config]:
     """Metrics by law and point."""
-    cell, found = CELLS["baseline"], {}
-    for law in LAWS:
-        for number, point in enumerate(points(POINTS)):
-            controller = cell.controller(law, law.at(point))
-            run = ffsm_mj.run(cell.scenario, _COARSE | {"phases.regulate.controller": controller})
-            metrics = metrics_of(run)
-            found[f"{law.name} {number}"] = {"outcome": run.outcome} | {name: metrics[name] for name in METRICS}
-    return found
+    wanted = [(law, number) for law in range(len(LAWS)) for number in range(POINTS)]
+    return {
+        f"{LAWS[law].name} {number}": found for (law, number), found in zip(wanted, on_all_cores(_at, wanted), strict=True)
+    }
+
+
+def _at(wanted: tuple[int, int]) -> Config:
+    """Metrics of a law, by its index, at the point of a number."""
+    cell, (law, number) = CELLS["baseline"], wanted
+    controller = cell.controller(LAWS[law], LAWS[law].at(points(POINTS)[number]))
+    run = ffsm_mj.run(cell.scenario, _COARSE | {"phases.regulate.controller": controller})
+    metrics = metrics_of(run)
+    return {"outcome": run.outcome} | {name: metrics[name] for name in METRICS}
 
 
 def write_check() -> None:

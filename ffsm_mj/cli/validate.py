@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from ffsm_mj.all_cores import on_all_cores
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, OK
 from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
@@ -13,8 +14,8 @@ from ffsm_mj.comparison import Verdict
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.text_table import table, wrapped
-from ffsm_mj.validation.case import ComparedCase, ValidationCase, compare_case
-from ffsm_mj.validation.cases import CASES, case_names
+from ffsm_mj.validation.case import ComparedCase, ValidationCase, compared_case
+from ffsm_mj.validation.cases import CASES, LONGEST, case_names, values_of
 from ffsm_mj.validation.page import (
     HEAD,
     PAGE,
@@ -82,11 +83,9 @@ def _chosen(names: Sequence[str]) -> Sequence[ValidationCase]:
 
 
 def _computed(cases: Sequence[ValidationCase]) -> list[ComparedCase]:
+    """Cases with what they compute, on all cores."""
+    names = sorted((case.name for case in cases), key=lambda name: name != LONGEST)
     with progress() as shown:
         report = shown.stage("validate", "cases", len(cases))
-        compared = []
-        for done, case in enumerate(cases):
-            if report is not None:
-                report(done, len(cases))
-            compared.append(compare_case(case))
-    return compared
+        values = dict(zip(names, on_all_cores(values_of, names, report), strict=True))
+    return [compared_case(case, values[case.name]) for case in cases]

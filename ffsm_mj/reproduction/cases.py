@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import signal
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from multiprocessing import active_children
 
+from ffsm_mj.all_cores import on_all_cores
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.reproduction.measure import Measures, measure
@@ -55,8 +51,6 @@ _LONG = f"duration_s={LONG_S}"
 _VELOCITY = tuple(f"phases.{i}.controller.parameterization=velocity" for i in (0, 2))
 _NO_THRUSTERS = ("phases.1.for_s=2.3", "phases.1.controller={kind: off}")
 
-_ENDING = (signal.SIGINT, signal.SIGTERM)
-
 THRESHOLD = Case("baseline", threshold=True)
 VELOCITY = Case("baseline", _VELOCITY, keep=True)
 LONG_BASELINE = Case("baseline", (_LONG,), keep=True)
@@ -72,42 +66,9 @@ def all_cases() -> tuple[Case, ...]:
 
 
 def run_cases(cases: Iterable[Case], report: Callable[[int, int], None] | None) -> dict[Case, Result]:
-    """Run cases on all cores; ``report`` is told how many of how many are done. What ends this early ends its workers."""
+    """Run cases on all cores; ``report`` is told how many of how many are done."""
     cases = tuple(cases)
-    tell = report or (lambda *_: None)
-    tell(0, len(cases))
-    others = set(active_children())
-    with ProcessPoolExecutor(os.cpu_count(), initializer=_left_to_the_parent) as pool:
-        try:
-            with _signals_wait():  # a worker that is being made when one comes would be nobody's
-                running = {pool.submit(run_case, case): case for case in cases}
-            for done, _ in enumerate(as_completed(running), 1):
-                tell(done, len(cases))
-        except BaseException:
-            for worker in set(active_children()) - others:
-                worker.kill()  # a run takes SIGTERM for its own end and the worker would begin the next one
-            pool.shutdown(cancel_futures=True)  # waits: the interpreter's exit must not meet the pool's thread still closing
-            raise
-    return {case: future.result() for future, case in running.items()}
-
-
-@contextmanager
-def _signals_wait() -> Iterator[None]:
-    """Ctrl-C and SIGTERM come after this; processes begun here hold them back too, until they say otherwise."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING) if hasattr(signal, "pthread_sigmask") else None
-    try:
-        yield
-    finally:
-        if before is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _left_to_the_parent() -> None:
-    """Ctrl-C on a terminal reaches the workers too: what it means is the parent's business."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+    return dict(zip(cases, on_all_cores(run_case, cases, report), strict=True))
 
 
 def run_case(case: Case) -> Result:

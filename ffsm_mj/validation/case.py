@@ -76,7 +76,6 @@ class ComparedCase:
         return next(verdict for verdict in reversed(Verdict) if verdict in verdicts)
 
 
-def compare_case(case: ValidationCase) -> ComparedCase:
-    """Compute a case and put its numbers beside those of the source."""
-    values = case.compute()
+def compared_case(case: ValidationCase, values: Values) -> ComparedCase:
+    """Put the numbers that a case computed beside those of the source."""
     return ComparedCase(case, tuple(ComparedNumber(number, values[number.key]) for number in case.numbers))

@@ -46,8 +46,15 @@ _ALL: tuple[ValidationCase, ...] = (
 )
 
 CASES: tuple[ValidationCase, ...] = tuple(case for topic in Topic for case in _ALL if case.topic is topic)
+LONGEST = "simbenchmark-rolling"
+"""The case that takes the longest time."""
 
 
 def case_names() -> tuple[str, ...]:
     """Names of all cases."""
     return tuple(case.name for case in CASES)
+
+
+def values_of(name: str) -> dict[str, float]:
+    """What the case of a name computes."""
+    return dict(next(case for case in CASES if case.name == name).compute())
