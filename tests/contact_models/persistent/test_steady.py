@@ -12,6 +12,7 @@ import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.steady import SteadyContacts
+from ffsm_mj.tolerances import PROJECTED_SLIP_M_S
 
 COMPILED = pytest.param("1", marks=pytest.mark.skipif(not find_spec("ffsm_mj_fast"), reason="needs the extra 'fast'"))
 # Sums of some twenty terms are taken in another order, over 60 steps.
@@ -163,3 +164,28 @@ def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided, switc
     np.testing.assert_allclose(stops, others, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
     assert taken < len(decided) - taken, "the second run has as many while it slides, and more where it sticks"
+
+
+@pytest.mark.parametrize("switch", ["0", COMPILED])
+@pytest.mark.parametrize("pad", ["plates", "balls"])
+def test_slip_that_is_drift_is_projected_out(tmp_path, monkeypatch, pad, switch):
+    """Points that stick are given 1e-11 m/s, ten times what may remain; without a projection they would keep it."""
+    monkeypatch.setenv("FFSM_COMPILED", switch)
+    slips, fastest, (bus_z, box_z) = [], active_set.fastest, (2, 11)
+
+    class Nudged(fastest(SteadyContacts)):
+        def __init__(self, closed, system):
+            super().__init__(closed, system)
+            self.given = closed
+
+        def goes_on(self):
+            qvel = self.given.data.qvel
+            slips.append(qvel[box_z] - qvel[bus_z])
+            if len(slips) == 20:
+                qvel[box_z] += 1e-11
+                self.given.motion.go_to(self.given.data.qpos.copy(), qvel.copy())
+            return super().goes_on()
+
+    monkeypatch.setattr(active_set, "fastest", lambda kind: Nudged if kind is SteadyContacts else fastest(kind))
+    ffsm_mj.run(held(tmp_path, pad=pad))
+    assert abs(slips[20]) < PROJECTED_SLIP_M_S
