@@ -127,3 +127,33 @@ def test_a_ball_slides_over_a_corner(tmp_path):
     apart = np.linalg.norm(q - np.clip(q, -0.2, 0.2), axis=1) - 0.1
     assert np.abs(apart).max() <= 1e-9
     assert run["balance.deepest_overlap_m"].max() <= 1e-9
+
+
+def test_a_plate_slides_over_an_edge_corner_by_corner(tmp_path):
+    """It is pressed with 2 N all the way, before and after each change: by corners, then by crossings of edges too."""
+    block = f"""<mujoco>{HEAD}<worldbody><geom name="block" type="box" size="0.2 0.4 0.2"/></worldbody></mujoco>"""
+    plate = f"""<mujoco>{HEAD}<worldbody><body name="plate"><inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/>
+    <joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+    <geom name="plate" type="box" size="0.1 0.15 0.05" euler="0 0 25" mass="0"/></body></worldbody>
+    <actuator><motor name="x" joint="x"/><motor name="z" joint="z"/></actuator></mujoco>"""
+    far = 1e6
+    push = {"kind": "pd", "joints": ["x", "z"], "kp": [0.0, 2.0 / far], "kd": 0.0, "target": [0.0, -far]}
+    run = good(
+        ffsm_mj.run(
+            scene(
+                tmp_path,
+                plate,
+                {"block": block},
+                fixed={"block": {}},
+                duration_s=0.6,
+                initial={"joints": {"z": 0.25}, "rates": {"x": 0.5}},
+                contacts={"rules": [{"between": ["plate", "block/block"], "restitution": 0.0}]},
+                phases=[{"name": "push", "until": "end", "controller": push}],
+            )
+        )
+    )
+    changes = run.records["contact_changes"]
+    assert len(changes) >= 3
+    assert any(" + " in change.mode for change in changes)
+    for change in changes:
+        assert [change.force_before_N, change.force_after_N] == pytest.approx([2.0, 2.0], abs=1e-5)
