@@ -459,6 +459,7 @@ def test_twins_that_need_a_name_that_is_gone_are_refused(monkeypatch):
     compiled._twins.cache_clear()
 
 
+@pytest.mark.long
 def test_another_minor_version_of_mujoco_is_refused(tmp_path):
     """In one line, before a call by address; plain Python goes on."""
     program = (

@@ -19,6 +19,7 @@ def python_blocks(page):
     return re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("word", ["resolve", "prepare", "animate"])
 def test_what_the_code_of_the_user_guide_prints(capsys, tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)

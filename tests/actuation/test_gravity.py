@@ -81,6 +81,7 @@ def violated(laws):
     return {(law.name, law.subsystem) for law in laws if not law.passes}
 
 
+@pytest.mark.long
 def test_a_capture_and_blows_of_a_fixed_body_under_gravity_pass_every_check(tmp_path):
     run = ffsm_mj.run(falling(tmp_path))
     assert run.records["capture_impulses"]
@@ -107,6 +108,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("unexplained")
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_share_of_1e_6_too_much_is_noticed(tmp_path, monkeypatch, mistake):

@@ -121,6 +121,7 @@ def recipe(name, folder):
     return prepare(make(folder / name), overrides, controllers=LAWS)
 
 
+@pytest.mark.long
 def test_the_recipes_are_what_they_should_be(tmp_path):
     """Impacts lie inside steps, contact models act, and one of the runs diverges: else the tests below would show little."""
     run = recipe("bouncing", tmp_path).run()
@@ -195,6 +196,7 @@ def test_a_pickled_recipe_runs_to_the_same_rows(tmp_path, monkeypatch, name, com
     assert told(again.run()) == told(prepared.run())
 
 
+@pytest.mark.long
 def test_recipes_run_in_other_processes(tmp_path):
     """After others, in another order, with other hashes of text: every bit of rows and records is the same."""
     recipes = {name: recipe(name, tmp_path) for name in ("bouncing", "tilting", "grasping")}

@@ -49,6 +49,7 @@ def elsewhere(function, *arguments):
     thread.join()
 
 
+@pytest.mark.long
 def test_a_run_with_everything_leaves_the_process_as_it_was(tmp_path):
     """Environment, signals, warnings, numpy's errors and BLAS, in a process of its own that has imported nothing before."""
     code = """

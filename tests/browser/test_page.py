@@ -77,6 +77,7 @@ def test_a_page_shows_the_run(browser, page):
     assert browser.requests() == [page.as_uri()]
 
 
+@pytest.mark.long
 def test_names_are_text(browser, page):
     browser.open(page, dark=True)
     assert browser.run("return window.hit") is None
@@ -97,6 +98,7 @@ def test_names_are_text(browser, page):
     assert browser.faults() == []
 
 
+@pytest.mark.long
 def test_a_line_in_every_plot_is_at_the_time_shown(browser, page):
     browser.open(page)
     browser.slide(0.45)

@@ -170,6 +170,7 @@ class Cut(Executor):
         return future
 
 
+@pytest.mark.long
 def test_a_scheduler_that_does_not_come_back_is_a_loss_of_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows so far are kept, one line tells what happened, and the campaign goes on elsewhere to the same table."""
     opened: list[Cut] = []

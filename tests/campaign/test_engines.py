@@ -87,6 +87,7 @@ def test_runs_hit(in_a_loop: list[tuple[Any, ...]]) -> None:
     assert len({row[2]["impacts.0.impulse_N_s"] for row in in_a_loop}) == 8
 
 
+@pytest.mark.long
 def test_a_pool_makes_the_rows_of_a_loop(tmp_path: Path, in_a_loop: list[tuple[Any, ...]]) -> None:
     campaign = Campaign.load(collisions(tmp_path), tmp_path / "out")
     status = campaign.run(workers=2)
@@ -123,6 +124,7 @@ def fused(folder: Path, acts: list[str], **more: Any) -> Path:
     return campaign_file(folder, {"phases.0.controller.act": {"choice": acts}}, {"kind": "grid"}, metrics=METRICS, **more)
 
 
+@pytest.mark.long
 def test_a_run_that_kills_its_worker_is_one_row(tmp_path: Path) -> None:
     path = fused(tmp_path, ["nothing", "kill", "raise"], limits={"max_failed": 1.0})
     campaign = Campaign.load(path, tmp_path / "out", controllers={"fuse": Fuse})
@@ -133,6 +135,7 @@ def test_a_run_that_kills_its_worker_is_one_row(tmp_path: Path) -> None:
     assert status.messages[0].startswith("run 1: crashed: BrokenProcessPool")
 
 
+@pytest.mark.long
 def test_a_stuck_run_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that sleeps in C is ended with its worker, one that is slow in Python by itself, however busy the machine is."""
     monkeypatch.setattr(campaigns, "Job", partial(Job, grace_s=0.1))

@@ -90,6 +90,7 @@ def test_bash_completes_campaigns_tables_and_folders(complete):
     assert complete("ffsm", "export", "--csv", "--table", "imp") == ["impacts"]
 
 
+@pytest.mark.long
 def test_bash_completes_keys_of_the_scenario(complete, tmp_path):
     """By a call of ``ffsm``, which must be on the path: names of its phases, and keys of the kinds that it uses."""
     (tmp_path / "work" / "ffsm").write_text(f'#!/bin/sh\nexec {sys.executable} -m ffsm_mj "$@"\n')

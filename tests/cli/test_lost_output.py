@@ -60,6 +60,7 @@ def test_a_full_stdout_is_no_success(arguments):
     assert (process.returncode, process.stderr) == (3, "stdout: output is lost (No space left on device)\n")
 
 
+@pytest.mark.long
 def test_a_run_that_cannot_report_is_whole_and_keeps_its_own_exit_code(tmp_path):
     path = str(two_balls(tmp_path, duration_s=0.5))
     process = on_full_disk("run", path, "--no-rerun", "--out", "a")

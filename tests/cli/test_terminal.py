@@ -76,6 +76,7 @@ def runs(tmp_path, capsys) -> tuple[str, str]:
     return "a", "b"
 
 
+@pytest.mark.long
 def test_several_runs_are_analyzed_one_after_the_other(runs, capsys):
     """Each report is printed whole while the line is away; the same as without a terminal."""
     shown = on_terminal(ffsm("analyze", *runs, "--compare"))
@@ -105,6 +106,7 @@ def test_pictures_of_a_film_are_counted():
     assert " of 41 pictures" in shown.written
 
 
+@pytest.mark.long
 def test_what_is_printed_goes_to_stdout_not_to_the_terminal_of_the_line(runs, tmp_path):
     """``ffsm analyze a b > file``: the line is on the terminal, the report in the file."""
     shown = on_terminal(ffsm("analyze", *runs), stdout=tmp_path / "report")
@@ -171,6 +173,7 @@ with progress() as shown:
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("columns", "painted"), [(120, "12.3 of 30 s"), (40, "41 %  ")])
 def test_names_of_files_neither_steer_the_terminal_nor_are_markup(columns, painted):
     shown = on_terminal([sys.executable, "-c", NAMED], columns=columns)

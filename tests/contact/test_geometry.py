@@ -263,6 +263,7 @@ def test_a_ball_just_beyond_an_edge_is_not_on_the_face(beyond_m):
     np.testing.assert_allclose(found, (tilt, 0.0, np.sqrt(1.0 - tilt**2)), rtol=0, atol=1e-14)
 
 
+@pytest.mark.long
 def test_the_normal_at_the_border_of_a_small_facet_does_not_depend_on_the_estimate(rng):
     """A ball 1e-9 m inside the border of a facet of a fine mesh: the normal is that of the facet, from any estimate.
 

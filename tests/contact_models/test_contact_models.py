@@ -26,6 +26,7 @@ from tests.scenes import ball, two_balls
 pytestmark = pytest.mark.usefixtures("example_contact_models")
 
 
+@pytest.mark.long
 def test_a_spring_stores_and_returns_energy(tmp_path):
     """Two masses and a spring: 0.344 s in contact, half a period pi sqrt(mu / k), apart from the tangential motion.
 

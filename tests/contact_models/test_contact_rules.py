@@ -121,6 +121,7 @@ def test_a_replay_agrees_and_starts_again_after_any_gap(fallen):
         assert again.agrees, (cut, again.worst)
 
 
+@pytest.mark.long
 def test_a_changed_gap_is_found(fallen):
     rows = fallen.log.rows.copy()
     rows[200, fallen.log.header.layout.index["contact.robot_floor_gap_m"]] += 1e-6

@@ -107,6 +107,7 @@ def test_saturated_wheels_without_thrusters_keep_what_they_can_and_say_so(tmp_pa
     np.testing.assert_allclose(run.angular_momentum["final_N_m_s"], run.angular_momentum["initial_N_m_s"], atol=1e-11)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["ideal", "on_off"])
 def test_thrusters_take_over_from_saturated_wheels_without_net_force(tmp_path, kind):
     """Wheels end at most at the share to which they are unloaded, plus what they take up last; couples move nothing.

@@ -39,6 +39,7 @@ def load(run):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [None, 0.1])
 def test_the_latch_bears_no_more_than_its_share(tmp_path, share):
     """The load logged by the plant is below the bound that the law computed by inverse dynamics, and the bound acts.

@@ -35,6 +35,7 @@ def test_the_library_and_the_users_package_side_by_side(python):
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
 
 
+@pytest.mark.long
 def test_the_commands(python, tmp_path):
     assert python("-m", "ffsm_mj.cli.main", "check", "baseline").returncode == 0
     changes = ("-s", "duration_s=0.01", "--no-rerun", "--out", "out")

@@ -38,6 +38,7 @@ def state(run):
     return {key: run[key] for key in run.log.header.layout.index if key.startswith(groups)}
 
 
+@pytest.mark.long
 def test_a_log_is_played_bit_for_bit(tmp_path):
     """Through an impact inside a tick that is a capture at once, and a release at a tick."""
     keys = {"duration_s": 9.0, "time_step_s": 0.005, "control_period_s": 0.01}

@@ -68,6 +68,7 @@ def test_the_documented_example_runs(tmp_path, example):
     assert ffsm_mj.load_run(out).summary()["controller"]["phases"][0]["reports"] == {}
 
 
+@pytest.mark.long
 def test_a_broken_plugin_harms_only_who_asks_for_it(tmp_path):
     environment = install(tmp_path, "broken_laws", "import nothing_like_this\n", "broken = broken_laws:Law")
     assert ffsm(environment, "check", "baseline").returncode == 0

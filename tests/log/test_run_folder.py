@@ -95,6 +95,7 @@ def test_100_runs_12_at_a_time_give_100_folders(tmp_path, batch):  # noqa: ARG00
     assert {path.name for path in logs.iterdir()} == {path.name for path in folders} | {"latest"}
 
 
+@pytest.mark.long
 def test_of_simultaneous_runs_into_one_folder_one_succeeds(tmp_path):
     done = many(two_balls(tmp_path, duration_s=0.3), 12, "--out", "mine")
     assert sorted(code for code, _ in done) == [0] + [2] * 11

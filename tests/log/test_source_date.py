@@ -14,6 +14,7 @@ from ffsm_mj.log import recorder
 from tests.scenes import two_balls
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stated", ["1700000000", "0"])
 def test_two_runs_give_the_same_bytes(tmp_path, monkeypatch, stated):
     """With an impact; the second run starts in another second and sleeps, so that flushes by wall time would differ."""

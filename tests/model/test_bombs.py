@@ -172,6 +172,7 @@ def loaded(log: Path, path: Path, bomb: bytes) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("in_frame", [False, True])
 def test_a_chunk_that_states_8_gib_is_damage(tmp_path, log, in_frame):
     bomb = chunk(b"x" * 100, stated=8 << 30, packed=frame_of(8 << 30, b"x" * 100) if in_frame else None)

@@ -65,6 +65,7 @@ SCENES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_log_as_it_was_written_agrees(tmp_path, scene):
     """On the machine that wrote it every number is found again to a few units in the last place: 1e-14 (1 + scale)."""

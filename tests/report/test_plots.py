@@ -133,6 +133,7 @@ def many_legged(tmp_path_factory, ffsm_run):
     return ffsm_run(scene(tmp_path_factory.mktemp("legs"), robot, {}, duration_s=0.01))
 
 
+@pytest.mark.long
 def test_names_of_many_joints_fit(many_legged):
     figures = plots.figures(many_legged, ["joints", "torques"])
     for figure in figures.values():

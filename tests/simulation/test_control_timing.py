@@ -52,6 +52,7 @@ def swinging(folder, **scenario):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("share", "grows"), [(0.99, False), (1.01, True)])
 def test_a_delayed_servo_turns_unstable_where_theory_says(tmp_path, share, grows):
     """Held commands delay by half a period more. A hundredth beside the limit, amplitudes change by 1 % per second."""

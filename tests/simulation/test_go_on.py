@@ -62,6 +62,7 @@ PATH = {"kind": "joint_path", "joints": ["stroke"], "bandwidth_Hz": 1.0, "waypoi
 """A law of another kind: it has columns and reports of its own, and remembers where it began."""
 
 
+@pytest.mark.long
 def test_a_law_of_another_kind_acts_as_if_it_had_always_been_there(logged, tmp_path, capsys):
     """Bit for bit the run that had it from t = 0, as its phase begins after the instant; columns are those of its log."""
     given = {"phases.back_1.controller": PATH}

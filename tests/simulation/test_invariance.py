@@ -71,6 +71,7 @@ def hit(folder, *, shift=(0, 0, 0), boost=(0, 0, 0), turn=(1, 0, 0, 0)):
     return run.impacts[0], np.array(joints), rotated
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "view",
     [
@@ -169,6 +170,7 @@ def test_body_fixed_thrusters_stop_the_robot(hardware):
     assert all(check.passes for check in hardware.checks())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_thruster_log_adds_up(hardware):
     """Impulse is 5 N times on-time; no pulse is shorter than 20 ms; the jets' sum is at least what they took out."""

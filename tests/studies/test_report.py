@@ -80,6 +80,7 @@ def test_figures_and_page(tmp_path: Path) -> None:
     assert "<i>" not in study_page(results, comparison, made)
 
 
+@pytest.mark.long
 def test_the_report_of_a_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "mine.py").write_text("def twice(run):\n    return 2 * run.summary()['impacts'][0]['impulse_N_s']\n")
     goals = {"objectives": {"twice": "minimize"}, "metrics": {"file": "mine.py"}, "success": "twice < 5"}

@@ -38,6 +38,7 @@ def table(study: Study) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda each: (each["variant"], each["run"]))
 
 
+@pytest.mark.long
 def test_variants_have_the_same_samples_and_the_differences_of_a_closed_form(tmp_path: Path) -> None:
     """Impulse 1.2 (1 + e) v: at equal speeds e = 0.5 gives 0.6 v less than e = 1; equal variants differ by exactly 0."""
     study = made(study_file(tmp_path, {"elastic": {}, "again": {}, "half": HALF}), tmp_path / "out")
@@ -63,6 +64,7 @@ def test_noise_follows_the_number_of_the_run_in_every_variant(tmp_path: Path) ->
     assert [each.base.scenario.seed for each in plan.variants.values()] == [0, 0, 9]
 
 
+@pytest.mark.long
 def test_the_order_of_variants_and_a_resumed_study_change_nothing(tmp_path: Path) -> None:
     variants: dict[str, Any] = {"elastic": {}, "half": HALF}
     whole = made(study_file(tmp_path / "a", variants), tmp_path / "a/out")
@@ -81,6 +83,7 @@ def test_the_order_of_variants_and_a_resumed_study_change_nothing(tmp_path: Path
     assert table(again) == before
 
 
+@pytest.mark.long
 def test_a_changed_study_is_refused_with_what_changed(tmp_path: Path) -> None:
     out = tmp_path / "out"
     made(study_file(tmp_path, {"elastic": {}, "half": HALF}), out)
@@ -112,6 +115,7 @@ def test_two_studies_in_one_folder_are_refused(tmp_path: Path) -> None:
         Study.load(path, tmp_path / "other")
 
 
+@pytest.mark.long
 def test_a_law_that_cannot_be_created_is_not_applicable(tmp_path: Path) -> None:
     """Listed with the reason, never compared; a law with an invalid key is bad input."""
     laws = {
@@ -133,6 +137,7 @@ def raising(run: Run) -> float:
     return 1.0 if impulse < 2.4 else 1.0 // 0.0
 
 
+@pytest.mark.long
 def test_metrics_of_a_caller_that_fail_are_named_and_stop_nothing(tmp_path: Path) -> None:
     metrics = {"raising": raising, "nowhere": lambda _: math.nan, "nothing": lambda _: None, "speed": lambda _: 2}
     path = study_file(tmp_path, {"elastic": {}, "half": HALF}, metrics=["speed"])
@@ -160,6 +165,7 @@ def _hidden(a, b):
 """
 
 
+@pytest.mark.long
 def test_a_file_of_metrics_is_named_by_the_study_and_copied(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(FILE)
     path = study_file(tmp_path, {"elastic": {}, "half": HALF}, metrics={"file": "mine.py", "names": [IMPULSE]})

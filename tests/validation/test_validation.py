@@ -97,6 +97,7 @@ def with_less(function, name):
     return lambda *args, **kwargs: function(*args, **(kwargs | {name: 0.999 * kwargs[name]}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("case", "module", "name", "wrong", "quantity"),
     [

@@ -65,6 +65,7 @@ def test_a_file_that_was_written_anew_is_as_good_as_the_first(run, tmp_path, cap
     assert analyzed(written(run.log, tmp_path / "x.mcap"), capsys)[0] == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("key", ["state.q_target_x_m", "energy.total_J", "actuators.robot_push_x_upper_N"])
 def test_a_changed_number_shows_though_every_checksum_holds(run, tmp_path, capsys, key):
     rows = run.log.rows.copy()
@@ -107,6 +108,7 @@ CHUNKS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("what", CHUNKS)
 def test_chunks_that_are_not_where_they_were(run, tmp_path, capsys, what):
     """Each chunk is whole and so is its checksum: the times of the samples tell."""
@@ -145,6 +147,7 @@ def test_without_its_models_nothing_is_verified(run, tmp_path, capsys):
     assert "columns agree" not in out
 
 
+@pytest.mark.long
 def test_the_worst_of_several_runs_decides(folder, run, tmp_path, capsys):
     rows = np.delete(run.log.rows, 1000, axis=0)
     gap = written(replace(run.log, rows=rows), tmp_path / "gap.mcap")

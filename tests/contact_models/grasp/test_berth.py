@@ -12,6 +12,7 @@ from tests.replays import assert_replayed
 PHASES = ["approach", "second_grasp", "settle", "bring_in", "berthed", "hand_over"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_two_arms_and_a_port_hold_the_satellite_and_one_arm_lets_go():
     """Mobility by counting: 18 + 6 less 6 by each grasp. At rest in the port no arm carries anything."""

@@ -76,6 +76,7 @@ def displaced(model, direction, h):
     return tuple({name: np.asarray(x).tolist() for name, x in each.items()} for each in (joints, rates))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("within", "latch"),
     [

@@ -104,6 +104,7 @@ class Grip:
         return q[cube.qpos.start + 2] - q[base.qpos.start + 2], v[cube.dofs.start + 2] - v[base.dofs.start + 2]
 
 
+@pytest.mark.long
 def test_a_cube_slips_between_fingers_on_slide_latches(tmp_path):
     """RK4 integrates polynomials in time exactly: the digits are those by hand, to rounding, at 4 ms."""
     grip = Grip(tmp_path, 4e-3)

@@ -38,6 +38,7 @@ def pressed(folder, chain, mu, restitution, order="lr", step_s=2e-3):
     return bench
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("chain", "mu", "restitution"), [("tree", 0.0, 0.5), ("tree", 0.05, 0.0), ("loop", 0.05, 0.5), ("loop", 0.6, 0.0)]
 )

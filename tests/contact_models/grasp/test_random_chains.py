@@ -87,6 +87,7 @@ def turned(tmp_path_factory):
     return rough(175, tmp_path_factory.mktemp("turned"), 0.6, 2e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("known", [True, False])
 def test_a_step_that_ends_where_the_slip_has_turned_by_a_right_angle_has_a_record(turned, known):
     """It goes on in another direction: a replay that does not know of it errs by 3e-4 N and fails checks."""
@@ -105,6 +106,7 @@ def test_loads_right_after_an_event_at_a_slow_slip_are_compared_to_what_its_stat
     assert again.agrees == agrees, again.worst
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [175, 56])
 def test_forces_at_a_slow_slip_are_compared_to_what_its_state_determines(tmp_path, seed):
     """Rows at 1.5e-5 and 9e-7 m/s: the transfer of a grasped object's state turns the slip by 2e-9 and 4e-9 rad."""

@@ -501,6 +501,7 @@ def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
     assert any("'grasp', so it never closes unless the control law of phase 'ask' requests it" in line for line in lines)
 
 
+@pytest.mark.long
 def test_the_log_of_a_run_with_captures(tmp_path, capfd):
     """Analysed from its file, run again from its folder, and a changed impulse is found."""
     out = tmp_path / "run"

@@ -178,6 +178,7 @@ def package(tmp_path):
     return folder
 
 
+@pytest.mark.long
 def test_an_installed_law_runs_and_is_verified(tmp_path, package):
     path, out = two_balls(tmp_path, restitution=0.8, impact={"law": "yielding"}), tmp_path / "out"
     done = ffsm("run", path, "--no-rerun", "--out", out, packages=package)

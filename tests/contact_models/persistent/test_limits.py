@@ -226,6 +226,7 @@ def test_jaws_on_an_object_and_on_their_own_stops_share_the_load(tmp_path):
     passes_everything(run)
 
 
+@pytest.mark.long
 def test_a_changed_log_is_detected(tmp_path):
     run = gripper(tmp_path, 1.5)
     log = run.log

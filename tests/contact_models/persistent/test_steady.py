@@ -128,6 +128,7 @@ def both(folder, monkeypatch, decided, switch, **scene):
 TURNS = (0.3, -0.2, 0.4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("switch", ["0", COMPILED])
 @pytest.mark.parametrize("one_rule", [True, False])
 @pytest.mark.parametrize("mu", [0.0, 0.5])

@@ -69,6 +69,7 @@ def failures(log):
     return {check.name for check in replay_log(log).checks() if not check.passes}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.19, 0.21])
 def test_points_that_stick_outside_their_cones_fail_a_check(tmp_path, monkeypatch, mu):
     """A box on a slope of 1 in 5, with code that never lets it slip: of mu = 0.19 it needs more than there is."""

@@ -64,6 +64,7 @@ def test_columns_that_do_not_follow_from_the_states(rolled, column, error):
     assert not replay_log(falsified(rolled, column, error)).agrees
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "change",
     [{"slip_m": 0.01}, {"friction": "sliding"}, {"time_s": T_STOP - 1e-4}, {"force_after_N": 1.1}],
