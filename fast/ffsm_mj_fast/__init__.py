@@ -25,7 +25,7 @@ from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.steady import SteadyContacts
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "a62d573dcdc6"
+INTERFACE = "043c72469c7f"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [

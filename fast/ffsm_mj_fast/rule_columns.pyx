@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Log columns of the contact rules in steady states; see ffsm_mj.contact_models.persistent, report and friction.report."""
+"""Log columns of contact rules in steady states; twin of RuleColumns in ffsm_mj.contact_models.persistent.steady_columns."""
 
 import numpy as np
 

@@ -135,7 +135,8 @@ class ForcedStepper(FreeStepper):
         """Set the state reached from the start of the step with constant rates and accelerations, (2, nv)."""
         self._qpos[:] = self._start_qpos
         mujoco.mj_integratePos(self._model, self._qpos, slope[0], after_s)
-        self._rates[:] = self.start_rates + after_s * slope[1]
+        np.multiply(slope[1], after_s, out=self._rates)
+        self._rates += self.start_rates
 
     def _stage(self, after_s: float, slope: FloatArray, found: FloatArray) -> None:
         """Evaluate one stage: rates and accelerations at the state that given ones lead to, (2, nv) each."""

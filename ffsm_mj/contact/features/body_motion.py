@@ -48,6 +48,13 @@ def turned(axes: Sequence[float], local: Vector) -> Vector:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
+def turned_back(axes: Sequence[float], vector: Vector) -> Vector:
+    """Transform a vector from world axes to body axes."""
+    x, y, z = vector
+    a, b, c, d, e, f, g, h, i = axes
+    return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+
+
 class BodyMotion(NamedTuple):
     """A body at one state, in world axes.
 
@@ -69,9 +76,7 @@ class BodyMotion(NamedTuple):
 
     def local(self, vector: Vector) -> Vector:
         """Transform a vector from world axes to body axes."""
-        x, y, z = vector
-        a, b, c, d, e, f, g, h, i = self.axes
-        return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+        return turned_back(self.axes, vector)
 
     def place(self, local: Vector) -> Vector:
         """Position in the world of a point in body axes, relative to the origin."""

@@ -6,6 +6,7 @@ need no evaluation at a midpoint.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -96,8 +97,8 @@ class StageSums:
         self.work: FloatArray = parts.dot(np.array([stage.power for stage in stages]))
         self.total = float(self.work.sum())
         self.impulses: FloatArray = parts.dot(wrenches.reshape(len(parts), -1)).reshape(-1, 6)
-        sizes: list[float] = parts.dot(np.sqrt(np.square(wrenches[:, :, :3]).sum(axis=2))).tolist()
-        self.sizes = sizes
+        of_stages = [[math.hypot(x, y, z) for x, y, z, *_ in stage.wrenches] for stage in stages]
+        self.sizes: list[float] = parts.dot(of_stages).tolist()
 
     def exchange(self, from_robot: FloatArray, outside: FloatArray, robot: slice) -> Exchange:
         """Energy and momentum exchanged between the subsystems.

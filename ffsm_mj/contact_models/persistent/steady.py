@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.exchange import Shares, StageSums, TwistStage, robot_dofs
@@ -136,11 +135,13 @@ class SteadyContacts:
 
     def push(self, data: Any) -> None:
         """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
-        closed, flight = self._closed, self._closed.motion.forced
+        closed, flight, applied = self._closed, self._closed.motion.forced, data.qfrc_applied
+        if flight is not None and flight.inside and self._held is not None:  # of the start of the step
+            closed.stages.append(self._inside.add(applied))
+            return
         if flight is None or flight.inside or flight.implicit:
             closed.push(data)
             return
-        applied: FloatArray = data.qfrc_applied
         closed.solver.other_forces = applied.copy()
         held = self._known()
         if held is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted, turned
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted, turned, turned_back
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact_models.persistent.affine_motion import Affine, acceleration_along, velocity_along
 from ffsm_mj.dynamics.body_twists import PairTwist
@@ -66,9 +66,7 @@ class FacePoint:
 
     def inside(self) -> float:
         """Distance by which the point is inside the bounds of the face, m."""
-        x, y, z = minus(self.point, self._face_origin.tolist())
-        a, b, c, d, e, f, g, h, i = self._face_now
-        return self._face.inside((a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z))
+        return self._face.inside(turned_back(self._face_now, minus(self.point, self._face_origin.tolist())))
 
     def gap(self) -> float:
         """Gap, m."""

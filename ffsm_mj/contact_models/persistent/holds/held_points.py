@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -19,21 +19,8 @@ from ffsm_mj.contact_models.persistent.point_rows import Extremes
 from ffsm_mj.contact_models.persistent.steady_columns import PairLoad
 from ffsm_mj.dynamics.body_twists import PairTwist
 
-
-class PointForce(NamedTuple):
-    """Force of a contact point.
-
-    Attributes:
-        point: The point, m.
-        force: Force on geom b, world axes, N.
-        normal: Normal force, N.
-        tangential: Norm of the friction, N.
-    """
-
-    point: Vector
-    force: Vector
-    normal: float
-    tangential: float
+PointForce: TypeAlias = tuple[Vector, Vector, float, float]
+"""A contact point, m, its force on geom b, N, and the normal and tangential part of this, N."""
 
 
 class HeldPoints:
@@ -89,12 +76,12 @@ class HeldPoints:
         normal, found = self._normal, []
         for point, force in zip(self._places, self.hold.forces_at(self._places, forces), strict=True):
             along = dot(force, normal)
-            found.append(PointForce(point, force, along, math.hypot(*shifted(force, -along, normal))))
+            found.append((point, force, along, math.hypot(*shifted(force, -along, normal))))
         return found
 
     def depth(self, shared: Sequence[PointForce]) -> float:
         """Least of mu lam_n - |lam_t|, N."""
-        return min([self._mu * each.normal - each.tangential for each in shared])
+        return min([self._mu * normal - tangential for _, _, normal, tangential in shared])
 
     def load(self, shared: Sequence[PointForce]) -> PairLoad:
         """Resultant of the forces of points that push, and share of the friction limit that they use."""

@@ -13,7 +13,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.exchange import TwistStage
-from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_forces
+from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_forces, least_norm_solution
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK, PointModes
 from ffsm_mj.contact_models.persistent.holds.face_hold import FaceHold
 from ffsm_mj.contact_models.persistent.holds.hold import Hold
@@ -23,6 +23,7 @@ from ffsm_mj.contact_models.persistent.rows import ContactPoint, point_runs
 from ffsm_mj.contact_models.persistent.wrench_rows import WrenchRows
 from ffsm_mj.dynamics.body_twists import BodyTwists, PairTwist, PairTwistRows
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.tolerances import RANK
 
 
 class HeldTwists:
@@ -50,6 +51,7 @@ class HeldTwists:
         self.parts = [slice(start, end) for start, end in pairwise(ends)]
         self._rows, self.bias = np.zeros((ends[-1], 6)), np.empty(ends[-1])
         self._J, self.responses = np.empty((2, ends[-1], model.nv))
+        self._are_redundant: bool | None = None
         of_pairs = np.empty((len(holds), 6, model.nv))
         self._twist_rows = PairTwistRows(model, data, bodies, of_pairs.reshape(-1, model.nv))
         every = list(dict.fromkeys(body for both in bodies for body in both))
@@ -113,7 +115,12 @@ class HeldTwists:
 
     def forces(self, force: FloatArray) -> FloatArray:
         """Forces along the rows that hold the points, N, (m,), under the other forces, (nv,); see :meth:`stage`."""
-        return least_norm_forces(self.G, self.responses.dot(force) + self.bias)
+        accelerations = self.responses.dot(force) + self.bias
+        if self._are_redundant is None:
+            self._are_redundant = bool(np.linalg.matrix_rank(self.G, rtol=RANK, hermitian=True) < len(self.G))
+        if self._are_redundant:  # as a rule they remain so; this takes less time than to find it out, and holds in any case
+            return least_norm_solution(self.G, -accelerations)
+        return least_norm_forces(self.G, accelerations)
 
     def stage_of(self, forces: FloatArray) -> tuple[TwistStage, FloatArray]:
         """The stage with some forces along the rows, N, (m,), and the generalised forces, (nv,)."""
