@@ -30,11 +30,11 @@ from tick import quickest
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.holds.held_twists import HeldTwists
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.persistent.report import ContactReport
+from ffsm_mj.contact_models.persistent.steady import SteadyContacts
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.loop import Simulation
@@ -64,8 +64,10 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
     "whether they still press at its end": [(PersistentContactModel, "is_clear")],
     "balance": [(EventDrivenIntegrator, "exchanges"), (Balance, "enter")],
 }
-FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(ActiveContactSet, "push")]}
-GAPS: dict[str, list[tuple[Any, str]]] = {"of these: gap, normal, point": [(PointOnFace, "at")]}
+FORCES: dict[str, list[tuple[Any, str]]] = {"of the step: contact forces": [(SteadyContacts, "push")]}
+ROWS: dict[str, list[tuple[Any, str]]] = {
+    "of these: rows of what is held": [(HeldTwists, "find_twists"), (HeldTwists, "find_rows")]
+}
 TICK: dict[str, list[tuple[Any, str]]] = {"the whole tick": [(Simulation, "_tick"), (Simulation, "_step")]}
 BOX = f"""<mujoco>{HEAD}<worldbody><body name="box"><inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>
 <freejoint name="free"/>
@@ -151,7 +153,7 @@ def parts(case: Callable[..., PreparedRun], repeats: int) -> None:
     """Where a tick of a case goes, in contact and free."""
     scenes = [case(away_m=away, duration_s=0.25) for away in (0.0, AWAY_M)]
     print(f"{'us per tick':40}{'in contact':>12}{'free':>8}")
-    for timed in (PARTS, FORCES, GAPS, TICK):
+    for timed in (PARTS, FORCES, ROWS, TICK):
         runs = [twins.plain(partial(quickest, scene, timed, repeats)) for scene in scenes]
         for label in timed:
             held, alone = (run.parts[label].spent_us / scene.scenario.ticks for run, scene in zip(runs, scenes, strict=True))
