@@ -171,8 +171,23 @@ def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided, switc
 @pytest.mark.parametrize("pad", ["plates", "balls"])
 def test_slip_that_is_drift_is_projected_out(tmp_path, monkeypatch, pad, switch):
     """Points that stick are given 1e-11 m/s, ten times what may remain; without a projection they would keep it."""
+    slips, steady = nudged(tmp_path, monkeypatch, pad, switch, 1e-11)
+    assert steady == [True, True]
+    assert abs(slips[20]) < PROJECTED_SLIP_M_S
+
+
+@pytest.mark.parametrize("switch", ["0", COMPILED])
+@pytest.mark.parametrize("pad", ["plates", "balls"])
+def test_points_that_slip_are_not_steady(tmp_path, monkeypatch, pad, switch):
+    """The box is given 1e-6 m/s along the pads, which is no drift."""
+    _, steady = nudged(tmp_path, monkeypatch, pad, switch, 1e-6)
+    assert steady == [True, False]
+
+
+def nudged(folder, monkeypatch, pad, switch, slip):
+    """A grip whose box is given a slip in m/s at the start of a step: slips at the starts of all steps, whether steady."""
     monkeypatch.setenv("FFSM_COMPILED", switch)
-    slips, fastest, (bus_z, box_z) = [], active_set.fastest, (2, 11)
+    slips, steady, fastest, (bus_z, box_z) = [], [], active_set.fastest, (2, 11)
 
     class Nudged(fastest(SteadyContacts)):
         def __init__(self, closed, system):
@@ -183,10 +198,12 @@ def test_slip_that_is_drift_is_projected_out(tmp_path, monkeypatch, pad, switch)
             qvel = self.given.data.qvel
             slips.append(qvel[box_z] - qvel[bus_z])
             if len(slips) == 20:
-                qvel[box_z] += 1e-11
+                steady.append(self.is_now())
+                qvel[box_z] += slip
                 self.given.motion.go_to(self.given.data.qpos.copy(), qvel.copy())
+                steady.append(self.is_now())
             return super().goes_on()
 
     monkeypatch.setattr(active_set, "fastest", lambda kind: Nudged if kind is SteadyContacts else fastest(kind))
-    ffsm_mj.run(held(tmp_path, pad=pad))
-    assert abs(slips[20]) < PROJECTED_SLIP_M_S
+    ffsm_mj.run(held(folder, pad=pad))
+    return slips, steady
