@@ -184,8 +184,24 @@ def test_points_that_slip_are_not_steady(tmp_path, monkeypatch, pad, switch):
     assert steady == [True, False]
 
 
-def nudged(folder, monkeypatch, pad, switch, slip):
-    """A grip whose box is given a slip in m/s at the start of a step: slips at the starts of all steps, whether steady."""
+@pytest.mark.parametrize("switch", ["0", COMPILED])
+@pytest.mark.parametrize("flag", ["released", "struck", "stops"])
+def test_modes_are_chosen_after_events(tmp_path, monkeypatch, flag, switch):
+    """After an impact elsewhere, or where points begin to slide or stop, sticking forces alone do not tell the modes."""
+
+    def change(closed):
+        setattr(closed.modes, flag, True)
+        return lambda: setattr(closed.modes, flag, False)
+
+    _, steady = nudged(tmp_path, monkeypatch, "plates", switch, 0.0, change)
+    assert steady == [True, False]
+
+
+def nudged(folder, monkeypatch, pad, switch, slip, change=lambda _: lambda: None):
+    """A grip whose box is given a slip in m/s at the start of a step: slips at the starts of all steps, whether steady.
+
+    ``change`` changes the closed contacts there, and returns what takes this back.
+    """
     monkeypatch.setenv("FFSM_COMPILED", switch)
     slips, steady, fastest, (bus_z, box_z) = [], [], active_set.fastest, (2, 11)
 
@@ -201,7 +217,9 @@ def nudged(folder, monkeypatch, pad, switch, slip):
                 steady.append(self.is_now())
                 qvel[box_z] += slip
                 self.given.motion.go_to(self.given.data.qpos.copy(), qvel.copy())
+                take_back = change(self.given)
                 steady.append(self.is_now())
+                take_back()
             return super().goes_on()
 
     monkeypatch.setattr(active_set, "fastest", lambda kind: Nudged if kind is SteadyContacts else fastest(kind))
