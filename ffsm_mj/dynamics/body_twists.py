@@ -94,6 +94,13 @@ class PairTwist(NamedTuple):
             (x - ax - af * k + ag * j, y - ay - ag * i + ae * k, z - az - ae * j + af * i),
         )
 
+    def at_centre_of_b(self, of_a: bool) -> tuple[Vector, Vector]:
+        """Angular velocity of body a or of body b, and its velocity at the centre of b."""
+        if not of_a:
+            return self.b.omega, self.b.velocity
+        (p, q, r), (u, v, w), (i, j, k) = self.a.omega, self.a.velocity, self.offset
+        return self.a.omega, (u + q * k - r * j, v + r * i - p * k, w + p * j - q * i)
+
 
 class PairTwistRows:
     """Jacobians of the twists of some pairs of bodies, b relative to a.

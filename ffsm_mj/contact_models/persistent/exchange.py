@@ -68,7 +68,7 @@ class Stage:
 
 
 class TwistStage(NamedTuple):
-    """Contact forces in a stage inside a step, of points that hold twists; see ``holds/held_twists.py``.
+    """Contact forces in a stage of points that hold twists; see ``holds/held_twists.py``.
 
     Attributes:
         power: Power of the contact forces by degree of freedom, W, (nv,).

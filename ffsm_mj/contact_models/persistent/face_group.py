@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted
+from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.points_on_face import PointsOnFace
@@ -75,10 +75,7 @@ class FaceState:
     @property
     def _second(self) -> tuple[Vector, Vector]:
         """Angular velocity of the body of the points, and its velocity at the centre of b."""
-        b, a, offset = self._twist.b, self._twist.a, self._twist.offset
-        if not self._gaps.swapped:
-            return b.omega, b.velocity
-        return a.omega, shifted(a.velocity, 1.0, cross(a.omega, offset))
+        return self._twist.at_centre_of_b(self._gaps.swapped)
 
     @property
     def _bend_axis(self) -> Vector:

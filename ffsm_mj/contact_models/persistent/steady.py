@@ -78,18 +78,19 @@ class SteadyContacts:
     def _known(self) -> HeldState | None:
         """The state in ``data`` under its efforts, if it is steady."""
         closed, modes = self._closed, self._closed.modes
-        if not self._may_be() or self._held is None:
+        held = self._held if self._may_be() else None
+        if held is None:
             return None
         if closed.has_friction and (modes.released or modes.struck or modes.stops or modes.beginning):
             return None
         solver = closed.solver
         state = solver.smooth.state(solver.other_forces)
         if state is not self._state:
-            self._is_steady = self._evaluate(self._held, None if self._state is None else self._state[0], state[0])
+            self._is_steady = self._evaluate(held, None if self._state is None else self._state[0], state[0])
             self._state = state
             if self._is_steady:
-                self.lowest = self._held.extremes.lowest
-        return self._held if self._is_steady else None
+                self.lowest = held.extremes.lowest
+        return held if self._is_steady else None
 
     def _evaluate(self, held: HeldState, last: object, place: object) -> bool:
         closed, solver = self._closed, self._closed.solver
@@ -102,7 +103,7 @@ class SteadyContacts:
             return False
         if not held.carries(solver.smooth.force(solver.other_forces)):
             return False
-        if self._modes is not None and held.largest_speed() > self._modes.drift_m_s:
+        if self._modes is not None and held.largest_speed > self._modes.drift_m_s:
             return False
         return closed.clearance.least(place, gap, closed.gaps_of) >= 0.0
 
@@ -119,8 +120,7 @@ class SteadyContacts:
         if held is None or held.extremes.gap > PROJECTED_GAP_M or held.extremes.rate > PROJECTED_RATE_M_S:
             return False
         if self._modes is not None and (
-            held.largest_speed() > PROJECTED_SLIP_M_S
-            or not closed.modes.keep_still(closed.contact_points, self._modes.kinds)
+            held.largest_speed > PROJECTED_SLIP_M_S or not closed.modes.keep_still(closed.contact_points, self._modes.kinds)
         ):
             return False
         closed.begin_steady_step()

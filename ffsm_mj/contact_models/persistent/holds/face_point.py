@@ -48,19 +48,12 @@ class FacePoint:
         self.point = shifted(self._origin.tolist(), 1.0, turned(self._now, self._place))
         self.arm = minus(self.point, twist.b.centre)
 
-    def own_motion(self, twist: PairTwist) -> tuple[Vector, Vector]:
-        """Angular velocity of the body of the point, and its velocity at the centre of b."""
-        b, a = twist.b, twist.a
-        if not self._swapped:
-            return b.omega, b.velocity
-        return a.omega, shifted(a.velocity, 1.0, cross(a.omega, twist.offset))
-
     def second_rate(self, twist: PairTwist) -> Affine:
         """Second rate of the gap at zero joint accelerations, as a function of the arm of the point.
 
         It contains 2 n' times the relative velocity, as the normal is fixed to the face.
         """
-        constant, (x, y, z) = acceleration_along(self.normal, twist, *self.own_motion(twist))
+        constant, (x, y, z) = acceleration_along(self.normal, twist, *twist.at_centre_of_b(self._swapped))
         bend, (u, v, w) = velocity_along(self.turning, twist)
         return constant + bend, (x + u, y + v, z + w)
 
@@ -79,6 +72,12 @@ class FacePoint:
     def contact_point(self) -> Vector:
         """The contact point, m."""
         return shifted(self.point, self.beyond(), self.normal)
+
+    def contact_rate(self, twist: PairTwist, gap_rate: float) -> Vector:
+        """Velocity of the contact point, which moves over both surfaces, m/s."""
+        omega, velocity = twist.at_centre_of_b(self._swapped)
+        moved = shifted(shifted(velocity, 1.0, cross(omega, self.arm)), self.beyond(), self.turning)
+        return shifted(moved, -0.5 * self._sign * gap_rate, self.normal)
 
     def _height(self) -> float:
         """Height of the point over the plane of the face, m."""

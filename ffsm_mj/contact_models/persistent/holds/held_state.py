@@ -28,17 +28,20 @@ class HeldState:
     Attributes:
         extremes: Extremes of the gaps.
         points: The points, m, (k, 3).
+        largest_speed: Largest relative speed of the material points at a contact point, m/s: no point slips faster. Zero
+            without friction.
     """
 
     extremes: Extremes
     points: FloatArray
+    largest_speed: float
 
     def __init__(self, twists: HeldTwists, pairs: Sequence[HeldPoints]) -> None:
         """Store the holds and their points."""
         self._twists, self._pairs, self._begun = twists, pairs, False
         self._rubs = any(not isinstance(hold, FaceHold) for hold in twists.holds)
         self._forces: FloatArray
-        self._shared: list[list[PointForce]]
+        self._shared: list[list[PointForce]] | None = None
 
     @classmethod
     def of(
@@ -69,15 +72,12 @@ class HeldState:
             pair.move_to(twist)
         self.points = pairs[0].points if len(pairs) == 1 else np.concatenate([pair.points for pair in pairs])
         self.extremes = merged([pair.extremes for pair in pairs])
+        self.largest_speed = max([pair.largest_speed() for pair in pairs]) if self._rubs else 0.0
         if not self._begun:
             self._begun = twists.begin(self.points)
         if self._begun:
             twists.find_rows()
             self._largest_response = float(np.abs(twists.responses).max())
-
-    def largest_speed(self) -> float:
-        """Largest relative speed of the material points at a contact point, m/s: no point slips faster."""
-        return max([pair.largest_speed() for pair in self._pairs])
 
     def carries(self, force: FloatArray) -> bool:
         """Whether each point carries force by more than rounding, inside its friction cone; sets the forces.
@@ -88,10 +88,9 @@ class HeldState:
         if not self._begun:
             return False
         twists = self._twists
-        self._forces = twists.forces(force)
-        self._shared = [pair.share(self._forces[part]) for pair, part in zip(self._pairs, twists.parts, strict=True)]
+        self._forces, self._shared = twists.forces(force), None
         if self._rubs:
-            return min([pair.depth(shared) for pair, shared in zip(self._pairs, self._shared, strict=True)]) > 0.0
+            return min([pair.depth(shared) for pair, shared in zip(self._pairs, self._shares(), strict=True)]) > 0.0
         largest = max(self._largest_response * max(map(abs, force.tolist())), *map(abs, twists.bias.tolist()))
         return all(self._pushes(pair, part, largest) for pair, part in zip(self._pairs, twists.parts, strict=True))
 
@@ -110,7 +109,14 @@ class HeldState:
 
     def loads(self) -> list[PairLoad]:
         """Loads of the pairs with these forces."""
-        return [pair.load(shared) for pair, shared in zip(self._pairs, self._shared, strict=True)]
+        return [pair.load(shared) for pair, shared in zip(self._pairs, self._shares(), strict=True)]
+
+    def _shares(self) -> list[list[PointForce]]:
+        """These forces at the points of each pair."""
+        if self._shared is None:
+            parts = zip(self._pairs, self._twists.parts, strict=True)
+            self._shared = [pair.share(self._forces[part]) for pair, part in parts]
+        return self._shared
 
 
 def merged(each: Sequence[Extremes]) -> Extremes:

@@ -1,4 +1,4 @@
-"""Contact forces in a stage inside a step from the relative twists that the points hold."""
+"""Contact forces from the relative twists that the points hold."""
 
 from __future__ import annotations
 
@@ -73,9 +73,11 @@ class HeldTwists:
             contact_points: Points that carry force.
             modes: Their modes; None without friction.
         """
+        if motion.loops is not None or (modes is not None and modes.any_slides):
+            return None
         runs = point_runs(contact_points)
         pairs = [contact_points[run.start].pair for run in runs]
-        if motion.loops is not None or len(set(pairs)) < len(pairs):
+        if len(set(pairs)) < len(pairs):
             return None
         holds = []
         for run in runs:

@@ -24,7 +24,6 @@ class StuckPoint:
     def __init__(self, feature: PointOnFace, data: Any) -> None:
         """Store the point; ``data`` is that of the logged system."""
         self._at = FacePoint(feature, data, feature.point.centre)
-        self._sign = -1.0 if feature.swapped else 1.0
 
     def begin(self, points: FloatArray) -> bool:  # noqa: ARG002
         """See :class:`~.hold.Hold`: nothing depends on the step."""
@@ -38,13 +37,12 @@ class StuckPoint:
         """
         at, omega = self._at, twist.omega
         at.move_to(twist)
-        normal, level, (omega_p, velocity_p) = at.normal, at.beyond(), at.own_motion(twist)
-        arm = i, j, k = shifted(at.arm, level, normal)
+        normal = at.normal
+        arm = i, j, k = shifted(at.arm, at.beyond(), normal)
         rows[:] = (0.0, k, -j, 1.0, 0.0, 0.0), (-k, 0.0, i, 0.0, 1.0, 0.0), (j, -i, 0.0, 0.0, 0.0, 1.0)
         velocity = shifted(twist.velocity, 1.0, cross(omega, arm))
-        point_rate = shifted(shifted(velocity_p, 1.0, cross(omega_p, at.arm)), level, at.turning)
-        point_rate = shifted(point_rate, -0.5 * self._sign * dot(normal, velocity), normal)
-        passing = shifted(shifted(twist.acceleration, 1.0, cross(twist.alpha, arm)), 1.0, cross(omega, point_rate))
+        turned = cross(omega, at.contact_rate(twist, dot(normal, velocity)))
+        passing = shifted(shifted(twist.acceleration, 1.0, cross(twist.alpha, arm)), 1.0, turned)
         bias[:] = shifted(passing, dot(at.turning, velocity), normal)
 
     def forces_at(self, points: Sequence[Vector], forces: FloatArray) -> list[Vector]:  # noqa: ARG002
