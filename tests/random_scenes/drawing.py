@@ -1,0 +1,258 @@
+"""A random scene of a seed: models, placement, contacts, actuation, sensing, laws and phases, written as a scenario."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.random_scenes.dice import Dice
+from tests.random_scenes.laws import LawDrawing, PhaseDrawing
+from tests.random_scenes.models import BASES, ModelDrawing
+from tests.random_scenes.placement import Stage
+from tests.random_scenes.sensing import SensorDrawing
+
+STEPS_S = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
+RESTITUTIONS = (0.0, 0.0, 0.0, 0.3, 0.5, 0.8, 0.95, 1.0)
+
+
+def draw(seed: int, folder: Path) -> Path:
+    """Write the scene of a seed; returns the path of its scenario."""
+    return _Scene(seed, folder).written()
+
+
+class _Scene:
+    def __init__(self, seed: int, folder: Path) -> None:
+        self.seed, self.folder = seed, folder
+        dice = Dice(seed, "scene")
+        self.step_s = dice.pick(STEPS_S)
+        self.period_s = self.step_s * dice.pick([1, 1, 1, 2, 5])
+        length = min(0.6, max(0.2, 150 * self.step_s))
+        self.duration_s = max(2, round(length / self.period_s)) * self.period_s
+        self.presses = dice.chance(0.5)
+        self.base = dice.pick(BASES)
+        self.flat = self.base == "planar" and dice.chance(0.5)
+        self.count = dice.integer(1, 3)
+        self.wall = dice.chance(0.3)
+        self.rough = dice.chance(0.5)
+        self.accuracy = dice.chance(0.2)
+        gravity = Dice(seed, "gravity")
+        self.gravity = np.zeros(3)
+        if gravity.chance(0.25):
+            way = np.array([1.0, 0.0, 0.0]) if self.wall or self.flat else np.array(gravity.direction())
+            self.gravity = gravity.pick([0.1, 1.0, 9.81]) * way
+        self.turn = np.array([1.0, 0.0, 0.0, 0.0])
+        self.boost = np.zeros(3)
+        frame = Dice(seed, "frame")
+        if self.base == "free" and not self.flat and frame.chance(0.6):
+            self.turn = np.array(frame.turn())
+        if not self.wall and self.base != "ball" and frame.chance(0.3):
+            self.boost = np.array(frame.vector(1.0)) * ([1, 1, 0] if self.base == "planar" else [1, 1, 1])
+
+    def written(self) -> Path:
+        frame = Rotation.from_quat(self.turn, scalar_first=True)
+        gravity = frame.apply(self.gravity)
+        models = ModelDrawing(self.seed, self.step_s, gravity.tolist(), presses=self.presses, flat=self.flat)
+        self.robot = models.robot(self.base)
+        dice = Dice(self.seed, "objects")
+        kinds = ["planar"] if self.flat else ["free"] * 4 + (["planar"] if self.base == "planar" else [])
+        self.objects = {f"o{i}": models.object(f"o{i}", dice.pick(kinds)) for i in range(self.count)}
+        sensing = SensorDrawing(self.seed, self.robot, self.objects, self.period_s)
+        sensing.draw()
+        robot_xml = self.robot.xml.replace("SENSORS", sensing.filled)
+        texts = {name: made.xml for name, made in self.objects.items()}
+        if self.wall:
+            texts["wall"] = models.wall("wall")
+        for name, text in {"robot": robot_xml, **texts}.items():
+            (self.folder / f"{name}.xml").write_text(text)
+        stage = Stage(self.robot.xml.replace("SENSORS", ""), texts, gravity)
+        rules = self._rules()
+        times = (self.step_s, self.period_s, self.duration_s)
+        laws = LawDrawing(
+            self.seed, self.robot, self.objects, times, presses=self.presses, flat=self.flat, folder=self.folder
+        )
+        initial, poses = self._start(stage)
+        data: dict[str, Any] = {
+            "name": f"random-{self.seed}",
+            "duration_s": self.duration_s,
+            "time_step_s": self.step_s,
+            "control_period_s": self.period_s,
+            "conservative": not self.gravity.any(),
+            "robot": {"mjcf": "robot.xml"},
+            "objects": {
+                name: {"mjcf": f"{name}.xml"} | ({"fixed": True, "pose": poses[name]} if name in poses else {})
+                for name in texts
+            },
+            "initial": initial,
+            "contacts": {
+                "rules": rules,
+                "ignored": [{"between": ["robot", "self"], "reason": "an arm may lie across itself"}],
+            },
+            **PhaseDrawing(self.seed, laws, [rule["name"] for rule in rules]).scenario(),
+            **sensing.scenario(self.seed),
+            **self._actuation(laws),
+            **self._impacts(rules),
+        }
+        if self.accuracy:
+            data["accuracy"] = Dice(self.seed, "accuracy").pick([1e-9, 1e-9, 1e-7])
+        path = self.folder / "scene.yaml"
+        path.write_text(json.dumps(data, indent=1))  # JSON is YAML
+        return path
+
+    def _rules(self) -> list[dict[str, Any]]:
+        dice, rules = Dice(self.seed, "contacts"), []
+        bodies = [f"robot/{geom}" for geom in self.robot.geoms]
+        sides = [*product(bodies, [f"{name}/{name}" for name in self.objects])]
+        sides += combinations([f"{name}/{name}" for name in self.objects], 2)
+        if self.wall:
+            sides += [(side, "wall/wall") for side in [*bodies, *(f"{name}/{name}" for name in self.objects)]]
+        usual = 0.0 if self.presses else dice.pick(RESTITUTIONS)
+        for a, b in sides:
+            if dice.chance(0.1):
+                continue
+            e = usual if dice.chance(0.5) else dice.pick(RESTITUTIONS)
+            if self.presses and e == 1.0:
+                e = 0.5  # what is pressed and never rests bounces a thousand times in a step
+            mu = {"mu": dice.between(0.02, 1.0)} if self.rough and dice.chance(0.6) else {}
+            name = f"{a.rpartition('/')[2]}-{b.rpartition('/')[2]}"
+            rules.append({"between": [a, b], "restitution": e, "name": name, **mu})
+        return rules or [{"between": ["robot/bus", "o0/o0"], "restitution": 0.5, "name": "bus-o0"}]
+
+    def _actuation(self, laws: LawDrawing) -> dict[str, Any]:
+        dice, said, configs = Dice(self.seed, "actuation"), {}, {}
+        if dice.chance(0.2):
+            said["actuation"] = {
+                "delay_s": dice.pick([0.0, self.period_s, dice.between(0.1, 3.0) * self.period_s]),
+                "control_jitter_s": dice.pick([0.0, dice.between(0.1, 0.9) * self.period_s]),
+            }
+        for each in self.robot.actuators:
+            config: dict[str, Any] = {}
+            if each.kind == "joint" and dice.chance(0.15) and not laws.follows_path:
+                config = {"kind": "torque_speed", "stall_torque_N_m": 1.5 * each.size}
+                config["no_load_speed_rad_s"] = dice.between(0.5, 5.0)
+            elif each.kind == "wheel" and dice.chance(0.5):
+                config = {"kind": "reaction_wheel", "max_torque_N_m": 0.8 * each.size}
+                config["max_speed_rad_s"] = dice.between(0.5, 20.0)
+            elif each.kind == "jet" and dice.chance(0.5):
+                config = {
+                    "kind": "on_off",
+                    "force_N": each.size,
+                    "threshold_N": 0.3 * each.size,
+                    "release_N": 0.1 * each.size,
+                }
+                config["min_on_time_s"] = dice.pick([0.0, dice.between(0.0, 5.0) * self.period_s])
+            elif dice.chance(0.05):
+                config = {"kind": "ideal", "delay_s": dice.between(0.0, 2.0) * self.period_s}
+            if config:
+                configs[each.name] = config
+        return said | ({"actuators": configs} if configs else {})
+
+    def _impacts(self, rules: list[dict[str, Any]]) -> dict[str, Any]:
+        dice, said = Dice(self.seed, "impacts"), {}
+        law = dice.pick(["blend", "blend", "blend", "poisson", "newton"])
+        if law == "newton" and any("mu" in rule for rule in rules):
+            law = "poisson"
+        impact: dict[str, Any] = {"law": law}
+        if dice.chance(0.2):
+            impact["rest_interval_s"] = self.step_s * dice.between(0.3, 5.0)
+        if dice.chance(0.1):
+            impact["rest_speed_m_s"] = dice.log_between(1e-4, 1e-2)
+        limits = {name: {"restitution": dice.pick([0.0, 0.3, 0.8, 1.0])} for name in self.robot.limited if dice.chance(0.6)}
+        said["impact"] = impact
+        return said | ({"joint_limits": limits} if limits else {})
+
+    def _start(self, stage: Stage) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Coordinates, rates and fixed poses: objects in line or flying by, then all turned and boosted."""
+        dice = Dice(self.seed, "start")
+        frame = Rotation.from_quat(self.turn, scalar_first=True)
+        joints: dict[str, Any] = {}
+        rates: dict[str, Any] = {}
+        for name in self.robot.joints:
+            at = 0.1 * dice.rng.normal()
+            joints[name] = float(np.clip(at, -0.01, 0.01)) if name in self.robot.limited else at
+            rates[name] = dice.pick([0.0, 0.5]) * dice.rng.normal()
+        stage.set_joints({f"robot/{name}": value for name, value in joints.items()})
+        stage.place("robot")
+        spin = lambda: dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3)  # noqa: E731
+        motion = (np.zeros(3), 0.1 * dice.rng.normal(size=3), 0.1 * spin(), np.array([1.0, 0.0, 0.0, 0.0]))
+        self._set_base("robot", self.base, motion, joints, rates)
+        if dice.chance(0.25):
+            rates |= {name: [0.0] * np.size(value) if np.size(value) > 1 else 0.0 for name, value in rates.items()}
+        poses: dict[str, Any] = {}
+        walls = ["wall"] if self.wall else []
+        for k, name in enumerate([*self.objects, *walls]):
+            self._place(stage, dice, k, name, joints, rates, poses)
+        for name in walls:
+            place = np.array(poses[name]["position_m"])
+            poses[name] = {"position_m": frame.apply(place).tolist(), "quaternion": self.turn.tolist()}
+        return {"joints": joints, "rates": rates}, poses
+
+    def _place(
+        self,
+        stage: Stage,
+        dice: Dice,
+        k: int,
+        name: str,
+        joints: dict[str, Any],
+        rates: dict[str, Any],
+        poses: dict[str, Any],
+    ) -> None:
+        """One object; its base is free or in a plane."""
+        model = self.objects.get(name)
+        flat = self.flat or (model is not None and model.base == "planar")
+        quat = np.array(dice.turn(0.7))
+        if flat:
+            quat = np.array([np.cos(a := dice.between(-3.0, 3.0)), 0.0, 0.0, np.sin(a)])
+        if model is None:
+            quat = np.array([1.0, 0.0, 0.0, 0.0])
+        keep = np.array([1.0, 1.0, 0.0]) if flat else np.ones(3)
+        fly_by = model is not None and not self.presses and dice.chance(0.4)
+        way = -keep * dice.rng.normal(size=3) if fly_by else np.array([-1.0, 0.0, 0.0])
+        way /= np.linalg.norm(way)
+        aim = keep * dice.rng.normal(size=3) * (0.2 if fly_by else 0.05) + ([0.3, 0.0, 0.0] if fly_by else [0.0, 0.0, 0.0])
+        start = aim - (5.0 + 0.5 * k) * way
+        if model is not None:
+            full = [f"{name}/{joint}" for joint in model.base_joints]
+            in_plane = dict(zip(full, [0.0, 0.0, 2.0 * np.arctan2(quat[3], quat[0])], strict=False))
+            stage.set_joints({full[0]: [0.0, 0.0, 0.0, *quat]} if model.base == "free" else in_plane)
+        gaps = [1e-4, 3e-3, 1e-2] if self.presses else [1e-4, 3e-3, 1e-2, 3e-2, 0.1, 0.3]
+        gap = max(dice.pick([0.0, *gaps]), stage.sharpness(name))
+        gone = stage.approach_from(name, start, way, gap)
+        centre = start + (gone if gone is not None else 4.5) * way
+        stage.move(name, centre)
+        if model is None:
+            poses[name] = {"position_m": centre.tolist()}
+            return
+        speed = dice.between(0.1, 1.5) if k == 0 or fly_by else dice.pick([0.0, 0.0, 0.5])
+        velocity = keep * (speed * way + 0.05 * dice.rng.normal(size=3) * (speed > 0.0))
+        turning = dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3)
+        self._set_base(name, model.base, (centre, velocity, turning, quat), joints, rates)
+        stage.place(name)
+
+    def _set_base(self, name: str, base: str, motion: Any, joints: dict[str, Any], rates: dict[str, Any]) -> None:
+        """Coordinates and rates of the base of a model, in the turned and boosted frame.
+
+        Args:
+            name: The model.
+            base: Kind of its base.
+            motion: Position, velocity, angular velocity in body axes, and quaternion.
+            joints: Coordinates, to which those of the base are added.
+            rates: Likewise.
+        """
+        place, velocity, turning, quat = motion
+        frame = Rotation.from_quat(self.turn, scalar_first=True)
+        if base == "ball":
+            joints[f"{name}/ball"], rates[f"{name}/ball"] = quat.tolist(), turning.tolist()
+        elif base == "planar":
+            coordinates = [place[0], place[1], 2.0 * np.arctan2(quat[3], quat[0])]
+            speeds = [velocity[0] + self.boost[0], velocity[1] + self.boost[1], turning[2]]
+            for joint, coordinate, speed in zip(("x", "y", "yaw"), coordinates, speeds, strict=True):
+                joints[f"{name}/{joint}"], rates[f"{name}/{joint}"] = float(coordinate), float(speed)
+        else:
+            turned = (frame * Rotation.from_quat(quat, scalar_first=True)).as_quat(scalar_first=True)
+            joints[f"{name}/free"] = [*frame.apply(place).tolist(), *turned.tolist()]
+            rates[f"{name}/free"] = [*(frame.apply(velocity) + self.boost).tolist(), *np.asarray(turning).tolist()]

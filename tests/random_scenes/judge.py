@@ -1,0 +1,115 @@
+"""What a random scene must satisfy: run, checks, log replay and an independent oracle say the same."""
+
+from __future__ import annotations
+
+import re
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import ffsm_mj
+from ffsm_mj.errors import InputError
+from ffsm_mj.replay import replay_log
+from tests.random_scenes.drawing import draw
+
+STATED = ("completed", "event_limit", "step_limit", "unsupported_contact", "diverged")
+"""Outcomes that a random scene may have; all but the first are counted apart."""
+
+
+class TimeOutError(BaseException):
+    """A seed takes too long: no program part may catch this."""
+
+
+@dataclass
+class Verdict:
+    """What became of a seed.
+
+    Attributes:
+        seed: The seed.
+        end: ``refused``, ``time-out``, or the outcome of the run.
+        differences: What run, checks, replay and oracle say differently; empty if they agree.
+        message: Of a refusal or an early end.
+    """
+
+    seed: int
+    end: str
+    differences: list[str] = field(default_factory=list)
+    message: str = ""
+
+    @property
+    def cause(self) -> str:
+        """The first difference, or the end, without numbers: what verdicts are grouped by."""
+        text = self.differences[0].partition(" (")[0] if self.differences else f"{self.end}: {self.message}"
+        return re.sub(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?", "#", re.sub(r"(link|tip|o|j|c)\d", r"\1N", text))[:150]
+
+    def __str__(self) -> str:
+        return f"{self.seed}: {self.end}; " + "; ".join(self.differences or [self.message])
+
+
+def judge(seed: int, folder: Path, limit_s: float = 0.0) -> Verdict:
+    """Run the scene of a seed and compare what there is to compare.
+
+    Args:
+        seed: The seed.
+        folder: Empty folder for the scene.
+        limit_s: Wall time after which the seed counts as stalled; 0: none.
+    """
+    try:
+        with _time_out(limit_s), np.errstate(all="ignore"):
+            return _judge(seed, draw(seed, folder))
+    except TimeOutError:
+        return Verdict(seed, "time-out", [f"takes more than {limit_s:g} s"])
+
+
+def judged(seed: int, limit_s: float) -> Verdict:
+    """The verdict on a seed, in a temporary folder; an exception is a difference."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return judge(seed, Path(folder), limit_s)
+        except Exception as error:  # noqa: BLE001 (whatever the program raises is what this looks for)
+            at = error.__traceback__
+            while at is not None and at.tb_next is not None:
+                at = at.tb_next
+            where = f" ({Path(at.tb_frame.f_code.co_filename).name}:{at.tb_lineno})" if at is not None else ""
+            return Verdict(seed, "raised", [f"{type(error).__name__}: {error}{where}"])
+
+
+def _judge(seed: int, path: Path) -> Verdict:
+    try:
+        run = ffsm_mj.run(path)
+    except InputError as error:
+        return Verdict(seed, "refused", message=str(error).replace(str(path.parent), ""))
+    found = [] if run.outcome in STATED else [f"outcome {run.outcome}: {run.log.outcome.message}"]
+    again = replay_log(run.log)
+    if again.obstacle:
+        found.append(f"replay: {again.obstacle}")
+    for worst in again.worst.values():
+        if not worst.passes:
+            size = f"{worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s"
+            found.append(f"replay: {worst.what} ({size})")
+    for what, checks in (("run", run.checks()), ("replay", again.checks())):
+        for check in checks:
+            if not (check.passes or check.fails_by_truncation):
+                size = f"{check.residual:.1e} of {check.tolerance:.1e} {check.unit}, at {check.time_s:g} s"
+                sentence = "" if check.truncation is None else f", {check.truncation.sentence(check.unit)}"
+                found.append(f"{what}: {check.name} of {check.subsystem} ({size}{sentence})")
+    return Verdict(seed, run.outcome, found, run.log.outcome.message)
+
+
+@contextmanager
+def _time_out(limit_s: float) -> Iterator[None]:
+    def stop(*_: object) -> None:
+        raise TimeOutError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, limit_s)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
