@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.closing_time import Bounds, lowest
+from ffsm_mj.contact_models.grasp.closest_approach import ClosestApproach
+from ffsm_mj.contact_models.grasp.closing_time import At, Bounds
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad
@@ -20,9 +21,6 @@ from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 
-_SEARCH_MARGIN = 1.01
-"""A step is searched if the chord estimate is below this multiple of the smallest ratio so far."""
-
 
 class Latch:
     """One grasp.
@@ -35,9 +33,8 @@ class Latch:
         held: The motion in which its object is a child of the link; None for a grasp between two objects, which rows hold.
         load: Load of the link on the object while it is closed, by whatever holds it.
         limit: Load at which it opens; None: it bears any.
-        stated_bounds: Bounds of the closing condition, by the name of the value in :class:`Nearness`; may be empty.
         armed: Whether it may close.
-        least: Closest approach to its bounds since it was armed, within steps too, and its time in s; None if not evaluated.
+        closest: Closest approach to its bounds since it was armed; None without bounds.
     """
 
     def __init__(
@@ -75,14 +72,10 @@ class Latch:
         self.contacts = frozenset(config.when.touch or ())
         stated = config.when.within.bounds if config.when.within is not None else ()
         self._bounds = Bounds(stated) if stated else None
-        self.stated_bounds = {
-            name: bound for name, bound in zip(Nearness._fields, stated, strict=False) if bound is not None
-        }
         self._step_start: Vectors | None = None
         self._step_end: tuple[float, Vectors] = math.nan, []
-        self._clock = 0.0
         self.armed = False
-        self.least: tuple[Nearness, float] | None = None
+        self.closest: ClosestApproach | None = None
 
     @property
     def watches(self) -> bool:
@@ -91,7 +84,8 @@ class Latch:
 
     def arm(self, time_s: float) -> None:
         """Arm the latch: it may close from now on."""
-        self.armed, self.least, self._step_start, self._clock = True, None, None, time_s
+        self.armed, self._step_start = True, None
+        self.closest = ClosestApproach(self._bounds, time_s) if self._bounds is not None else None
 
     def disarm(self) -> None:
         """Disarm the latch."""
@@ -111,10 +105,6 @@ class Latch:
     def clear_path(self) -> None:
         """Discard the start of the step: the state changed discontinuously."""
         self._step_start = None
-
-    def near(self) -> Nearness:
-        """Relative pose and velocity of the sites at the state in ``data``, as norms."""
-        return Nearness.of(self.sites.vectors(self._data))
 
     def ratio(self, near: Nearness) -> float:
         """Largest ratio of a value to its bound; the condition holds at 1 or below."""
@@ -136,38 +126,25 @@ class Latch:
 
     def first(self, path: StepPath, duration_s: float) -> float | None:
         """First time at which its bounds hold within ``duration_s`` of the last step; None if they do not."""
-        return self._bounds.first(self._at(path), duration_s) if self._bounds is not None else None
+        return self._bounds.first(self._along(path), duration_s) if self._bounds is not None else None
 
     def after_substep(self, path: StepPath, duration_s: float) -> None:
         """Update the closest approach over a finished (sub-)step; ``data`` is at its end."""
-        bounds, at = self._bounds, self._at(path)
-        if bounds is None:
+        if self.closest is None:
             return
         # was_clear() has evaluated the end of the step, unless an event of another model shortened it since.
         end = self._step_end[1] if self._step_end[0] == self._data.time else self.sites.vectors(self._data)
-        if self._step_start is None:
-            path.move_to(0.0)
-            self._step_start = self.sites.vectors(self._data)
-        self._update_least(Nearness.of(self._step_start), 0.0)
-        self._update_least(Nearness.of(end), duration_s)
-        if self.least is not None and bounds.lowest_between(self._step_start, end) < _SEARCH_MARGIN * self.ratio(
-            self.least[0]
-        ):
-            dip = lowest(lambda time_s: self.ratio(at(time_s)), 0.0, duration_s)
-            self._update_least(at(dip), dip)
+        rounding, at = self.sites.rounding(self._data), self._along(path)
+        start = at(0.0) if self._step_start is None else self._step_start
+        self.closest.add_step(start, end, at, duration_s, rounding)
         path.move_to(duration_s)
         self._step_start, self._step_end = end, (math.nan, [])
-        self._clock += duration_s
 
-    def _at(self, path: StepPath) -> Callable[[float], Nearness]:
-        """Return a function that evaluates :meth:`near` at a time of the step."""
+    def _along(self, path: StepPath) -> At:
+        """Return a function that evaluates the relative vectors at a time of the step."""
 
-        def at(time_s: float) -> Nearness:
+        def at(time_s: float) -> Vectors:
             path.move_to(time_s)
-            return self.near()
+            return self.sites.vectors(self._data)
 
         return at
-
-    def _update_least(self, near: Nearness, after_s: float) -> None:
-        if self.least is None or self.ratio(near) < self.ratio(self.least[0]):
-            self.least = near, self._clock + after_s

@@ -175,16 +175,20 @@ class GraspModel(EventSource, Replayable):
             return self._break(self._opening, instant) if self._opening is not None else None
         asked, self._requests, self._opening = self._requests, set(), None
         records: list[Any] = []
+        accuracy: dict[str, float] = {}
         for latch in [each for each in self._closed.latches if f"{each.grasp.name}.{RELEASE}" in asked]:
             records.append(self._closed.open(latch, instant))
         released = bool(records)
         for name, latch in self._latches.items():
             if f"{name}.{DISARM}" in asked and latch.armed:
                 records += self._disarm(latch, instant)
+                for field, spread in latch.closest.accuracy().items() if latch.closest is not None else ():
+                    accuracy[field] = max(spread, accuracy.get(field, 0.0))
             if f"{name}.{ARM}" in asked and not (latch.armed or latch in self._closed.latches):
                 records.append(self._arm(latch, instant))
         motion = self._closed.motion if released else None
-        return EventEffect(tuple(records), motion=motion, triggers_control=released) if records else None
+        effect = EventEffect(tuple(records), motion=motion, triggers_control=released, accuracy=accuracy)
+        return effect if records else None
 
     def _arm(self, latch: Latch, instant: EventTime) -> ArmingRecord:
         latch.arm(instant.time_s)
@@ -213,7 +217,8 @@ class GraspModel(EventSource, Replayable):
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
         latch.disarm()
         self._closing = [each for each in self._closing if each is not latch]
-        return [] if latch.least is None else [near_miss(self.scene, latch, *latch.least, instant)]
+        missed = near_miss(self.scene, latch.grasp.name, latch.closest, instant) if latch.closest is not None else None
+        return [] if missed is None else [missed]
 
     def after_event(self, time_s: float) -> None:
         """Record the loads on grasped objects after an event, since they may change discontinuously."""
@@ -250,9 +255,11 @@ class GraspModel(EventSource, Replayable):
                 self._requests.add(f"{record.grasp}.{ARM}")
             else:
                 # The part of the log in which it was armed may be lost: the closest approach is then taken from the record.
-                if not latch.armed or latch.least is None:
+                if not latch.armed:
+                    latch.arm(record.least_s)
+                if latch.closest is not None and latch.closest.first() is None:
                     near = Nearness(record.position_m, record.angle_rad, record.speed_m_s, record.rate_rad_s)
-                    latch.armed, latch.least = True, (near, record.least_s)
+                    latch.closest.assume(near, record.least_s)
                 self._requests.add(f"{record.grasp}.{DISARM}")
 
 

@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from ffsm_mj.contact_models.event import EventTime, Scene
+from ffsm_mj.contact_models.grasp.closest_approach import ClosestApproach
 from ffsm_mj.contact_models.grasp.closing import state_fields
-from ffsm_mj.contact_models.grasp.latch import Latch
-from ffsm_mj.contact_models.grasp.nearness import Nearness
 from ffsm_mj.contact_models.grasp.record import NearMissRecord
 
 
-def near_miss(scene: Scene, latch: Latch, near: Nearness, at_s: float, instant: EventTime) -> NearMissRecord:
-    """The record of a near miss, at the state in ``data``.
+def near_miss(scene: Scene, grasp: str, closest: ClosestApproach, instant: EventTime) -> NearMissRecord | None:
+    """The record of a near miss, at the state in ``data``; None if no time has passed since the grasp was armed.
 
     Args:
         scene: The logged system and its data.
-        latch: The latch that was disarmed; it has bounds.
-        near: Distances and speeds at its closest approach.
-        at_s: Time of the closest approach, s.
+        grasp: Name of the grasp.
+        closest: Its closest approach.
         instant: Time and step at which it was disarmed.
     """
-    bounds = latch.stated_bounds
-    failed = max(bounds, key=lambda name: getattr(near, name) / bounds[name])
+    if (first := closest.first()) is None:
+        return None
+    near, least_s, failed = first
+    bounds = closest.bounds.stated
     return NearMissRecord(
         event=scene.numbers.next_number(),
-        grasp=latch.grasp.name,
+        grasp=grasp,
         time_s=instant.time_s,
         step=instant.step,
-        least_ratio=latch.ratio(near),
-        least_s=at_s,
+        least_ratio=closest.bounds.ratio(near),
+        least_s=least_s,
         **near._asdict(),
         bounds={name: (bound,) for name, bound in bounds.items()},
         failed=failed,

@@ -13,6 +13,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
+from ffsm_mj.tolerances import CANCELLED
 
 Vectors = list[list[float]]
 """Relative vectors: offset in m, rotation vector in rad, velocity in m/s and rad/s, world axes, (4, 3)."""
@@ -75,6 +76,15 @@ class Sites:
         velocity -= one[3:] + cross(one[:3], place - held)
         offset: list[float] = (place - data.site_xpos[self.robot]).tolist()
         return [offset, _rotation(there @ here.T), velocity.tolist(), (other[:3] - one[:3]).tolist()]
+
+    def rounding(self, data: Any) -> Nearness:
+        """How far the norms of the vectors of the last evaluation may differ where they are equal in exact arithmetic.
+
+        Distances and velocities are differences, which are known as well as what cancels in them.
+        """
+        places = (*data.site_xpos[self.robot].tolist(), *data.site_xpos[self.object].tolist())
+        turning, moving = ((*self._one[part].tolist(), *self._other[part].tolist()) for part in (slice(3), slice(3, None)))
+        return Nearness(*(CANCELLED * (1.0 + max(map(abs, terms))) for terms in (places, (0.0,), moving, turning)))
 
 
 def _rotation(turn: FloatArray) -> list[float]:

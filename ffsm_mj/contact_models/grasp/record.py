@@ -157,7 +157,7 @@ class NearMissRecord:
         time_s: Time of disarming.
         step: Index of the integration step, from 0.
         least_ratio: Minimum over the armed time, within steps too, of the largest ratio of a value to its bound.
-        least_s: Time of that minimum.
+        least_s: Time of that minimum; of minima that are equal to rounding, of the first.
         position_m: Distance of the sites at that time.
         angle_rad: Angle between their frames at that time.
         speed_m_s: Relative speed at the object's site at that time.

@@ -155,7 +155,7 @@ NEAR_MISS = RecordKind(
         "time_s": ("s", "time of disarming"),
         **_GRASP,
         "least_ratio": ("", "minimum while armed of the largest ratio of a value to its bound"),
-        "least_s": ("s", "time of that minimum"),
+        "least_s": ("s", "time of that minimum; of minima that are equal to rounding, of the first"),
         **{name: (unit, f"{meaning} at that time") for name, (unit, meaning) in _SITES.items()},
         "failed": ("", "name of the value with the largest ratio to its bound at that time"),
         "failed_value": ("", "that value, in the unit of its name"),

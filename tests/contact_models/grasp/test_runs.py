@@ -185,7 +185,9 @@ def test_a_miss_tells_the_least_of_all_instants(tmp_path, step_s):
     run = holds(ffsm_mj.run(path))
     (miss,), (arming,) = run.records["near_misses"], run.records["armings"]
     assert (arming.time_s, miss.time_s) == (0.0, pytest.approx(0.8))
-    assert miss.least_s == pytest.approx(0.5037, abs=1e-7)  # flat there: to the root of what its value is known to
+    # The distance is flat there, but the offset along the velocity is not: it is known to 1e-15 m at 1 m/s, and times of
+    # 0.5 s, sums of 500 steps, to 500 roundings of 1e-16.
+    assert miss.least_s == pytest.approx(0.5037, abs=1e-12)
     assert miss.least_ratio == pytest.approx(6.0, abs=1e-12)
     records = {**run.log.records, "near_misses": (dataclasses.replace(miss, least_ratio=6.0 + 1e-7),)}
     assert not replay_log(dataclasses.replace(run.log, records=records)).agrees
