@@ -79,8 +79,8 @@ class Actuation:
             ScenarioFaults: An unknown actuator, or one that is not a plain motor in MJCF.
         """
         self.names = system.names("actuator")
-        self.gear = _effort_per_ctrl(system)
-        actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system.mj, self.gear).tolist(), strict=True)]
+        self.gear = _effort_per_ctrl(system.mj)
+        actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system, self.gear).tolist(), strict=True)]
         faults = []
         for name, config in configs.items():
             try:
@@ -112,6 +112,8 @@ class Actuation:
                 _count_signals([self.names[i] for i in self._counted]), live=self.counts.reshape(-1), resume=self._resume
             ),
         )
+        foreign = np.array([not name.startswith("robot/") for name in self.names], dtype=np.bool_)
+        self._system, self._foreign = system, foreign if foreign.any() else None
         self._data: Any = None
         self._command: Command | None = None
 
@@ -125,13 +127,16 @@ class Actuation:
         """Convert a command to ``data.ctrl``, to be held until the next one.
 
         Raises:
-            ControllerError: A powered effort is not finite.
+            ControllerError: A powered effort is not finite, or one of an actuator of an object is not zero.
         """
         if data is not self._data or command is not self._command:
             self.bind(command, data)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
             raise ControllerError(f"the controller commands a non-finite effort for {names}")
+        if self._foreign is not None and self._wanted[self._foreign].any():
+            driven = self._system.foreign_actuators(np.flatnonzero(self._wanted).tolist())
+            raise ControllerError(f"the controller drives {driven}")
         if self._valves:
             self._switch(command.powered, time_s)
 
@@ -180,38 +185,15 @@ class Actuation:
         self.counts[:] = counts.reshape(-1, 2)
 
 
-def _effort_per_ctrl(system: System) -> FloatArray:
-    """Gear times gain of each actuator.
-
-    Raises:
-        ScenarioFaults: An actuator is not a plain motor (a servo, a muscle, activation dynamics).
-    """
-    model = system.mj
-    gear = np.ones(model.nu)
-    faults = []
-    for i in range(model.nu):
-        fixed_gain = model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-        no_bias = model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
-        if not (fixed_gain and no_bias and model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE):
-            message = (
-                f"actuator {model.actuator(i).name!r} is not a plain <motor>: its force would not be the command; "
-                "write <motor>, or use 'strip: [servos]' of the scenario"
-            )
-            faults.append(Fault(message, ("robot", "mjcf")))
-        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-        gear[i] = model.actuator_gainprm[i, 0] * (model.actuator_gear[i, 0] if on_joint else 1.0)
-        if gear[i] == 0.0:
-            faults.append(
-                Fault(f"actuator {model.actuator(i).name!r} has gear or gain 0: it drives nothing", ("robot", "mjcf"))
-            )
-    if faults:
-        raise ScenarioFaults(faults)
-    return gear
+def _effort_per_ctrl(model: Any) -> FloatArray:
+    """Gear times gain of each actuator; that of a thruster's gain alone, as its gear is a wrench."""
+    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    return np.asarray(model.actuator_gainprm[:, 0] * np.where(on_joint, model.actuator_gear[:, 0], 1.0))
 
 
-def _mjcf_range(model: Any, gear: FloatArray) -> FloatArray:
-    """Bounds on the effort in MJCF, (2, nu)."""
-    bounds = np.array([np.full(model.nu, -np.inf), np.full(model.nu, np.inf)])
+def _mjcf_range(system: System, gear: FloatArray) -> FloatArray:
+    """Bounds on the effort in the model files, (2, nu)."""
+    model, bounds = system.mj, system.effort_limits.T.copy()
     for i in range(model.nu):
         limits = []
         if model.actuator_ctrllimited[i]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
+import numpy as np
+
 from ffsm_mj.assembly.contact_rules import ContactRule, Contacts
 from ffsm_mj.contact.mesh_hull import hull_offset
 from ffsm_mj.model.system import System
@@ -37,10 +39,20 @@ def _sentence(rule: ContactRule, contacts: Contacts) -> str:
 
 def contact_notes(contacts: Contacts, system: System) -> Iterator[str]:
     """Notes on contacts that are reported instead of resolved, and on those that end the run."""
+    yield from _filtered(contacts, system)
     yield from _left_out(contacts, system)
     reasons = Counter(contacts.unsupported.values())
     for reason, count in reasons.items():
         yield f"the run ends where {'one of ' * (count > 1)}{count} pair{'s' * (count > 1)} meets: {reason}"
+
+
+def _filtered(contacts: Contacts, system: System) -> Iterator[str]:
+    """A note on models that pass through each other."""
+    geoms = {model.name: np.isin(system.mj.geom_bodyid, model.bodies).any() for model in system.models}
+    for pair in contacts.filtered:
+        bare = " and ".join(f"{name!r}" for name in pair if not geoms[name])
+        why = f"{bare} without geoms" if bare else "contype and conaffinity in their models exclude every pair of geoms"
+        yield f"{pair[0]!r} and {pair[1]!r} cannot touch: {why}"
 
 
 def _left_out(contacts: Contacts, system: System) -> Iterator[str]:

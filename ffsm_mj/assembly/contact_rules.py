@@ -53,6 +53,7 @@ class Contacts:
         ignored: Geom ids of ignored pairs.
         left_out: Geom ids of pairs that could collide and that no rule has: overlaps are reported.
         is_default: Whether the scenario states no rules.
+        filtered: Names of two models of which no geoms can meet, by their filters or for want of geoms.
     """
 
     rules: tuple[ContactRule, ...]
@@ -61,6 +62,7 @@ class Contacts:
     ignored: frozenset[frozenset[int]]
     left_out: frozenset[frozenset[int]]
     is_default: bool
+    filtered: tuple[tuple[str, str], ...]
 
 
 def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
@@ -81,12 +83,32 @@ def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
         _refuse_without_pairs(rules)
     pairs, unsupported = _pairs(rules, system)
     _refuse_same_names(rules, pairs)
+    filtered, behind_filters = _filtered(system, selector, can, pairs, ignored)
     for rule in rules:
         a, b = np.array(rule.geoms, dtype=np.intp).reshape(-1, 2).T
         can[a, b] = can[b, a] = False
-    left_out = frozenset(frozenset(pair) for pair in np.argwhere(np.triu(can & ~ignored)).tolist())
+    left_out = frozenset(frozenset(pair) for pair in np.argwhere(np.triu((can | behind_filters) & ~ignored)).tolist())
     ignored_ids = frozenset(frozenset(pair) for pair in np.argwhere(np.triu(ignored, 1)).tolist())
-    return Contacts(rules, pairs, unsupported, ignored_ids, left_out, is_default)
+    return Contacts(rules, pairs, unsupported, ignored_ids, left_out, is_default, filtered)
+
+
+def _filtered(
+    system: System, selector: GeomSelector, can: Matrix, pairs: Sequence[ContactPair], ignored: Matrix
+) -> tuple[tuple[tuple[str, str], ...], Matrix]:
+    """Two models each that the filters of their files keep from meeting at all, and the pairs of their geoms.
+
+    A satellite whose file switches the contacts of its own parts off would otherwise fly through another one unseen.
+    """
+    ruled = [{int(selector.part[geom]) for geom in pair.geom_ids} for pair in pairs]
+    found, behind = [], np.zeros_like(can)
+    for (i, a), (k, b) in combinations(enumerate(system.models), 2):
+        between = np.ix_(selector.part == i, selector.part == k)
+        if (a in system.fixed and b in system.fixed) or can[between].any() or {i, k} in ruled:
+            continue
+        if ignored[between].size == 0 or not ignored[between].all():
+            found.append((a.name, b.name))
+            behind[between] = True
+    return tuple(found), behind | behind.T
 
 
 @dataclass(frozen=True)

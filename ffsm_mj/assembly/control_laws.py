@@ -142,6 +142,8 @@ def _made(
     if unknown:
         message = f"driven_actuators of kind {config.kind!r} contains {unknown[0]}; ids are 0 to {context.system.mj.nu - 1}"
         raise ScenarioFaults([Fault(message, (*path, "kind"))])
+    if foreign := context.system.foreign_actuators(claims_of(law)):
+        raise ScenarioFaults([Fault(f"drives {foreign}", path)])
     return law
 
 

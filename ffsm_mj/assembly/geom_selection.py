@@ -85,6 +85,8 @@ class GeomSelector:
         except LookupError as error:
             if "ambiguous" in str(error):
                 raise
+            if name == body and sum(full.endswith(f"/{name}") for full in system.names("geom")) > 1:
+                system.resolve("geom", name)  # raises: several models have this geom
             known = {*self._parts, *system.names("body"), *system.names("geom")}
             raise LookupError(unknown_name("model, body or geom", name, known)) from None
 

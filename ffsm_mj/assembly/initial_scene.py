@@ -15,6 +15,8 @@ from ffsm_mj.log.initial_scene import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.system import System
 
 _TURN = 2.0 * np.pi
+_ROUNDED_M = 1e-5
+"""Rounding of a target that was read off a model, m: templates write six decimals."""
 
 
 def initial_scene(assembly: Assembly, lines: list[str]) -> InitialScene:
@@ -70,7 +72,7 @@ def initial_notes(assembly: Assembly) -> Iterator[str]:
         return
     axes = list(task.axes)
     distance = float(np.linalg.norm(task.target_m - reach.centre_m[axes]))
-    if distance > reach.radius_m:
+    if distance > reach.radius_m + _ROUNDED_M:
         yield (
             f"the target is {distance:.4g} m from joint {reach.joint}, beyond the arm's reach of {reach.radius_m:.4g} m: "
             "the tip arrives only if the base moves"

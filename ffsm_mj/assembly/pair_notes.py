@@ -12,7 +12,7 @@ from ffsm_mj.contact_models.persistent.refusals import refusal
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
     """Labels of geoms that overlap initially, whose contacts are neither resolved nor ignored."""
-    watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs)
+    watch = ContactWatch(assembly.system.mj, assembly.data, assembly.known_pairs, filtered=assembly.contacts.left_out)
     watch.look(0.0)
     for record in watch.finish(0.0):
         yield record.geoms[0], record.geoms[1]

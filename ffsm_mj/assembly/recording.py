@@ -98,7 +98,8 @@ class Recording:
         block = np.zeros((BLOCK_ROWS, len(layout.signals)))
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
         self._recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
-        watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, assembly.contacts.unsupported)
+        contacts = assembly.contacts
+        watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, contacts.unsupported, contacts.left_out)
         settings = _settings(config)
         self.simulation = Simulation(assembly.plant, watch, assembly.controller, rows, self._recorder, settings)
 

@@ -35,6 +35,7 @@ class ContactWatch:
         data: Any,
         known: Iterable[frozenset[int]],
         unsupported: Mapping[frozenset[int], str] = MappingProxyType({}),
+        filtered: Iterable[frozenset[int]] = (),
     ) -> None:
         """Watch all pairs of geoms that MuJoCo would collide, except the known ones.
 
@@ -43,10 +44,11 @@ class ContactWatch:
             data: Its data.
             known: Geom ids of pairs that contact models resolve, and of ignored pairs.
             unsupported: Pairs that should be resolved and cannot be, with the reason: the first overlap ends the run.
+            filtered: Pairs to be watched although MuJoCo would not collide them.
         """
         self._data, self._unsupported = data, unsupported
         self._open: dict[frozenset[int], tuple[float, float]] = {}
-        self._watched = _without(collidable(model), known)
+        self._watched = _with(_with(collidable(model), filtered, watched=True), known, watched=False)
         self._is_idle = not self._watched.any()
         # A copy of the model, with contacts enabled.
         self._model = copy.copy(model)
@@ -109,11 +111,11 @@ class ContactWatch:
         return tuple(sorted(self._model.geom(geom).name for geom in pair))
 
 
-def _without(can: Matrix, known: Iterable[frozenset[int]]) -> Matrix:
-    """Pairs that can collide, without the known ones."""
-    ids = np.array([sorted(pair) for pair in known if len(pair) == 2], dtype=np.intp).reshape(-1, 2)
-    can[ids[:, 0], ids[:, 1]] = can[ids[:, 1], ids[:, 0]] = False
-    return can
+def _with(pairs: Matrix, changed: Iterable[frozenset[int]], *, watched: bool) -> Matrix:
+    """A matrix of pairs in which some are set."""
+    ids = np.array([sorted(pair) for pair in changed if len(pair) == 2], dtype=np.intp).reshape(-1, 2)
+    pairs[ids[:, 0], ids[:, 1]] = pairs[ids[:, 1], ids[:, 0]] = watched
+    return pairs
 
 
 def _collide_only(model: Any, watched: Matrix) -> None:
@@ -126,3 +128,7 @@ def _collide_only(model: Any, watched: Matrix) -> None:
     own = np.where(watched.any(axis=1), 1 << numbers, 0)
     model.geom_contype[:] = own
     model.geom_conaffinity[:] = [np.bitwise_or.reduce(own[partners], initial=0) for partners in watched]
+    # The broad phase looks at bodies, whose bits are those of all their geoms.
+    for of_body, of_geom in ((model.body_contype, model.geom_contype), (model.body_conaffinity, model.geom_conaffinity)):
+        of_body[:] = 0
+        np.bitwise_or.at(of_body, model.geom_bodyid, of_geom)

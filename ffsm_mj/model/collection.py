@@ -12,6 +12,7 @@ from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.xml import Element, assets, elements, is_urdf, strips_folders
 
 _MAX_DEPTH = 8
+_LFS_POINTER = b"version https://git-lfs"
 
 
 class Shelf(Protocol):
@@ -94,6 +95,10 @@ class _Walk:
             package = (packaged, home) if packaged != asset.name else None
             path, guessed = posixpath.join(asset.folder, packaged), strip or given.by_base_name
             content = self._take(_join(home, path), path, asset.place, package, by_base_name=guessed)
+            if content.startswith(_LFS_POINTER):
+                raise InputError(
+                    f"{asset.place}: {self._shelf.label(path)}: a Git LFS pointer, not the file: run 'git lfs pull'"
+                )
             self._count(asset.place, 0.0, image_pixels(content))
 
     def _elements_of(

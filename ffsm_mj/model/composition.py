@@ -10,8 +10,16 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.actuators import actuator_faults, effort_limits
 from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
-from ffsm_mj.model.conservative import disabled_springs, gravity_faults, gravity_of, model_faults, spec_faults
+from ffsm_mj.model.conservative import (
+    base_armatures,
+    gravity_of,
+    magnetic_of,
+    model_faults,
+    shared_vector_faults,
+    spec_faults,
+)
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
@@ -65,7 +73,10 @@ def compile_system(
         added = add_sensors(scene, sensors, grasped=grasp is not None)
         model = compile_scene(scene, files, vfs)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
-    faults += model_faults(model, scene, files, conservative=conservative)
+    faults += model_faults(model, scene, files)
+    limits, refused = effort_limits(model, scene, files)
+    if refused := actuator_faults(model, scene, files) + refused:
+        raise InputError(refused)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
     grasped = grasp.tree if grasp is not None else ""
@@ -83,6 +94,7 @@ def compile_system(
         changes=changes,
         grasp=grasp,
         sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()} | added,
+        effort_limits=limits,
         actuator_delays_s={name: delay for each in parts for name, delay in each.delays_s.items()},
     )
 
@@ -99,32 +111,32 @@ def _attach(
     """Attach all models to a scene; returns the prepared models, and the faults of their options.
 
     Raises:
-        InputError: MuJoCo refuses a model, a fixed model has moving parts, models have different gravity, or limits are no
-            stops of a joint.
+        InputError: MuJoCo refuses a model, a fixed model has moving parts, models have different gravity or magnetic fields,
+            or limits are no stops of a joint.
         ScenarioFaults: A site or a property is impossible.
     """
     parts: list[Part] = []
     faults: list[str] = []
-    switched_off: list[str] = []
-    gravity: dict[str, tuple[float, ...]] = {}
+    gravity, magnetic = dict[str, tuple[float, ...]](), dict[str, tuple[float, ...]]()
     for name, model_files in files.items():
         with collected_warnings(warned[name]):
             parts.append(part(name, model_files, vfs))
             warned[name].extend(parts[-1].warnings)
             spec = parts[-1].spec
             faults += spec_faults(spec, model_files, conservative=conservative)
-            switched_off += disabled_springs(spec, model_files)
             gravity[name] = gravity_of(spec, model_files)
+            magnetic |= magnetic_of(spec, name)
             take_options(scene, spec, gravity[name], conservative=conservative)
             if grasp is not None and name == grasp.tree:
                 join(scene, spec, grasp)
             else:
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
     refused = [
-        *switched_off,
         *moving_parts(scene, files),
         *unsupported_limits(scene, files),
-        *([] if conservative else gravity_faults(gravity, files)),
+        *base_armatures(scene, files),
+        *([] if conservative else shared_vector_faults("gravity", {n: g for n, g in gravity.items() if any(g)}, files)),
+        *shared_vector_faults("magnetic field", magnetic, files),
     ]
     if refused:
         raise InputError(refused)

@@ -3,8 +3,8 @@
 Springs and dampers of joints act between two links, and enter the balance. Refused are those of the base's joints, which
 act on the world, dampers that drive, and springs that yield.
 
-A conservative scenario refuses uniform gravity and ``gravcomp``, under which momentum is not conserved. In other scenarios
-they are external forces that enter the balance, and no fault.
+A conservative scenario refuses uniform gravity, under which momentum is not conserved. In other scenarios gravity and its
+compensation (``gravcomp``) are external forces that enter the balance, and no fault.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ffsm_mj.model.places import Places
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
 _AUTHORED_GRAVITY = 1 << 7
+AUTHORED_MAGNETIC = 1 << 9
 _AUTHORED_INTEGRATOR = 1 << 16
 
 
@@ -54,24 +55,35 @@ def spec_faults(spec: Any, files: ModelFiles, *, conservative: bool) -> list[str
 
 
 def gravity_of(spec: Any, files: ModelFiles) -> tuple[float, ...]:
-    """Gravity of a model, (3,), m/s^2; without one in the file, MuJoCo's default (MJCF) or zero (URDF)."""
-    silent = files.urdf and not spec.authored.option & _AUTHORED_GRAVITY
+    """Gravity of a model, (3,), m/s^2; without one in the file, MuJoCo's default (MJCF) or zero (URDF); zero if disabled."""
+    silent = is_disabled(spec, "gravity") or (files.urdf and not spec.authored.option & _AUTHORED_GRAVITY)
     return (0.0, 0.0, 0.0) if silent else tuple(map(float, spec.option.gravity))
 
 
-def gravity_faults(asked: Mapping[str, tuple[float, ...]], files: Mapping[str, ModelFiles]) -> list[str]:
-    """Faults of models with different gravity: a scene has one, and models without gravity take it over.
+def magnetic_of(spec: Any, name: str) -> dict[str, tuple[float, ...]]:
+    """Magnetic field of a model by its name, (3,), in the units of its magnetometers; empty if its file has none."""
+    return {name: tuple(map(float, spec.option.magnetic))} if spec.authored.option & AUTHORED_MAGNETIC else {}
+
+
+def is_disabled(spec: Any, flag: str) -> bool:
+    """Whether a model file writes ``<flag NAME="disable"/>``."""
+    return bool(spec.option.disableflags & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag.upper()}")))
+
+
+def shared_vector_faults(what: str, asked: Mapping[str, tuple[float, ...]], files: Mapping[str, ModelFiles]) -> list[str]:
+    """Faults of models with different gravity or magnetic fields: a scene has one, and models without it take it over.
 
     Args:
-        asked: Gravity of each model by name, from :func:`gravity_of`.
+        what: Name of the vector in messages.
+        asked: The vector of each model that has one, by name.
         files: Files of each model by name.
     """
-    with_gravity = [name for name, gravity in asked.items() if any(gravity)]
+    first = next(iter(asked), "")
     return [
-        f"{files[name].place}: gravity is {_vector(asked[name])}, and {_vector(asked[with_gravity[0]])} in "
-        f"{files[with_gravity[0]].place}; all models of a scene have one gravity"
-        for name in with_gravity
-        if asked[name] != asked[with_gravity[0]]
+        f"{files[name].place}: {what} is {_vector(vector)}, and {_vector(asked[first])} in "
+        f"{files[first].place}; all models of a scene have one {what}"
+        for name, vector in asked.items()
+        if vector != asked[first]
     ]
 
 
@@ -79,28 +91,30 @@ def _vector(values: Iterable[float]) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
-def disabled_springs(spec: Any, files: ModelFiles) -> list[str]:
-    """Springs and dampers that a model file has but switches off, which a scene would switch on again."""
-    faults = []
-    for word in ("stiffness", "damping"):
-        flag = {"stiffness": "spring", "damping": "damper"}[word]
-        off = spec.option.disableflags & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag.upper()}"))
-        if off and any(getattr(joint, word).any() for joint in spec.joints):
-            faults.append(
-                f'{files.place}: <flag {flag}="disable"> has no effect in a scene; remove the {word} of the joints, '
-                f"or use 'strip: [{word}]' in the scenario"
+def base_armatures(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
+    """Faults of joints of a base with armature: inertia against the world, which the momentum of the bodies lacks.
+
+    Args:
+        scene: Specification with all models attached.
+        files: Files of each model by its prefix.
+    """
+    places = Places(scene, files)
+    for joint in scene.joints:
+        if joint.armature and joint.parent.parent.name == "world":
+            yield (
+                f"{places.of('joint', joint.name)} has armature {joint.armature:g}, and joins the base to the world, which "
+                'has no part in the dynamics; write armature="0" (a <freejoint/> has none)'
             )
-    return faults
 
 
-def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles], *, conservative: bool) -> list[str]:
+def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Elements of the compiled scene that break conservation, each with the file and line of its model."""
     following = {prefix: mimics(each) for prefix, each in files.items()} if model.neq else {}
     places = Places(scene, files)
     return [
         (_mimic_fault(model, name, following) if kind == "equality" else "")
         or f"{places.of(kind, name)} has {what}; remove it, or use 'strip' in the scenario"
-        for kind, name, what in _elements(model, conservative=conservative)
+        for kind, name, what in _elements(model)
     ]
 
 
@@ -148,7 +162,7 @@ def _spring_faults(model: Any, j: int, dof: int) -> Iterator[str]:
         yield "springyield, a spring that yields"
 
 
-def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str]]:
+def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
     """Yield (kind, full name, property that breaks conservation)."""
     for j in range(model.njnt):
         joint = model.joint(j)
@@ -163,8 +177,8 @@ def _elements(model: Any, *, conservative: bool) -> Iterator[tuple[str, str, str
                 coefficients.append(getattr(model, f"tendon_{attribute}poly")[t])
             if any(np.any(each) for each in coefficients):
                 yield "tendon", model.tendon(t).name, attribute
-    for b in range(model.nbody):
-        if model.body_gravcomp[b] and (conservative or _has_limited_gravcomp(model, b)):
+    for b in np.flatnonzero(model.body_gravcomp).tolist() if np.any(model.opt.gravity) else ():
+        if _has_limited_gravcomp(model, b):
             yield "body", model.body(b).name, "gravcomp"
-    for e in range(model.neq):
+    for e in np.flatnonzero(model.eq_active0).tolist():
         yield "equality", model.equality(e).name, "a soft constraint force"

@@ -19,6 +19,7 @@ from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.packages import SCHEME, find_in_package
 from ffsm_mj.model.properties import Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
+from ffsm_mj.model.xml import has_urdf_root
 
 MAX_FILES = 1000
 MAX_BYTES = 256 * 1024**2
@@ -55,8 +56,8 @@ class ModelFiles:
 
     @property
     def urdf(self) -> bool:
-        """Whether the main file is a URDF, by its name."""
-        return self.main.lower().endswith(".urdf")
+        """Whether the main file is a URDF: MuJoCo knows one by its root element, whatever its name."""
+        return has_urdf_root(self.files[self.main])
 
     @property
     def beside(self) -> bool:

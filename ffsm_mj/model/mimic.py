@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.xml import elements
+from ffsm_mj.model.xml import elements, has_urdf_root
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def mimic_fault(written: Iterable[Mimic], follower: str, leader: str) -> str:
 
 def mimics(files: ModelFiles) -> list[Mimic]:
     """All ``<mimic>`` elements of a model and its attached URDFs; longest names first, as names may share an ending."""
-    urdfs = [name for name in files.files if name.lower().endswith(".urdf")]
+    urdfs = [name for name, content in files.files.items() if has_urdf_root(content)]
     found = [each for name in urdfs for each in _written(files.files[name], files.label + name)]
     return sorted(found, key=lambda each: -len(each.joint))
 

@@ -15,8 +15,9 @@ import mujoco
 
 from ffsm_mj.model.files import ModelFiles
 
-_IDLE = ("Attaching a spec with an empty prefix", "Child model has pending keyframes")
-"""Starts of irrelevant warnings: models are neither saved nor reset to a keyframe."""
+_IDLE = ("Attaching a spec with an empty prefix", "Child model has pending keyframes", "Attach conflict when attaching")
+"""Starts of irrelevant warnings: models are neither saved nor reset to a keyframe, and :mod:`ffsm_mj.model.settings` says
+which settings of attached models matter."""
 
 
 class _Here(local):

@@ -29,7 +29,7 @@ def find_in_package(written: str, home: Path, folders: Sequence[Path], place: st
     name, *rest = PurePosixPath(written).parts
     if not rest or ".." in (name, *rest):
         raise InputError(f"{place}: '{SCHEME}{written}' is not of the form {SCHEME}NAME/path")
-    packages = list(_packages(name, home, folders))
+    packages = list(dict.fromkeys(_packages(name, home, folders)))
     for package in packages:
         if os.path.isfile(path := package.joinpath(*rest)):  # unlike Path.is_file, False for a name that is too long
             return path, package

@@ -12,6 +12,7 @@ from ffsm_mj.model.flex import add_flex
 from ffsm_mj.model.joint_limits import empty_ranges
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sensors import Sensors, sensors_of_model
+from ffsm_mj.model.settings import setting_faults, setting_notes, total_mass_faults
 from ffsm_mj.model.sites import add_sites
 from ffsm_mj.model.source import load_with_timing
 from ffsm_mj.model.strip import strip
@@ -47,16 +48,14 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         vfs: MuJoCo's virtual files; those of the model are added. They are needed until the scene is compiled.
 
     Raises:
-        InputError: MuJoCo refuses the model, a joint has an empty range, or a sensor cannot be measured.
+        InputError: MuJoCo refuses the model, a joint has an empty range, a setting would make another plant of it, or a
+            sensor cannot be measured.
         ScenarioFaults: A site, a flexible drive or a property is impossible.
     """
     spec, timing = load_with_timing(files, vfs)
     notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
-    if spec.compiler.settotalmass > 0.0:
-        notes.append(
-            f"{files.place}: <compiler settotalmass> has no effect on a model in a scene; give masses under 'model'"
-        )
-    if faults := empty_ranges(spec, name, files):
+    notes += setting_notes(spec, files)
+    if faults := [*empty_ranges(spec, name, files), *setting_faults(spec, files), *total_mass_faults(files)]:
         raise InputError(faults)
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)

@@ -11,13 +11,18 @@ import mujoco
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.xml import Element, elements
 
+_ACTUATORS = (
+    *("general", "motor", "position", "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle"),
+    *("adhesion", "dcmotor", "plugin"),
+)
 _TAGS = {
+    "actuator": _ACTUATORS,
     "body": ("body", "link"),
     "joint": ("joint", "freejoint"),
     "equality": ("connect", "weld", "joint", "tendon", "flex", "flexvert", "flexstrain"),
 }
 _ENDS = ("body1", "body2", "joint1", "joint2", "tendon1", "tendon2", "site1", "site2", "flex")
-_NO_BODIES = {"default", "equality", "tendon", "actuator", "sensor", "keyframe"}
+_NO_BODIES = {"default", "equality", "tendon", "actuator", "sensor", "keyframe", "transmission", "ros2_control", "gazebo"}
 
 
 class Places:
@@ -90,6 +95,8 @@ def _tags(element: Any, kind: str) -> tuple[str, ...]:
 
 def _is(element: Element, kind: str) -> bool:
     """Whether an element is of a kind; its tag alone is ambiguous, such as ``joint`` in an equality."""
+    if kind == "actuator":
+        return element.parents[-1] == "actuator"
     binding = any(end in element.attributes for end in _ENDS)
     return binding if kind == "equality" else kind == "tendon" or not (binding or _NO_BODIES & set(element.parents))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.compilation import compile_spec
-from ffsm_mj.model.conservative import authored_integrator
+from ffsm_mj.model.conservative import AUTHORED_MAGNETIC, authored_integrator
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import weightless
 from ffsm_mj.model.number_faults import number_faults
@@ -22,10 +22,8 @@ from ffsm_mj.model.source import REFUSALS, load_spec, own_words
 _CCD_TOLERANCE = 1e-12
 _CCD_ITERATIONS = 200
 
-_SHARED_OPTIONS = (
-    *("gravity", "wind", "density", "viscosity", "integrator", "timestep"),
-    *("ccd_tolerance", "ccd_iterations", "disableflags"),
-)
+_OPTIONS = tuple(name for name in dir(mujoco.MjSpec().option) if not name.startswith("_"))
+_SIZES = ("memory", "nconmax", "njmax", "nemax", "nstack", "nuserdata")
 
 
 def empty_scene(time_step_s: float) -> Any:
@@ -87,6 +85,8 @@ def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservat
         gravity: Gravity of the model, m/s^2.
         conservative: Whether the scenario must be conservative.
     """
+    if spec.authored.option & AUTHORED_MAGNETIC:
+        scene.option.magnetic = spec.option.magnetic
     if not conservative:
         if any(gravity):
             scene.option.gravity = gravity
@@ -95,5 +95,7 @@ def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservat
                 setattr(scene.option, name, getattr(spec.option, name))
         if authored_integrator(spec) is not None:
             scene.option.integrator = spec.option.integrator
-    for name in _SHARED_OPTIONS:
+    for name in _OPTIONS:
         setattr(spec.option, name, getattr(scene.option, name))
+    for name in _SIZES:
+        setattr(spec, name, getattr(scene, name))

@@ -44,6 +44,11 @@ def load_with_timing(files: ModelFiles, vfs: Any) -> tuple[Any, Timing]:
         _strip_folders(spec)
     if files.urdf:
         _complete_urdf(spec, floats=files.pose is None)
+    for element in [*spec.lights, *spec.cameras]:
+        if element.targetbody == "world":  # it would get the prefix of the model, and be unknown
+            spec.delete(element)
+    for skin in [skin for skin in spec.skins if "world" in skin.bodyname]:
+        spec.delete(skin)
     _name_all(spec)
     return spec, take_timing(spec)
 
@@ -157,7 +162,7 @@ def own_words(models: Iterable[ModelFiles], vfs: Any, error: Exception) -> str:
 
 def mujoco_line(files: ModelFiles, error: Exception) -> str:
     """MuJoCo's message on one line after the name of the file; "line 0" is replaced by the lines of such elements."""
-    text = " ".join(str(error).split())
+    text = " ".join(str(error).split()).replace(f"ffsm-{digest_of(files)}/", files.label)
     without_line = re.search(r"Element '(\w+)', line 0\b", text)
     if without_line:
         places = [

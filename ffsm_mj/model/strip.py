@@ -10,6 +10,8 @@ from typing import Any, Literal, get_args
 
 import mujoco
 
+from ffsm_mj.model.actuators import is_plain_motor
+
 Strippable = Literal[
     "damping", "frictionloss", "stiffness", "limits", "equalities", "tendons", "servos", "gravcomp", "sensors"
 ]
@@ -30,10 +32,10 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
 
     Args:
         spec: Specification of the model; all its elements have names.
-        what: ``damping``, ``frictionloss`` and ``stiffness`` of joints and tendons (a ``springdamper`` goes with either of
-            its two), ``limits`` of their ranges, ``equalities``, ``tendons`` with the actuators, sensors and equalities
-            that need them, ``servos``: the actuators that are no plain motors, with the sensors that need them, and
-            ``gravcomp`` of bodies, and ``sensors``.
+        what: ``damping``, ``frictionloss`` and ``stiffness`` of joints, tendons and actuators (a ``springdamper`` goes with
+            either of its two), ``limits`` of joints and tendons, ``equalities``, ``tendons`` with the actuators, sensors and
+            equalities that need them, ``servos``: the actuators that are no plain motors, with the sensors that need them,
+            and ``gravcomp`` of bodies, and ``sensors``.
 
     Returns:
         A phrase for each kind of removed element, such as ``damping of 2 joints (elbow, wrist)``.
@@ -52,9 +54,10 @@ def strip(spec: Any, what: Iterable[str]) -> list[str]:
             names = [body.name for body in spec.bodies if _clear_gravcomp(body)]
             removed += [f"gravcomp of {_counted('link', names)}"] if names else []
         elif word == "servos":
-            removed += _without_actuators(spec, [each for each in spec.actuators if not _is_motor(each)])
+            removed += _without_actuators(spec, [each for each in spec.actuators if not is_plain_motor(each)])
         else:
-            for noun, elements in (("joint", spec.joints), ("tendon", spec.tendons)):
+            actuators = spec.actuators if word == "damping" else ()
+            for noun, elements in (("joint", spec.joints), ("tendon", spec.tendons), ("actuator", actuators)):
                 names = [element.name for element in elements if _clear(element, word)]
                 removed += [f"{word} of {_counted(noun, names)}"] if names else []
     return removed
@@ -94,14 +97,6 @@ def _without_tendons(spec: Any) -> list[str]:
     removed += _without_actuators(spec, pulling)
     equalities = [each for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_TENDON]
     return removed + _deleted(spec, "equality constraint", equalities) + _deleted(spec, "tendon", tendons)
-
-
-def _is_motor(actuator: Any) -> bool:
-    return (actuator.gaintype, actuator.biastype, actuator.dyntype) == (
-        mujoco.mjtGain.mjGAIN_FIXED,
-        mujoco.mjtBias.mjBIAS_NONE,
-        mujoco.mjtDyn.mjDYN_NONE,
-    )
 
 
 def _without_actuators(spec: Any, actuators: list[Any]) -> list[str]:

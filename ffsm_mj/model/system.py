@@ -7,7 +7,7 @@ Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, un
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -65,6 +65,7 @@ class System:
         objects: Trees of the floating objects, in the order of the scenario.
         fixed: Objects that are fixed to the world, in the order of the scenario.
         files: Files of each model by tree name.
+        effort_limits: Least and greatest effort of each actuator by the limits of its joint, N or N m, (nu, 2).
         faults: Elements that break the balance of energy or momentum, as text. Gravity is none: it enters the balance.
         notes: Elements removed from models, settings of the MJCF that are ignored, and MuJoCo's warnings.
         changes: Properties of bodies and geoms given in the scenario, with their compiled values.
@@ -78,6 +79,7 @@ class System:
     objects: tuple[Tree, ...]
     fixed: tuple[FixedModel, ...]
     files: Mapping[str, ModelFiles]
+    effort_limits: FloatArray
     faults: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     joints: Mapping[str, Joint] = field(default_factory=dict)
@@ -156,6 +158,12 @@ class System:
             LookupError: See :meth:`resolve`.
         """
         return int(getattr(self.mj, kind)(self.resolve(kind, name)).id)
+
+    def foreign_actuators(self, ids: Iterable[int]) -> str:
+        """Those of some actuators that are not the robot's, which cannot be driven, as text; empty if there are none."""
+        names = [self.names("actuator")[i] for i in ids]
+        foreign = ", ".join(name for name in names if not name.startswith("robot/"))
+        return foreign and f"{foreign}: an actuator of an object, whose work and impulse enter no balance; drive the robot's"
 
     def joint(self, name: str) -> Joint:
         """Joint by full or unambiguous name.

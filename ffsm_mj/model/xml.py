@@ -6,6 +6,8 @@ text is parsed as UTF-8 whatever it declares, and document types (entities, defa
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.parsers import expat
@@ -15,6 +17,7 @@ from ffsm_mj.model.limits import MOST_ELEMENTS, copies, refuse_giant, refuse_uns
 
 _CUBE_SIDES = ("fileright", "fileleft", "fileup", "filedown", "filefront", "fileback")
 _FOLDER_OF = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "flexcomp": "meshdir", "texture": "texturedir"}
+_MESHES = ("", ".stl", ".obj", ".msh")
 _MAX_DEPTH = 200
 
 
@@ -76,10 +79,8 @@ def elements(xml: bytes, place: str, folder: str = "") -> list[Element]:
 
     def start(name: str, attributes: dict[str, str]) -> None:
         tag = name.lower()
-        if tag in ("plugin", "extension") and parents[:2] != [
-            "robot",
-            "gazebo",
-        ]:  # settings of a URDF for Gazebo are ignored
+        # MuJoCo ignores what it does not know in a URDF, such as <ros2_control>, <transmission> and <gazebo>.
+        if tag in ("plugin", "extension") and parents[:1] != ["robot"]:
             refuse(f"<{name}>: plugins are not modelled, as their effects do not enter the balance; remove it")
         if len(parents) >= _MAX_DEPTH or len(found) >= MOST_ELEMENTS:
             refuse(f"more than {_MAX_DEPTH} levels or {MOST_ELEMENTS} elements of XML")
@@ -111,6 +112,12 @@ def is_urdf(document: Sequence[Element]) -> bool:
     return document[0].tag == "robot"
 
 
+def has_urdf_root(xml: bytes) -> bool:
+    """Whether MuJoCo reads a file as URDF, by the first tag of a document that :func:`elements` has accepted."""
+    # Comments and the declaration may precede the root; document types are refused.
+    return re.match(rb"(\xef\xbb\xbf)?(\s|<\?.*?\?>|<!--.*?-->)*<robot[\s/>]", xml, re.DOTALL) is not None
+
+
 def strips_folders(document: Sequence[Element]) -> bool:
     """Whether the settings of a model remove folders from the names of assets."""
     return _settings(document).get("strippath") == "true"
@@ -122,10 +129,21 @@ def assets(document: Sequence[Element], *, strip: bool) -> Iterator[Asset]:
     Args:
         document: The model, with includes replaced by their elements.
         strip: Remove folders from their names.
+
+    Raises:
+        InputError: A mesh of a format that MuJoCo does not read.
     """
     urdf, settings = is_urdf(document), _settings(document)
     for element in document:
         for name in _urdf_names(element, settings) if urdf else _mjcf_names(element):
+            if (
+                element.tag == "mesh"
+                and "content_type" not in element.attributes
+                and os.path.splitext(name)[1].lower() not in _MESHES
+            ):
+                raise InputError(
+                    f"{element.place}: {name!r}: meshes are read from {', '.join(_MESHES[1:])} files; convert it"
+                )
             folder = settings.get(_FOLDER_OF.get(element.tag, ""), settings.get("assetdir", ""))
             yield Asset(folder, name.rsplit("/", 1)[-1] if strip else name, element.place)
 

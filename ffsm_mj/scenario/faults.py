@@ -138,7 +138,7 @@ def _is_union_member(part: str | int) -> bool:
     """Whether a step of a pydantic location names a member of a plain union rather than a key."""
     name = str(part)
     return (
-        name in ("float", "str", "bool", "[key]")
+        name in ("float", "int", "str", "bool", "[key]")
         or name.startswith(("constrained-", "literal[", "tuple[", "function-"))
         or name.endswith("Config")
     )

@@ -9,7 +9,7 @@ import pytest
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.actuation.actuator_config import OnOffConfig, TorqueSpeedConfig
 from ffsm_mj.controller_protocol import Command
-from ffsm_mj.errors import ControllerError, ScenarioFaults
+from ffsm_mj.errors import ControllerError, InputError
 from tests.scenes import HEAD, compile_paths
 
 MOTOR = TorqueSpeedConfig(kind="torque_speed", stall_torque_N_m=14.0, no_load_speed_rad_s=0.54)
@@ -105,6 +105,5 @@ def test_mjcf_ranges_are_kept(tmp_path):
 
 
 def test_servos_are_refused_by_name(tmp_path):
-    system = model(tmp_path, '<position name="servo" joint="j" kp="5"/>')
-    with pytest.raises(ScenarioFaults, match="actuator 'robot/servo' is not a plain <motor>"):
-        Actuation(system, {})
+    with pytest.raises(InputError, match=r"r\.xml:3: actuator 'servo' is not a plain <motor>"):
+        model(tmp_path, '<position name="servo" joint="j" kp="5"/>')

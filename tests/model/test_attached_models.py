@@ -176,9 +176,9 @@ def test_stripped_names_of_several_models_stay_different(tmp_path):
     assert np.array_equal(together.mj.mesh_vert, np.concatenate(alone))
 
 
-def test_a_warning_of_mujoco_is_reported_once_with_the_file(tmp_path, capfd):
-    """An attached model has another time step; each model is parsed, attached and compiled more than once."""
-    arm = part("s").replace("<asset>", '<option timestep="0.1"/><asset>')
+def test_a_setting_of_an_attached_model_is_noted_once_with_its_file(tmp_path, capfd):
+    """Each model is parsed, attached and compiled more than once; a time step is none of the plant, and is not mentioned."""
+    arm = part("s").replace("<asset>", '<option timestep="0.1" gravity="0 0 -1"/><asset>')
     for name in ("one", "two"):
         write(
             tmp_path / name,
@@ -187,7 +187,9 @@ def test_a_warning_of_mujoco_is_reported_once_with_the_file(tmp_path, capfd):
             part_dot_obj=TETRA.format(x=1),
         )
     places = [tmp_path / name / "r.xml" for name in ("one", "two")]
+    told_of = [
+        f"{tmp_path}/{name}/s.xml:1: <option gravity='0 0 -1'> of an attached file has no effect" for name in ("one", "two")
+    ]
     system = compile_paths(places[0], {"other": places[1]})
-    told = [note for note in system.notes if "MuJoCo" in note]
-    assert [note.partition(": MuJoCo: Attach conflict when attaching 's'")[0] for note in told] == [str(p) for p in places]
+    assert [note.partition(", as in MuJoCo: write it in")[0] for note in system.notes] == told_of
     assert capfd.readouterr().err == ""

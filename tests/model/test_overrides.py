@@ -35,7 +35,6 @@ MODELS = {
     "full inertia": f"<body name='b'><freejoint/>{FULL}{GEOM}</body>",
     "flat": "<body name='b'><freejoint/><inertial mass='3' pos='0 0 0' diaginertia='0.1 0.2 0.3'/></body>",
     "inertiafromgeom": f"<body name='b'><freejoint/>{DIAGONAL}{GEOM}</body>",
-    "settotalmass": f"<body name='b'><freejoint/>{GEOM}<body name='c'><joint/>{DIAGONAL}</body></body>",
     "boundmass": f"<body name='b'><freejoint/>{GEOM}<body name='c' pos='1 0 0'><joint/>{DIAGONAL}</body></body>",
     "balanceinertia": "<body name='b'><freejoint/><inertial mass='3' pos='0 0 0' diaginertia='0.1 0.2 0.9'/></body>",
     "frames and copies": f"""<frame pos='1 2 3' euler='10 20 30'><body name='b'><freejoint/>{GEOM}
@@ -47,7 +46,6 @@ MODELS = {
 }
 COMPILER = {
     "inertiafromgeom": 'inertiafromgeom="true"',
-    "settotalmass": 'settotalmass="11"',
     "boundmass": 'boundmass="8" boundinertia="0.5"',
     "balanceinertia": 'balanceinertia="true"',
     "fusestatic": 'fusestatic="true"',
@@ -106,7 +104,7 @@ def test_a_mass_scales_the_inertia(kind):
     np.testing.assert_array_equal(after.centre_m, before.centre_m)
 
 
-@pytest.mark.parametrize("kind", ["inertiafromgeom", "boundmass", "balanceinertia", "fusestatic", "settotalmass"])
+@pytest.mark.parametrize("kind", ["inertiafromgeom", "boundmass", "balanceinertia", "fusestatic"])
 def test_a_mass_in_an_attached_model(kind):
     """The attached file has its own compiler settings."""
     main = f"""<mujoco>{HEAD}<asset><model name="sub" file="sub.xml"/></asset><worldbody>
@@ -190,11 +188,6 @@ def test_bodies_with_mass_from_boundmass_only_compile():
     text = f"<mujoco><compiler boundmass='0.5' boundinertia='0.1'/>{HEAD}<worldbody><body name='b'><freejoint/>{GEOM}{tool}"
     system = compiled(f"{text}</body></worldbody></mujoco>", {"b": {"mass_from_geoms": True}}, {"b": ASKED})
     assert system.mj.body_mass.tolist() == [0.0, 7.0, 0.5]
-
-
-def test_a_total_mass_that_has_no_effect_is_noted():
-    (note,) = [note for note in compiled(mjcf("settotalmass")).notes if "has no effect" in note]
-    assert note == "robot.xml: <compiler settotalmass> has no effect on a model in a scene; give masses under 'model'"
 
 
 def test_a_capsule_given_by_its_ends_stays_between_them():

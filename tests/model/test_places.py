@@ -45,14 +45,13 @@ def test_each_element_with_its_own_file_and_line(tmp_path):
 <joint joint1="bj" joint2="one_j"/></equality></mujocoinclude>""",
         b_dot_xml="""<mujocoinclude>
 
-<body name="b" gravcomp="1"><replicate count="2" euler="0 0 1"><body>
+<body name="b"><replicate count="2" euler="0 0 1"><body>
 <joint name="k" axis="1 0 0" frictionloss="1"/><geom size="0.1" mass="1"/></body></replicate>
 <joint name="bj" axis="1 0 0" frictionloss="3"/><geom size="0.1" mass="1"/></body></mujocoinclude>""",
         sub__s_dot_xml=SUB.format(asset='<model name="sub" file="deep/s.xml"/>', inner=ATTACH.format("two_")),
         sub__deep__s_dot_xml="\n\n" + nested,
     )
     assert set(told(tmp_path)) == {
-        "b.xml:3: body 'b' has gravcomp",
         "b.xml:4: joint 'k0' has frictionloss 1",
         "b.xml:4: joint 'k1' has frictionloss 1",
         "b.xml:5: joint 'bj' has frictionloss 3",

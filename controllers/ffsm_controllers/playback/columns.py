@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_controllers.playback.config import FORCES, TORQUES, EffortColumn, PlaybackConfig
+from ffsm_controllers.playback.config import FORCES, TORQUES, EffortColumnConfig, PlaybackConfig
 from ffsm_controllers.playback.record import EffortRecord
 from ffsm_mj.controller_protocol import (
     Fault,
@@ -29,10 +29,11 @@ _TIMES = ("time_s", "state.time_s")
 
 @dataclass(frozen=True)
 class _Driven:
-    """An actuator with its column, and the keys in the scenario that say so."""
+    """An actuator with its column, what is said of it, and the keys in the scenario that say so."""
 
     actuator: int
-    column: EffortColumn
+    column: str | int
+    config: EffortColumnConfig
     path: tuple[str, ...]
 
 
@@ -85,7 +86,7 @@ def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> lis
     names = system.names("actuator")
     if config.columns is None:
         found = [
-            _Driven(i, EffortColumn(column=column), ("file",))
+            _Driven(i, column, EffortColumnConfig(), ("file",))
             for i, name in enumerate(names)
             if (column := _column_of(name, names, table.columns)) is not None
         ]
@@ -105,7 +106,12 @@ def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> lis
             continue
         if i in driven:
             faults.append(Fault(f"names the actuator {names[i]} a second time; each has one column", path))
-        driven[i] = _Driven(i, given if isinstance(given, EffortColumn) else EffortColumn(column=given), path)
+        said = given if isinstance(given, EffortColumnConfig) else EffortColumnConfig(column=given)
+        source = said.column if said.column is not None else _column_of(names[i], names, table.columns)
+        if source is None:
+            faults.append(Fault(f"{table.place} has no column of this name; write 'column'", path))
+            continue
+        driven[i] = _Driven(i, source, said, path)
     if faults:
         raise ScenarioFaults(faults)
     return list(driven.values())
@@ -128,17 +134,17 @@ def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, drive
     Raises:
         TableError: The column is unknown, its unit is not stated or does not fit, or a cell is no finite number.
     """
-    name = table.name_of(driven.column.column)
-    unit = _unit(name, driven.column.unit or config.unit, _FACTORS, f"unit: {FORCES[0]} or {TORQUES[0]}")
+    name = table.name_of(driven.column)
+    unit = _unit(name, driven.config.unit or config.unit, _FACTORS, f"unit: {FORCES[0]} or {TORQUES[0]}")
     allowed = TORQUES if drives_rotation(system.mj, driven.actuator) else FORCES
     if unit not in allowed:
         what = "torque" if allowed is TORQUES else "force"
         actuator = system.names("actuator")[driven.actuator]
         raise TableError(f"column {name!r} is in {unit}, and {actuator} takes a {what}; allowed: {', '.join(allowed)}")
     with np.errstate(over="ignore"):
-        efforts = table.numbers(name) * (_FACTORS[unit] * driven.column.scale)
+        efforts = table.numbers(name) * (_FACTORS[unit] * driven.config.scale)
     if not np.isfinite(efforts).all():
-        raise TableError(f"column {name!r} times {driven.column.scale:g} is beyond all numbers")
+        raise TableError(f"column {name!r} times {driven.config.scale:g} is beyond all numbers")
     return efforts
 
 

@@ -15,11 +15,11 @@ FORCES, TORQUES = get_args(EffortUnit)[:3], get_args(EffortUnit)[3:]
 ColumnName = Annotated[str, Field(min_length=1)] | PositiveInt
 
 
-class EffortColumn(StrictModel):
+class EffortColumnConfig(StrictModel):
     """A column of the file with the efforts of an actuator."""
 
-    column: ColumnName
-    """Name in the header, or position from 1."""
+    column: ColumnName | None = None
+    """Name in the header, or position from 1; left out: the column of the actuator's name."""
     unit: EffortUnit | None = None
     """Unit of the numbers; left out: ``unit`` of the law, or the end of the column's name, as in ``tau_1_N_m``."""
     scale: float = 1.0
@@ -62,7 +62,7 @@ class PlaybackConfig(StrictModel):
     kind: Literal["playback"]
     file: FileName
     """CSV or Parquet file, or log or run folder of ffsm-mj, relative to the scenario file that names it."""
-    columns: Annotated[dict[str, ColumnName | EffortColumn], Field(min_length=1)] | None = None
+    columns: Annotated[dict[str, ColumnName | EffortColumnConfig], Field(min_length=1)] | None = None
     """Column of each actuator to drive, by the actuator; left out: every actuator with a column of its name, such as
     ``motor_1_N_m``, or as in our logs."""
     unit: EffortUnit | None = None

@@ -1,0 +1,166 @@
+"""Settings of a model file that change the plant and that a scene does not take over: refused or noted by name.
+
+A scene has one set of options, those of :mod:`ffsm_mj.model.scene`. Settings of MuJoCo's solvers, contacts, output and
+memory have no effect in it, and are not mentioned. An attached model's options have no effect in MuJoCo either.
+"""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.model.conservative import is_disabled
+from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.joint_limits import is_limited
+from ffsm_mj.model.xml import Element, elements
+
+_PLANT_OPTIONS = ("gravity", "wind", "density", "viscosity", "magnetic", "actuatorgroupdisable")
+_PLANT_FLAGS = (
+    "spring",
+    "damper",
+    "frictionloss",
+    "equality",
+    "actuation",
+    "clampctrl",
+    "limit",
+    "gravity",
+    "contact",
+    "constraint",
+)
+_DISABLED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+    (
+        "spring",
+        lambda spec: _any(spec.joints, "stiffness"),
+        "remove the stiffness of the joints, or use 'strip: [stiffness]'",
+    ),
+    ("damper", lambda spec: _any(spec.joints, "damping"), "remove the damping of the joints, or use 'strip: [damping]'"),
+    (
+        "frictionloss",
+        lambda spec: any(joint.frictionloss for joint in spec.joints),
+        "remove the frictionloss of the joints, or use 'strip: [frictionloss]'",
+    ),
+    (
+        "equality",
+        lambda spec: any(equality.active for equality in spec.equalities),
+        "remove the equality constraints, or use 'strip: [equalities]'",
+    ),
+    ("actuation", lambda spec: bool(spec.actuators), "remove the actuators, or the flag"),
+    ("clampctrl", lambda spec: _any(spec.actuators, "ctrlrange"), "remove the ctrlrange of the actuators, or the flag"),
+)
+"""Flags whose absence from a scene would switch something on: the flag, whether the model has it, and what to do."""
+
+
+def setting_faults(spec: Any, files: ModelFiles) -> list[str]:
+    """Settings of a model file with which MuJoCo would simulate another plant than a scene.
+
+    Args:
+        spec: Specification of the model.
+        files: Its files.
+    """
+    faults = []
+    constraints = is_disabled(spec, "constraint")
+    for flag, present, advice in _DISABLED:
+        written = flag if is_disabled(spec, flag) else "constraint" if constraints and flag in _OF_CONSTRAINT else ""
+        if written and present(spec):
+            faults.append(f'{_place(files, "flag", written)}: <flag {written}="disable"> has no effect in a scene; {advice}')
+    off = [each.name for each in spec.actuators if spec.option.disableactuator >> each.group & 1]
+    if off:
+        where = _place(files, "option", "actuatorgroupdisable")
+        faults.append(
+            f"{where}: <option actuatorgroupdisable> has no effect in a scene; remove {', '.join(off)}, or the option"
+        )
+    return faults
+
+
+_OF_CONSTRAINT = ("frictionloss", "equality")
+"""Flags that ``constraint`` includes; contacts and limits are those of contact models."""
+
+
+def _any(listed: Any, name: str) -> bool:
+    return any(getattr(each, name).any() for each in listed)
+
+
+def total_mass_faults(files: ModelFiles) -> list[str]:
+    """``settotalmass`` of any file of a model: MuJoCo applies that of the outermost model only, which is the scene."""
+    return [
+        f"{each.place}: <compiler settotalmass={each.attributes['settotalmass']!r}> would have no effect in a scene; "
+        "scale the masses and densities in the file, or give masses under 'model' in the scenario, and remove it"
+        for name, xml in files.files.items()
+        if b"settotalmass" in xml and name.lower().endswith(".xml")
+        for each in elements(xml, files.label + name)
+        if each.tag == "compiler" and not each.attributes.get("settotalmass", "-1").lstrip().startswith("-")
+    ]
+
+
+def setting_notes(spec: Any, files: ModelFiles) -> Iterator[str]:
+    """Settings of a model file that a scene replaces, and settings of the files that it attaches.
+
+    Args:
+        spec: Specification of the model.
+        files: Its files.
+    """
+    for flag in ("limit", "constraint"):
+        if is_disabled(spec, flag) and any(map(is_limited, spec.joints)):
+            yield (
+                f'{_place(files, "flag", flag)}: <flag {flag}="disable"> has no effect in a scene: joints stop at their '
+                "limits; write 'limits: ignore' in the scenario to remove them"
+            )
+    for flag in ("contact", "constraint"):
+        if is_disabled(spec, flag):
+            where = _place(files, "flag", flag)
+            yield f'{where}: <flag {flag}="disable"> has no effect in a scene: contact rules say what meets'
+    for each in _of_attached_files(files):
+        known = _PLANT_OPTIONS if each.tag == "option" else _PLANT_FLAGS if each.tag == "flag" else ()
+        for name in known:
+            if name in each.attributes and not _holds(spec, each.tag, name, each.attributes[name]):
+                yield (
+                    f"{each.place}: <{each.tag} {name}={each.attributes[name]!r}> of an attached file has no effect, "
+                    f"as in MuJoCo: write it in {files.place}"
+                )
+
+
+def _holds(spec: Any, tag: str, name: str, value: str) -> bool:
+    """Whether a setting has the value that the model has anyway."""
+    if tag == "flag":
+        return (value == "disable") == is_disabled(spec, name)
+    if name == "actuatorgroupdisable":
+        return False
+    try:
+        return np.array_equal(np.array(value.split(), dtype=np.float64), np.atleast_1d(getattr(spec.option, name)))
+    except ValueError:
+        return False  # MuJoCo refuses it
+
+
+def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
+    """Elements of the MJCF files that are neither the main file nor included in it."""
+    others = [name for name in files.files if name.lower().endswith(".xml") and name != files.main]
+    if not others:
+        return
+    home, included = posixpath.dirname(files.main), {files.main}
+    waiting = [files.main]
+    while waiting:
+        name = waiting.pop()
+        for each in elements(files.files[name], name):
+            inner = each.attributes.get("file", "") if each.tag == "include" else ""
+            found = {
+                posixpath.normpath(posixpath.join(folder, inner)) for folder in (home, posixpath.dirname(name)) if inner
+            }
+            waiting += sorted(found & set(others) - included)
+            included |= found
+    for name in others:
+        if name not in included:
+            yield from elements(files.files[name], files.label + name)
+
+
+def _written(files: ModelFiles) -> Iterator[Element]:
+    for name, xml in files.files.items():
+        if name.lower().endswith(".xml"):
+            yield from elements(xml, files.label + name)
+
+
+def _place(files: ModelFiles, tag: str, attribute: str) -> str:
+    """``file:line`` of an attribute, in an included file too."""
+    return next((each.place for each in _written(files) if each.tag == tag and attribute in each.attributes), files.place)
