@@ -16,6 +16,7 @@ import ffsm_mj
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.random_scenes.drawing import draw
+from tests.random_scenes.oracle import oracle_differences
 
 STATED = ("completed", "event_limit", "step_limit", "unsupported_contact", "diverged")
 """Outcomes that a random scene may have; all but the first are counted apart."""
@@ -98,6 +99,7 @@ def _judge(seed: int, path: Path) -> Verdict:
                 size = f"{check.residual:.1e} of {check.tolerance:.1e} {check.unit}, at {check.time_s:g} s"
                 sentence = "" if check.truncation is None else f", {check.truncation.sentence(check.unit)}"
                 found.append(f"{what}: {check.name} of {check.subsystem} ({size}{sentence})")
+    found += oracle_differences(path.parent, run)
     return Verdict(seed, run.outcome, found, run.log.outcome.message)
 
 

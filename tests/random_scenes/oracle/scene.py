@@ -1,0 +1,149 @@
+"""A scene and its log as the oracle sees them: models as text, numbers of the scenario, columns and records."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from tests.random_scenes.oracle.bodies import Array, Bodies, State
+from tests.random_scenes.oracle.shapes import Shape
+
+SENSED = {
+    *("framepos", "framequat", "framexaxis", "frameyaxis", "framezaxis", "framelinvel", "frameangvel"),
+    *("gyro", "velocimeter", "jointpos", "jointvel"),
+}
+"""Sensors whose true values are functions of a state."""
+STOPPED = {"rigid": (3, 3), "ball": (3, 0), "hinge": (3, 2), "slide": (2, 3), "cylindrical": (2, 2)}
+"""Stopped components of velocity and angular velocity by kind of latch: two are those across the axis."""
+
+
+def _sensors(text: str) -> Iterator[tuple[str, str, str]]:
+    """Name, kind, and site or joint of the sensors of the robot's file that the oracle knows."""
+    for each in ElementTree.fromstring(text).findall("sensor/*"):
+        if each.tag in SENSED:
+            of = each.get("joint") or each.get("objname") or each.get("site")
+            yield str(each.get("name")), each.tag, f"robot/{of}"
+
+
+class LoggedScene:
+    """Models, columns and records of a run.
+
+    Args:
+        folder: Folder with ``scene.yaml`` and the models.
+        run: The run; columns by name, and records, are read.
+    """
+
+    def __init__(self, folder: Path, run: Any) -> None:
+        self.said = json.loads((folder / "scene.yaml").read_text())
+        self.run = run
+        names = ["robot", *self.said["objects"]]
+        texts = {name: (folder / f"{name}.xml").read_text() for name in names}
+        fixed = {name: each["pose"] for name, each in self.said["objects"].items() if each.get("fixed")}
+        poses = {name: (pose["position_m"], pose["quaternion"]) for name, pose in fixed.items()}
+        self.bodies = Bodies(texts, poses)
+        self.sensors = list(_sensors(texts["robot"]))
+        self.models = [name for name in names if name not in fixed]
+        self.rules = {rule["name"]: rule for rule in self.said["contacts"]["rules"]}
+        start = texts["robot"].index('gravity="') + 9
+        self.gravity = np.array([float(x) for x in texts["robot"][start:].split('"')[0].split()])
+
+    def columns(self, start: str) -> Array:
+        """(rows, n) Columns whose names begin so, in their order."""
+        return np.array([self.run[key] for key in self.run.keys if key.startswith(start)]).T
+
+    @cached_property
+    def times(self) -> Array:
+        return np.array(self.run["state.time_s"])
+
+    @cached_property
+    def q(self) -> Array:
+        return self.columns("state.q_")
+
+    @cached_property
+    def v(self) -> Array:
+        return self.columns("state.v_")
+
+    @cached_property
+    def efforts(self) -> dict[str, Array]:
+        """Applied efforts in the rows, by actuator."""
+        found = {}
+        for name in self.bodies.motors:
+            start = f"actuators.{name.replace('/', '_')}_applied_"
+            found[name] = self.columns(start)[:, 0]
+        return found
+
+    def state(self, row: int) -> State:
+        return State(self.bodies, self.q[row], self.v[row])
+
+    def before(self, record: Any) -> State:
+        return State(self.bodies, np.array(record.qpos), self.bodies.rates(record.qvel_before))
+
+    def shape(self, state: State, geom: str) -> Shape:
+        place = self.bodies.geoms[geom]
+        return Shape(place.kind, place.size, *state.place(place))
+
+    @cached_property
+    def events(self) -> list[Any]:
+        """Records with a configuration, in the order of their times."""
+        found = [record for records in self.run.records.values() for record in records if hasattr(record, "qpos")]
+        return sorted(found, key=lambda record: record.time_s)
+
+    @cached_property
+    def hits(self) -> list[list[Any]]:
+        """Impacts of geoms and of joints at limits by event."""
+        by_event = defaultdict(list)
+        for kind in ("impacts", "limit_impacts"):
+            for record in self.run.records.get(kind, ()):
+                by_event[record.event].append(record)
+        return [by_event[event] for event in sorted(by_event)]
+
+    def grasps_change(self, time_s: float) -> bool:
+        """Whether a grasp closes or opens at a time."""
+        kinds = ("capture_impulses", "releases")
+        return any(record.time_s == time_s for kind in kinds for record in self.run.records.get(kind, ()))
+
+    def closed(self, time_s: float, *, after: bool = False) -> list[str]:
+        """Grasps that are closed just before a time, or after all that happens at it."""
+        changes = [
+            (r.time_s, r.event, r) for kind in ("capture_impulses", "releases") for r in self.run.records.get(kind, ())
+        ]
+        closed: list[str] = []
+        for at, _, record in sorted(changes, key=lambda change: change[:2]):
+            if at > time_s or (at == time_s and not after):
+                break
+            if hasattr(record, "replaces"):
+                closed = [name for name in closed if name != record.replaces] + [record.grasp]
+            else:
+                closed = [name for name in closed if name != record.grasp]
+        return closed
+
+    def latch_rows(self, state: State, grasp: str) -> Array:
+        """(n, nv) Relative velocities at the object's site that a closed grasp stops."""
+        said = self.said["captures"][grasp]
+        robot = self.bodies.sites[f"robot/{said['robot_site']}"]
+        thing = self.bodies.sites[said["object_site"]]
+        point = state.place(thing)[0]
+        linear, angular = (
+            b - a for a, b in zip(state.jacobian(robot.body, point), state.jacobian(thing.body, point), strict=True)
+        )
+        kind = said.get("joint", "rigid")
+        if "axis" in said:
+            axis = state.place(robot)[1] @ (np.array(said["axis"]) / np.linalg.norm(said["axis"]))
+            across = np.linalg.svd(axis[None])[2][1:]
+        choose = {3: np.eye(3), 2: across if "axis" in said else None, 0: np.zeros((0, 3))}
+        translations, rotations = STOPPED[kind]
+        return np.vstack([choose[translations] @ linear, choose[rotations] @ angular])
+
+    def latch_rows_at_site(self, state: State, record: Any) -> Array:
+        """(6, nv) Relative twist of the two bodies of a grasp at the object's site."""
+        robot, thing = self.bodies.sites[record.robot_site], self.bodies.sites[record.object_site]
+        point = state.place(thing)[0]
+        pairs = zip(state.jacobian(robot.body, point), state.jacobian(thing.body, point), strict=True)
+        return np.vstack([b - a for a, b in pairs])
