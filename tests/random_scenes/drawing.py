@@ -31,7 +31,7 @@ class _Scene:
         dice = Dice(seed, "scene")
         self.step_s = dice.pick(STEPS_S)
         self.period_s = self.step_s * dice.pick([1, 1, 1, 2, 5])
-        length = min(0.6, max(0.2, 150 * self.step_s))
+        length = min(1.0, dice.log_between(40.0, 250.0) * self.step_s)
         self.duration_s = max(2, round(length / self.period_s)) * self.period_s
         self.presses = dice.chance(0.5)
         self.base = dice.pick(BASES)
@@ -70,32 +70,31 @@ class _Scene:
         for name, text in {"robot": robot_xml, **texts}.items():
             (self.folder / f"{name}.xml").write_text(text)
         stage = Stage(self.robot.xml.replace("SENSORS", ""), texts, gravity)
-        rules = self._rules()
+        contacts = self._contacts()
+        initial, poses = self._start(stage)
         times = (self.step_s, self.period_s, self.duration_s)
         laws = LawDrawing(
             self.seed, self.robot, self.objects, times, presses=self.presses, flat=self.flat, folder=self.folder
         )
-        initial, poses = self._start(stage)
+        laws.tips = self.tips
         data: dict[str, Any] = {
             "name": f"random-{self.seed}",
             "duration_s": self.duration_s,
             "time_step_s": self.step_s,
             "control_period_s": self.period_s,
             "conservative": not self.gravity.any(),
-            "robot": {"mjcf": "robot.xml"},
+            "robot": {"mjcf": "robot.xml", **self.robot.keys},
             "objects": {
                 name: {"mjcf": f"{name}.xml"} | ({"fixed": True, "pose": poses[name]} if name in poses else {})
                 for name in texts
             },
             "initial": initial,
-            "contacts": {
-                "rules": rules,
-                "ignored": [{"between": ["robot", "self"], "reason": "an arm may lie across itself"}],
-            },
-            **PhaseDrawing(self.seed, laws, [rule["name"] for rule in rules]).scenario(),
+            "contacts": contacts,
+            **PhaseDrawing(self.seed, laws, self.rule_names, sensing.ends, sensing.most_grasps).scenario(),
             **sensing.scenario(self.seed),
             **self._actuation(laws),
-            **self._impacts(rules),
+            **self._impacts(contacts),
+            **self._variations(),
         }
         if self.accuracy:
             data["accuracy"] = Dice(self.seed, "accuracy").pick([1e-9, 1e-9, 1e-7])
@@ -103,24 +102,53 @@ class _Scene:
         path.write_text(json.dumps(data, indent=1))  # JSON is YAML
         return path
 
-    def _rules(self) -> list[dict[str, Any]]:
-        dice, rules = Dice(self.seed, "contacts"), []
-        bodies = [f"robot/{geom}" for geom in self.robot.geoms]
-        sides = [*product(bodies, [f"{name}/{name}" for name in self.objects])]
-        sides += combinations([f"{name}/{name}" for name in self.objects], 2)
-        if self.wall:
-            sides += [(side, "wall/wall") for side in [*bodies, *(f"{name}/{name}" for name in self.objects)]]
+    def _contacts(self) -> dict[str, Any]:
+        """Rules by pairs of geoms, by models, or one default for all."""
+        dice = Dice(self.seed, "contacts")
         usual = 0.0 if self.presses else dice.pick(RESTITUTIONS)
-        for a, b in sides:
-            if dice.chance(0.1):
-                continue
-            e = usual if dice.chance(0.5) else dice.pick(RESTITUTIONS)
-            if self.presses and e == 1.0:
-                e = 0.5  # what is pressed and never rests bounces a thousand times in a step
-            mu = {"mu": dice.between(0.02, 1.0)} if self.rough and dice.chance(0.6) else {}
-            name = f"{a.rpartition('/')[2]}-{b.rpartition('/')[2]}"
-            rules.append({"between": [a, b], "restitution": e, "name": name, **mu})
-        return rules or [{"between": ["robot/bus", "o0/o0"], "restitution": 0.5, "name": "bus-o0"}]
+        style = dice.pick(["geoms"] * 7 + ["models", "models", "default"])
+        said: dict[str, Any] = {"ignored": [{"between": ["robot", "self"], "reason": "an arm may lie across itself"}]}
+        if style == "default":
+            self.rule_names = [f"robot-{name}" for name in self.objects]
+            return said | {"default": self._surface(dice, usual)}
+        names = {"robot": ["robot"]} if style == "models" else {"robot": [f"robot/{geom}" for geom in self.robot.geoms]}
+        for name, model in self.objects.items():
+            names[name] = [name] if style == "models" else [f"{name}/{geom}" for geom in model.geoms]
+        if self.wall:
+            names["wall"] = ["wall"] if style == "models" else ["wall/wall"]
+        rules = []
+        for one, other in combinations(names, 2):
+            for a, b in product(names[one], names[other]):
+                if dice.chance(0.9):
+                    name = f"{a.rpartition('/')[2]}-{b.rpartition('/')[2]}"
+                    rules.append({"between": [a, b], "name": name, **self._surface(dice, usual)})
+        if not rules:
+            rules = [{"between": ["robot", "o0"], "restitution": 0.5, "name": "robot-o0"}]
+        elif dice.chance(0.02) and not self.presses:  # an impact that gains energy ends the run where several contacts meet
+            rules[0] |= {"restitution": 1.2, "super_elastic": True, "mu": 0.0}
+        if len(grips := self.robot.grips) == 2 and style == "geoms" and dice.chance(0.5):
+            rules.append({"between": [f"robot/{grip}" for grip in grips], "restitution": 0.4, "name": "grips"})
+            said["ignored"] = []
+        self.rule_names = [rule["name"] for rule in rules]
+        return said | {"rules": rules}
+
+    def _surface(self, dice: Dice, usual: float) -> dict[str, float]:
+        """Restitution and friction."""
+        e = usual if dice.chance(0.5) else dice.pick(RESTITUTIONS)
+        if self.presses and e == 1.0:
+            e = 0.5  # what is pressed and never rests bounces a thousand times in a step
+        return {"restitution": e} | ({"mu": dice.between(0.02, 1.0)} if self.rough and dice.chance(0.6) else {})
+
+    def _variations(self) -> dict[str, Any]:
+        """Masses and sizes that differ from those of the files, models of control laws that are wrong, and the end."""
+        dice, said = Dice(self.seed, "variations"), {}
+        if dice.chance(0.15):
+            said["controller_model"] = {"robot": {"base": {"mass_kg": dice.between(3.0, 100.0)}}}
+        if dice.chance(0.15):
+            said["model"] = {name: {name: {"mass_kg": dice.log_between(0.5, 20.0)}} for name in self.objects}
+        if dice.chance(0.05):
+            said["stop_on_impact"] = True
+        return said
 
     def _actuation(self, laws: LawDrawing) -> dict[str, Any]:
         dice, said, configs = Dice(self.seed, "actuation"), {}, {}
@@ -151,10 +179,10 @@ class _Scene:
                 configs[each.name] = config
         return said | ({"actuators": configs} if configs else {})
 
-    def _impacts(self, rules: list[dict[str, Any]]) -> dict[str, Any]:
+    def _impacts(self, contacts: dict[str, Any]) -> dict[str, Any]:
         dice, said = Dice(self.seed, "impacts"), {}
-        law = dice.pick(["blend", "blend", "blend", "poisson", "newton"])
-        if law == "newton" and any("mu" in rule for rule in rules):
+        law = dice.pick(["blend"] * 12 + ["poisson"] * 7 + ["newton"])
+        if law == "newton" and "mu" in str(contacts):
             law = "poisson"
         impact: dict[str, Any] = {"law": law}
         if dice.chance(0.2):
@@ -163,6 +191,8 @@ class _Scene:
             impact["rest_speed_m_s"] = dice.log_between(1e-4, 1e-2)
         limits = {name: {"restitution": dice.pick([0.0, 0.3, 0.8, 1.0])} for name in self.robot.limited if dice.chance(0.6)}
         said["impact"] = impact
+        if self.robot.keys.get("limits") == "ignore":
+            limits = {}
         return said | ({"joint_limits": limits} if limits else {})
 
     def _start(self, stage: Stage) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -177,6 +207,7 @@ class _Scene:
             rates[name] = dice.pick([0.0, 0.5]) * dice.rng.normal()
         stage.set_joints({f"robot/{name}": value for name, value in joints.items()})
         stage.place("robot")
+        self.tips = {tip: frame.apply(stage.site(f"robot/{tip}")).tolist() for tip in self.robot.tips}
         spin = lambda: dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3)  # noqa: E731
         motion = (np.zeros(3), 0.1 * dice.rng.normal(size=3), 0.1 * spin(), np.array([1.0, 0.0, 0.0, 0.0]))
         self._set_base("robot", self.base, motion, joints, rates)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,12 @@ class Model:
     balls: list[str] = field(default_factory=list)
     actuators: list[Actuator] = field(default_factory=list)
     tips: list[str] = field(default_factory=list)
-    reach: float = 0.0
+    arms: list[list[str]] = field(default_factory=list)
+    """Joints of each arm."""
+    grips: list[str] = field(default_factory=list)
+    """Geoms at the ends of arms."""
+    keys: dict[str, Any] = field(default_factory=dict)
+    """Further keys of its model in the scenario."""
 
     @property
     def base_joints(self) -> dict[str, int]:
@@ -60,6 +66,7 @@ class ModelDrawing:
 
     def __init__(self, seed: int, step_s: float, gravity: list[float], *, presses: bool, flat: bool) -> None:
         self.seed, self.step_s, self.presses, self.flat = seed, step_s, presses, flat
+        self.gravity = any(gravity)
         self.head = f'<compiler angle="radian"/><option gravity="{numbers(gravity)}"/>'
         self.dice = Dice(seed, "models")
         self.elastic = Dice(seed, "elastic")
@@ -93,12 +100,22 @@ class ModelDrawing:
                 Actuator("jet", "jet", "N", fit.between(0.5, 5.0)),
                 Actuator("torquer", "torquer", "N_m", fit.between(0.05, 0.5)),
             ]
+        if base == "planar" and fit.chance(0.4):
+            for joint, unit, size in (("x", "N", 3.0), ("y", "N", 3.0), ("yaw", "N_m", 0.5)):
+                actuators += f'<motor name="push_{joint}" joint="{joint}"/>'
+                made.actuators.append(Actuator(f"push_{joint}", "jet", unit, fit.between(0.2, 1.0) * size))
         if fit.chance(0.4):
             axis = [0.0, 0.0, 1.0] if self.flat else fit.direction()
             fittings += f"""<body name="wheel" pos="-0.1 0 0.05"><joint name="wheel" axis="{numbers(axis)}"/>
               <inertial pos="0 0 0" mass="0.5" diaginertia="0.002 0.002 0.004"/></body>"""
             actuators += '<motor name="wheel" joint="wheel"/>'
             made.actuators.append(Actuator("wheel", "wheel", "N_m", fit.between(0.01, 0.1)))
+        if made.limited and fit.chance(0.1):
+            made.keys["limits"] = "ignore"
+        if fit.chance(0.1):
+            made.keys["joint_flex"] = self._flex(made)
+        if self.sprung and fit.chance(0.1):
+            made.keys["strip"] = [fit.pick(["stiffness", "damping"])]
         made.xml = f"""<mujoco model="robot">{self.head}<asset>{assets}</asset><worldbody><body name="base">
           {self._base(base)}{self.inertial(dice.log_between(4.0, 100.0), 0.4)}{bus}<site name="imu" pos="0.02 0.01 -0.03"
           quat="{numbers(dice.turn(0.5))}"/>{fittings}{bodies}</body></worldbody><actuator>{actuators}</actuator>
@@ -111,6 +128,11 @@ class ModelDrawing:
         size = dice.between(0.08, 0.25)
         geom, asset = self.geom(name, size)
         made.geoms.append(name)
+        if dice.chance(0.2):
+            place = self._in_plane(dice.vector(0.5 * size))
+            second, more = self.geom(f"{name}b", 0.6 * size, (place[0], place[1], place[2]))
+            geom, asset = geom + second, asset + more
+            made.geoms.append(f"{name}b")
         panel = ""
         if self.elastic.chance(0.2):
             kind = "hinge" if self.flat else self.elastic.pick(["hinge", "slide", "ball"])
@@ -130,7 +152,10 @@ class ModelDrawing:
         return made
 
     def wall(self, name: str) -> str:
-        """A fixed box, thick or thin, whose face looks along -x."""
+        """A fixed box, thick or thin, whose face looks along -x, or a post of any shape."""
+        if self.dice.chance(0.25):
+            geom, asset = self.geom(name, 0.4)
+            return f"""<mujoco model="{name}">{self.head}<asset>{asset}</asset><worldbody>{geom}</worldbody></mujoco>"""
         half = "0.3 1 1" if self.dice.chance(0.6) else f"{self.dice.between(0.02, 0.1)} 0.4 0.5"
         return f"""<mujoco model="{name}">{self.head}<worldbody><geom name="{name}" type="box" size="{half}"
           mass="0"/></worldbody></mujoco>"""
@@ -149,17 +174,39 @@ class ModelDrawing:
             last = i == first + count - 1
             geom, asset = self.geom(f"link{i}", 0.09 if last else 0.05, (0.12, 0.0, 0.0))
             made.geoms.append(f"link{i}")
+            made.grips += [f"link{i}"] if last else []
             assets += asset
-            body += f"""<body name="link{i}" pos="{numbers(place)}" quat="{numbers(self._turn(0.2 * last))}">
+            turn = self._turn(0.2 * last)
+            body += f"""<body name="link{i}" {self._floats(i)} pos="{numbers(place)}" quat="{numbers(turn)}">
               <joint name="{name}" type="{"slide" if slides else "hinge"}" axis="{numbers(axis / np.linalg.norm(axis))}"
               {self._limits(made, name)} {self._spring(1.0 if slides else 0.05)} {self._armature()}/>
               {self.inertial(dice.between(0.3, 3.0), 0.15)}{geom}"""
             ends += "</body>"
+        made.arms.append(made.joints[first:])
         tip = f"tip{arm}"
         made.tips.append(tip)
         place = [0.2, *self._in_plane([0.0, *(0.03 * dice.rng.normal(size=2))])[1:]]
         site = f'<site name="{tip}" pos="{numbers(place)}" quat="{numbers(self._turn(0.7))}"/>'
         return body + site + ends, assets
+
+    def _floats(self, i: int) -> str:
+        """A link whose weight MuJoCo compensates."""
+        return 'gravcomp="1"' if self.gravity and Dice(self.seed, f"weight of link{i}").chance(0.15) else ""
+
+    def _flex(self, made: Model) -> dict[str, Any]:
+        """A flexible drive of the first joint: h w stays below 0.2 with the reflected inertia of the rotor."""
+        dice = Dice(self.seed, "flex")
+        name = made.joints[0]
+        inertia = 0.05 if name in made.slides else 0.005
+        rate = min(dice.log_between(3.0, 60.0), 0.1 / self.step_s)
+        return {
+            name: {
+                "stiffness": inertia * rate**2,
+                "damping": 0.05 * inertia * rate,
+                "gear": 10.0,
+                "rotor_inertia": inertia / 100.0,
+            }
+        }
 
     def _base(self, base: str) -> str:
         return {

@@ -38,6 +38,11 @@ class Stage:
     def geoms(self, model: str) -> list[int]:
         return [g for g in range(self.model.ngeom) if self.model.geom(g).name.startswith(f"{model}/")]
 
+    def site(self, name: str) -> np.ndarray:
+        """Position of a site."""
+        mujoco.mj_kinematics(self.model, self.data)
+        return self.data.site(name).xpos.copy()
+
     def place(self, model: str) -> None:
         """What is a model's is there from now on."""
         self._placed += self.geoms(model)

@@ -25,6 +25,9 @@ class SensorDrawing:
         self.measures = self.dice.chance(0.5)
         self.xml = ""
         self.config: dict[str, Any] = {}
+        self.ends: list[dict[str, Any]] = []
+        """Ends of phases at measurements."""
+        self.estimator: dict[str, Any] | None = None
 
     def draw(self) -> None:
         if not self.measures:
@@ -74,6 +77,25 @@ class SensorDrawing:
                     }
                     self.config[f"camera_{name}"]["occlusion"] = dice.chance(0.5)
 
+        if any(kind in ("gyro", "accelerometer", "force") for kind, _ in chosen):
+            kind = next(kind for kind, _ in chosen if kind in ("gyro", "accelerometer", "force"))
+            self.ends.append({"sensor": f"{kind}_s", "above": dice.log_between(0.05, 5.0)})
+        self._estimate()
+
+    def _estimate(self) -> None:
+        """An estimator that has all that it needs: poses of all floating bodies, and joints."""
+        dice, robot = self.dice, self.robot
+        spatial = robot.base == "free" and all(model.base == "free" for model in self.objects.values())
+        if not (spatial and dice.chance(0.2)):
+            return
+        errors = {"noise": 1e-3, "interval_s": 2 * self.period_s, "delay_s": dice.pick([0.0, 0.7 * self.period_s])}
+        for of in ("imu", *(f"{name}/handle" for name in self.objects)):
+            for kind in ("framepos", "framequat"):
+                self.config[f"{kind}_of_{of.replace('/', '_')}"] = {"kind": kind, "of": of, **errors}
+        for joint in robot.joints:
+            self.config[f"angle_{joint}"] = {"kind": "jointpos", "of": joint, "quantum": 1e-4}
+        self.estimator = {"kind": dice.pick(["direct", "mekf"])}
+
     def _errors(self, kind: str) -> dict[str, Any]:
         dice, config = self.dice, {}
         if dice.chance(0.5):
@@ -101,6 +123,11 @@ class SensorDrawing:
         return config
 
     @property
+    def most_grasps(self) -> int:
+        """A Kalman filter knows one closed grasp at a time, and ends the run at a further one."""
+        return 1 if self.estimator and self.estimator["kind"] == "mekf" else 2
+
+    @property
     def filled(self) -> str:
         """The element of the robot's file."""
         return f"<sensor>{self.xml}</sensor>" if self.xml else ""
@@ -110,6 +137,8 @@ class SensorDrawing:
         if not self.measures:
             return {}
         said: dict[str, Any] = {"sensors": self.config, "seed": seed}
+        if self.estimator:
+            said["estimator"] = self.estimator
         if self.dice.chance(0.2):
             said["told_of_impacts"] = self.dice.pick([False, {"above_N_s": self.dice.log_between(0.01, 1.0)}])
         return said

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -49,6 +48,8 @@ class Body:
     mass: float = 0.0
     centre: Array = field(default_factory=lambda: np.zeros(3))
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    weight: float = 1.0
+    """Share of gravity that acts."""
 
 
 @dataclass
@@ -64,10 +65,11 @@ class Place:
 
 @dataclass
 class Motor:
-    """An actuator: on a joint (index of its rate), or a unit force and torque at a site."""
+    """An actuator: on a joint (index of its rate; ``root``: to the world), or a unit force and torque at a site."""
 
     name: str
     rate: int
+    root: bool
     site: str
     force: Array
     torque: Array
@@ -77,19 +79,18 @@ class Bodies:
     """All models of a scene.
 
     Args:
-        texts: Models as XML, the robot's first, by name.
+        models: Their elements of MJCF, the robot's first, by name.
         poses: Position and quaternion of fixed ones.
     """
 
-    def __init__(self, texts: dict[str, str], poses: dict[str, tuple[Any, Any]]) -> None:
+    def __init__(self, models: dict[str, Any], poses: dict[str, tuple[Any, Any]]) -> None:
         self.bodies: list[Body] = []
         self.geoms: dict[str, Place] = {}
         self.sites: dict[str, Place] = {}
         self.motors: dict[str, Motor] = {}
         self.joints: dict[str, Joint] = {}
         self.nq = self.nv = 0
-        for model, text in texts.items():
-            root = ElementTree.fromstring(text)
+        for model, root in models.items():
             meshes = {m.get("name"): _floats(m, "vertex").reshape(-1, 3) for m in root.iter("mesh")}
             at, quat = poses.get(model, ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
             world = root.find("worldbody")
@@ -125,6 +126,7 @@ class Bodies:
                 inertial = child.find("inertial")
                 made.mass = float(inertial.get("mass"))
                 made.centre = _floats(inertial, "pos")
+                made.weight = 1.0 - float(child.get("gravcomp", 0.0))
                 axes = matrix(_floats(inertial, "quat", "1 0 0 0"))
                 made.inertia = axes @ np.diag(_floats(inertial, "diaginertia")) @ axes.T
                 self._read(child, model, index, at, turn, meshes)
@@ -149,7 +151,8 @@ class Bodies:
         gear = _floats(element, "gear", "1 0 0 0 0 0")
         name, joint = f"{model}/{element.get('name')}", element.get("joint")
         rate = -1 if joint is None else self.joints[f"{model}/{joint}"].v
-        self.motors[name] = Motor(name, rate, f"{model}/{element.get('site')}", gear[:3], gear[3:])
+        root = any(body.parent < 0 and f"{model}/{joint}" in [each.name for each in body.joints] for body in self.bodies)
+        self.motors[name] = Motor(name, rate, root, f"{model}/{element.get('site')}", gear[:3], gear[3:])
 
     def rates(self, by_joint: Any) -> Array:
         """Generalised velocity from numbers by joint."""
@@ -283,7 +286,7 @@ class State:
             axes = self.axis * (self.turns & on)[:, None]
             away = np.cross(turned, centre - self.anchor) + np.cross(axes, speed - self.anchor_rate) + slid
             gain, spin = self.v @ away, self.v @ turned
-            total += linear.T @ (body.mass * (gain - gravity))
+            total += linear.T @ (body.mass * (gain - body.weight * gravity))
             total += angular.T @ (inertia @ spin + np.cross(turning, inertia @ turning))
         return total
 
@@ -312,6 +315,9 @@ class State:
             motor = self.all.motors[name]
             if motor.rate >= 0:
                 force[motor.rate] += effort
+                if motor.root:  # along the axis, on a line through the base's frame where it is a force
+                    push = effort * self.axis[motor.rate]
+                    external += [0, 0, 0, *push] if self.turns[motor.rate] else [*push, *np.cross(self.at[0], push)]
                 continue
             site = self.all.sites[motor.site]
             at, frame = self.place(site)

@@ -47,12 +47,33 @@ class LoggedScene:
         texts = {name: (folder / f"{name}.xml").read_text() for name in names}
         fixed = {name: each["pose"] for name, each in self.said["objects"].items() if each.get("fixed")}
         poses = {name: (pose["position_m"], pose["quaternion"]) for name, pose in fixed.items()}
-        self.bodies = Bodies(texts, poses)
+        roots = {name: ElementTree.fromstring(text) for name, text in texts.items()}
+        self._change(roots["robot"], self.said["robot"])
+        self.bodies = Bodies(roots, poses)
+        for model, bodies in self.said.get("model", {}).items():
+            for name, changed in bodies.items():
+                body = next(each for each in self.bodies.bodies if each.name == f"{model}/{name}")
+                body.inertia = body.inertia * (changed["mass_kg"] / body.mass)
+                body.mass = changed["mass_kg"]
         self.sensors = list(_sensors(texts["robot"]))
         self.models = [name for name in names if name not in fixed]
-        self.rules = {rule["name"]: rule for rule in self.said["contacts"]["rules"]}
+        self.rules = {rule["name"]: rule for rule in self.said["contacts"].get("rules", ())}
         start = texts["robot"].index('gravity="') + 9
         self.gravity = np.array([float(x) for x in texts["robot"][start:].split('"')[0].split()])
+
+    @staticmethod
+    def _change(robot: Any, said: dict[str, Any]) -> None:
+        """What the scenario removes from the robot's file, and flexible drives."""
+        for what in said.get("strip", ()):
+            for joint in robot.iter("joint"):
+                joint.attrib.pop(what, None)
+        for name, flex in said.get("joint_flex", {}).items():
+            body = next(each for each in robot.iter("body") if any(j.get("name") == name for j in each.findall("joint")))
+            joint = body.find("joint")
+            joint.set("armature", repr(flex["gear"] ** 2 * flex["rotor_inertia"]))
+            spring = {key: joint.get(key) for key in ("type", "axis")}
+            spring |= {"name": f"{name}_flex", "stiffness": repr(flex["stiffness"]), "damping": repr(flex["damping"])}
+            body.insert(list(body).index(joint) + 1, ElementTree.Element("joint", spring))
 
     def columns(self, start: str) -> Array:
         """(rows, n) Columns whose names begin so, in their order."""

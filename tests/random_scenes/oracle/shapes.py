@@ -53,7 +53,7 @@ def gap_along(a: Shape, b: Shape, normal: Array) -> float:
     return float(normal @ (b.support(-normal) - a.support(normal)))
 
 
-def distance_bounds(a: Shape, b: Shape, tolerance: float = 1e-9, most: int = 200) -> tuple[float, float]:
+def distance_bounds(a: Shape, b: Shape, tolerance: float = 1e-7, most: int = 40) -> tuple[float, float]:
     """Lower and upper bound of the distance of two shapes; the lower one is not above 0 if they overlap.
 
     Frank-Wolfe with full correction (Wolfe's minimum-norm point): the nearest point of the hull of supports so far is above
