@@ -185,7 +185,9 @@ class LogReplay:
     def _apply_efforts(self, event: LoggedEvent) -> None:
         """Apply the logged efforts after an event, and check them against the actuator limits."""
         actuation, data = self._plant.actuation, self._plant.data
-        actuation.hold(event.efforts, data, event.time_s)
+        # Efforts that still act were decided earlier, at other speeds: the torque-speed line there was that of their limits.
+        if not np.array_equal(event.efforts, actuation.applied):
+            actuation.hold(event.efforts, data, event.time_s)
         name = f"{event.name} efforts_after"
         self.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
         data.ctrl[:] = event.efforts / actuation.gear

@@ -1,0 +1,38 @@
+"""Efforts that act since a control tick are those of the torque-speed line there, whatever the speed at a later event."""
+
+from __future__ import annotations
+
+import ffsm_mj
+from ffsm_mj.replay import replay_log
+from tests.scenes import HEAD, ball, scene
+
+PADDLE = f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="50" diaginertia="1 1 1"/><geom name="bus" size="0.1" mass="0"/>
+  <body name="paddle"><joint name="slide" type="slide" axis="1 0 0" stiffness="100" springref="0.3"/>
+    <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+    <geom name="paddle" type="box" size="0.05 0.3 0.3" pos="0.4 0 0" mass="0"/></body></body></worldbody>
+  <actuator><motor name="push" joint="slide"/></actuator></mujoco>"""
+
+
+def test_a_ball_leaves_a_paddle_that_is_faster_than_at_the_last_tick(tmp_path):
+    """The spring speeds both up until the ball leaves, within a tick; the motor still has the force of the tick."""
+    (tmp_path / "efforts.csv").write_text("time_s,push_N\n0,5\n1,5\n")
+    path = scene(
+        tmp_path,
+        PADDLE,
+        {"ball": ball("ball")},
+        duration_s=0.45,
+        control_period_s=0.15,
+        initial={"joints": {"ball/free": [0.5501, 0, 0, 1, 0, 0, 0]}},
+        actuators={"push": {"kind": "torque_speed", "stall_torque_N_m": 5.0, "no_load_speed_rad_s": 10.0}},
+        contacts={"rules": [{"between": ["paddle", "ball/ball"], "restitution": 0.0}]},
+        phases=[{"name": "a", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}],
+    )
+    run = ffsm_mj.run(path)
+    (left,) = run.log.records["contact_endings"]
+    row = int(left.time_s / 0.15)
+    (force,), (speed,) = left.efforts_after["robot/push"], left.qvel_before["robot/slide"]
+    assert force == run["actuators.robot_push_applied_N"][row]
+    assert force > 5.0 * (1.0 - speed / 10.0) + 0.01  # what the motor could newly be asked for
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
