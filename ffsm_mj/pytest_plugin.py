@@ -81,6 +81,7 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[
     """
     __tracebackhide__ = True
     from ffsm_mj.errors import unknown_name
+    from ffsm_mj.verification.check_result import all_by_truncation
     from ffsm_mj.verification.checks import CHECK_NAMES
 
     for name in checks:
@@ -100,6 +101,6 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[
             for check in broken
         ]
         head = f"{run.name}: {len(broken)} of {len(checked)} checks failed in {run.digest.end_s:g} s"
-        if all(check.fails_by_truncation for check in broken):
+        if all_by_truncation(broken):
             head += ", by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario or halve its time_step_s"
         raise AssertionError("\n  ".join([head, *lines]))

@@ -87,12 +87,6 @@ def plain(monkeypatch) -> None:
 
 
 @pytest.fixture
-def unexplained(monkeypatch) -> None:
-    """Nobody asks why a check fails, by a replay with shorter steps: for runs and logs that are wrong on purpose."""
-    monkeypatch.setattr(Run, "_refined", None)
-
-
-@pytest.fixture
 def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))

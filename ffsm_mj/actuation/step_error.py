@@ -99,14 +99,17 @@ class StepError:
     def residuals(self, duration_s: float, exchanges: Iterable[Exchange]) -> FloatArray:
         """Residuals at the state in ``data``, (3, 7): energy, P and L of (total, robot, objects).
 
+        A grasped object counts with the robot, as in the checks; other objects keep their residual.
+
         Args:
             duration_s: Since :meth:`begin`.
             exchanges: What contacts exchanged in that time.
         """
         assert self._start is not None
-        change = [after - before for after, before in zip(self._now(), self._start, strict=True)]
-        accounts = self._balance.increments(duration_s, exchanges)
-        left = self._weights.dot(np.concatenate((change, accounts)))
+        change = np.subtract(self._now(), self._start)
+        moved, grasped = np.split(change, [2 * _NUMBERS])
+        accounts = self._balance.increments(duration_s, exchanges, grasped if grasped.size else None)
+        left = self._weights.dot(np.concatenate((moved, accounts)))
         return np.asarray(left.reshape(len(SUBSYSTEMS), _NUMBERS))
 
     def relative(self, duration_s: float, exchanges: Iterable[Exchange], *, grasped: bool) -> float:
@@ -117,15 +120,18 @@ class StepError:
             exchanges: What contacts exchanged in that time.
             grasped: Whether an object is grasped: the exchange between robot and object is then its gain by definition.
         """
-        return self.over_scale(self.residuals(duration_s, exchanges), grasped=grasped)
-
-    def over_scale(self, residuals: FloatArray, *, grasped: bool) -> float:
-        """Largest of some residuals, (3, 7), over (1 + scale); see :meth:`relative`."""
-        left = residuals.tolist()
+        left = self.residuals(duration_s, exchanges).tolist()
         # The whole is at most the sum of robot and objects.
         subsystems = (_TOTAL,) if grasped else (_ROBOT, _OBJECTS)
         size = max(self._size(left[subsystem], subsystem) for subsystem in subsystems)
         return size if math.isfinite(size) else math.inf
+
+    def scales(self) -> FloatArray:
+        """1 + the scales of energy, P and L of (total, robot, objects) as in the checks, (3, 3), where a step starts."""
+        found = np.array([self._scales(subsystem) for subsystem in range(len(SUBSYSTEMS))])
+        if self._balance.grasped_object is not None:  # what the robot gives to the object cancels in the robot's balance
+            found[_ROBOT] += found[_OBJECTS] - 1.0
+        return found
 
     def _size(self, left: list[float], subsystem: int) -> float:
         """Largest relative residual of one subsystem."""
@@ -136,7 +142,7 @@ class StepError:
         """1 + the scales of ``verification/checks.py`` at the start of the step: of energy, P and L."""
         assert self._start is not None
         start, qpos = self._start, self._data.qpos
-        robot, objects = start[:_NUMBERS], start[_NUMBERS:]
+        robot, objects = start[:_NUMBERS], start[_NUMBERS : 2 * _NUMBERS]
         own = {_TOTAL: [a + b for a, b in zip(robot, objects, strict=True)], _ROBOT: robot, _OBJECTS: objects}[subsystem]
         members = {_TOTAL: (robot, objects), _ROBOT: (robot,), _OBJECTS: (objects,)}[subsystem]
         linear = sum(math.hypot(*each[1:4]) for each in members)
@@ -144,10 +150,10 @@ class StepError:
         return 1.0 + abs(own[0]), 1.0 + linear, 1.0 + math.hypot(*own[4:]) + lever * linear
 
     def _now(self) -> list[float]:
-        """Energy and momenta of the robot, then of all objects, at the state in ``data``."""
+        """Energy and momenta of the robot, of all objects, and of a grasped one alone, at the state in ``data``."""
         mujoco.mj_subtreeVel(self._model, self._data)
         momentum, rates = self._balance.momentum, self._rates
-        found = [[0.0] * _NUMBERS, [0.0] * _NUMBERS]
+        found, alone, grasped = [[0.0] * _NUMBERS, [0.0] * _NUMBERS], [], self._balance.grasped_object
         for i, (mass, dofs, velocity, centre, spin) in enumerate(self._trees):
             (u, v, w), (x, y, z), (a, b, c) = velocity.tolist(), centre.tolist(), spin.tolist()
             p, q, r = mass * u, mass * v, mass * w
@@ -155,7 +161,9 @@ class StepError:
             own = (energy, p, q, r, a + y * r - z * q, b + z * p - x * r, c + x * q - y * p)
             subsystem = found[min(i, 1)]
             subsystem[:] = [before + each for before, each in zip(subsystem, own, strict=True)]
-        return found[0] + found[1]
+            if grasped is not None and dofs == grasped.dofs:
+                alone = list(own)
+        return found[0] + found[1] + alone
 
 
 def _changes(free: FloatArray) -> FloatArray:

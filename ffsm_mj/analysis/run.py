@@ -21,13 +21,13 @@ from ffsm_mj.analysis.tables import MOMENTUM_TABLE, Table, momentum_table, table
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
-from ffsm_mj.records.events import ImpactRecord, Outcome, PhaseRecord, UnhandledContactRecord
+from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, end_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.refined import Refined, explained, refined
+from ffsm_mj.verification.truncation import TruncationAnalysis
 
 
 class Run(LoggedSignals):
@@ -36,6 +36,7 @@ class Run(LoggedSignals):
     Attributes:
         log: Contents of the log.
         path: Path of the log file, absolute if the run was read or written here; None for a run in memory.
+        truncation: Result of the analysis of the truncation; None if there was none.
     """
 
     def __init__(
@@ -52,11 +53,12 @@ class Run(LoggedSignals):
         super().__init__(log)
         self.path, self._given, self._accumulated = path, digested, effort
         self._whole: Run | None = None
+        self.truncation: TruncationAnalysis | None = None
 
     def with_rows(self, rows: FloatArray) -> Run:
         """The run with a part of its rows, (n, number of signals); checks and summary are those of the whole run."""
         part = Run(replace(self.log, rows=rows), self.path, self.digest)
-        part._whole = self
+        part._whole, part.truncation = self, self.truncation
         return part
 
     @property
@@ -132,22 +134,18 @@ class Run(LoggedSignals):
     def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
         """Results of all checks with their worst residuals; see :func:`ffsm_mj.verification.checks.evaluate_checks`.
 
-        If a check of energy or momenta fails, the run is replayed with shorter steps: ``check.truncation`` is the residual
-        that remains, ``check.fails_by_truncation`` whether the step alone makes it fail.
+        This is arithmetic on the rows: nothing is simulated again. Whether a check of energy, momenta or heat fails by the
+        truncation of the step alone is known once ``analyze_truncation`` has found it; until then
+        ``check.fails_by_truncation`` is None.
         """
         checks = self.digest.check_accumulator.checks(self.log.impact_records, tolerance, self._friction)
-        return (*explained(checks, tolerance, lambda: self._refined), *end_checks(self.log, tolerance, self._stack_momentum))
+        judged = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
+        return (*judged, *end_checks(self.log, tolerance, self._stack_momentum))
 
     def _stack_momentum(self) -> float:
         """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
         found = self._effort["angular_momentum"]
         return math.nan if found is None else float(found["stack_without_wheels_N_m_s"])
-
-    @cached_property
-    def _refined(self) -> Refined | None:
-        return (
-            refined(self.log) if self.outcome != Outcome.INTERRUPTED else None
-        )  # do not delay an interrupted run by a replay
 
     @cached_property
     def _friction(self) -> FrictionCheck:
@@ -201,8 +199,8 @@ class Run(LoggedSignals):
         """Content of ``summary.json``.
 
         Args:
-            checks: Include ``checks``, for which a run with failed checks is replayed, and ``effort``, ``base_rotation`` and
-                ``angular_momentum``, for which the models of a log are compiled.
+            checks: Include ``checks``, and ``effort``, ``base_rotation`` and ``angular_momentum``, for which the models of a
+                log are compiled.
         """
         summary = deepcopy(self._summary)
         if not checks:

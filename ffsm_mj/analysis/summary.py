@@ -15,12 +15,12 @@ from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.check_result import Check, Truncation, all_by_truncation
 from ffsm_mj.verification.checks import CheckAccumulator
-from ffsm_mj.verification.truncation import Truncation
 
 SCHEMA_VERSION = 2
 """Version of the schema; later versions only add keys."""
+_NOT_ANALYSED = "not analysed"
 
 
 def tip_error(log: RunLog) -> FloatArray:
@@ -102,7 +102,10 @@ def tip_summary(tip: TipDigest | None) -> dict[str, Any] | None:
 
 
 def failing_checks(checks: Sequence[Check]) -> dict[str, Any]:
-    """Whether all checks pass; else the failing ones, with the share of truncation."""
+    """Whether all checks pass; else the failing ones, each with its share of truncation.
+
+    A failure of which truncation may be the reason has ``truncation: not analysed`` until that is known.
+    """
     failing = [
         {
             "check": check.name,
@@ -111,13 +114,12 @@ def failing_checks(checks: Sequence[Check]) -> dict[str, Any]:
             "allowed": check.tolerance,
             "unit": check.unit,
             "fails_by_truncation": check.fails_by_truncation,
-            "truncation": truncation_data(check.truncation),
+            "truncation": _NOT_ANALYSED if check.fails_by_truncation is None else truncation_data(check.truncation),
         }
         for check in checks
         if not check.passes
     ]
-    alone = bool(failing) and all(each["fails_by_truncation"] for each in failing)
-    return {"passed": not failing, "fail_by_truncation": alone, "failing": failing}
+    return {"passed": not failing, "fail_by_truncation": all_by_truncation(checks), "failing": failing}
 
 
 def truncation_data(found: Truncation | None) -> dict[str, Any] | None:

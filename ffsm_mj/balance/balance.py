@@ -168,18 +168,28 @@ class Balance:
         energy, momentum = self._unexplained(np.zeros((ACCOUNTS, 3)), np.zeros((ACCOUNTS, 3, 6)), units)
         return -np.concatenate((energy[:, :, None], momentum), axis=2).reshape(ACCOUNTS, -1).T
 
-    def increments(self, duration_s: float, exchanges: Iterable[Exchange]) -> FloatArray:
+    @property
+    def grasped_object(self) -> Tree | None:
+        """The grasped object; None if there is none."""
+        return self._grasped_object.tree
+
+    def increments(
+        self, duration_s: float, exchanges: Iterable[Exchange], grasped_change: FloatArray | None = None
+    ) -> FloatArray:
         """Balance terms of the (sub-)step since ``open``, (terms,); the accumulated terms are unchanged.
 
         Args:
             duration_s: Duration of the step; the state in ``data`` is its end.
             exchanges: What contacts exchanged during the step.
+            grasped_change: Change of kinetic energy, P and L of the grasped object during the step, (7,); None without one.
         """
         numbers, kept = self._numbers, self._numbers.copy()
         numbers.fill(0.0)  # differences of sums since t = 0 would lose the digits that matter here
         self.close(duration_s)
         for exchange in exchanges:
             self.enter(*exchange)
+        if grasped_change is not None:
+            self.enter(*self._grasped_object.exchange(grasped_change))
         self._of_trees.enter(self._of_trees.numbers, self._accounts)
         added = numbers[:ACCOUNTS].copy()
         numbers[:] = kept

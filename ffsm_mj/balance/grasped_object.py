@@ -59,6 +59,21 @@ class GraspedObjectBalance:
             self._numbers[0], self._start[:] = 1.0 + self._system.objects.index(tree), self._now(tree)
         return exchange
 
+    @property
+    def tree(self) -> Tree | None:
+        """The grasped object; None if there is none."""
+        return self._tree
+
+    def exchange(self, change: FloatArray) -> Exchange:
+        """What the robot gave to the grasped object over a step that the accounts cover alone.
+
+        Args:
+            change: Change of the object's kinetic energy in J, P and L about the origin, (7,).
+        """
+        assert self._tree is not None
+        own = self._accounts.given(self._accounts.numbers, 1 + self._system.objects.index(self._tree))
+        return _given(change if own is None else change - own)
+
     def _now(self, tree: Tree) -> FloatArray:
         data, root, h, rates = self._data, tree.root, self._momentum, self._data.qvel
         mujoco.mj_subtreeVel(self._system.mj, data)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,19 @@ from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.cli.standard_streams import Output
+from ffsm_mj.cli.truncation import truncation_analysis
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.invocation import command
 from ffsm_mj.replay import replay_log
-from ffsm_mj.report.check_report import fail_by_truncation
 from ffsm_mj.report.comparison_report import comparison_report
 from ffsm_mj.report.json_text import json_text
 from ffsm_mj.report.output_place import folder_below, refuse_link, usable_folder
 from ffsm_mj.report.run import Run, load_run
 from ffsm_mj.report.verification_report import damage_of, verification, verification_data
+from ffsm_mj.verification.check_result import all_by_truncation
 from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
+from ffsm_mj.verification.truncation import has_question
 
 
 # A log may hold any double. A value that is not finite fails its check; NumPy's warnings would only repeat that.
@@ -55,6 +58,9 @@ def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     for path, name, run in _load_all(options.runs, shown, stage):
         with working_on(path):
             again = replay_log(run.log, stage(f"replay {shown[name]}", "samples"))
+            if has_question(again.checks(tolerance), tolerance) and not again.obstacle:
+                found_truncation = truncation_analysis(run.log, options.truncation, stage, shown[name])
+                again = replace(again, truncation=found_truncation)
             found[_judge(run, again, tolerance)].append(name)
             if options.json:
                 data.append(verification_data(run, again, tolerance))
@@ -94,7 +100,7 @@ def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator
 def _judge(run: Run, again: ReplayResult, tolerance: Tolerance) -> int:
     """Exit code of one run: a failed check outranks a damaged log, which outranks truncation of the step."""
     checks = again.checks(tolerance)
-    truncated = fail_by_truncation(checks)
+    truncated = all_by_truncation(checks)
     if not (truncated or all(check.passes for check in checks)) or not (again.agrees or again.obstacle):
         return CHECK_FAILED
     if not run.complete or damage_of(run, again) or again.obstacle:

@@ -11,7 +11,7 @@ from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import exit_codes
 from ffsm_mj.cli.idle_options import refuse_idle
 from ffsm_mj.cli.impact_map import describe_impact_map
-from ffsm_mj.cli.option_values import address, frame_rate, positive, tolerance
+from ffsm_mj.cli.option_values import address, frame_rate, positive, seconds_or_off, tolerance
 from ffsm_mj.cli.sensitivity import describe_sensitivity
 from ffsm_mj.cli.study_options import describe_study
 from ffsm_mj.errors import InputError, unknown_name
@@ -161,6 +161,7 @@ def _describe_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--force", action="store_true", help="replace a run that DIR already holds")
     run.add_argument("--no-rerun", action="store_true", help="do not write a recording for the Rerun viewer")
     run.add_argument("--allow-failed-checks", action="store_true", help="exit 0 even if a check fails")
+    _add_truncation(run)
     run.add_argument("--live", action="store_true", help="stream the run to a Rerun viewer, which is opened if necessary")
     run.add_argument("--viewer", metavar="HOST:PORT", help="address of the viewer for --live (default: 127.0.0.1:9876)")
 
@@ -176,6 +177,7 @@ def _describe_analyze(analyze: argparse.ArgumentParser) -> None:
         help="a check passes if its residual is at most TOL * (1 + scale) in SI units (default: 1e-9); for all "
         "checks, or for one, e.g. --tolerance 'linear momentum=1e-10'",
     )
+    _add_truncation(analyze)
     analyze.add_argument("--json", action="store_true", help="print summary and checks as JSON; a list for several runs")
     analyze.add_argument(
         "--compare", action="store_true", help="print the differences between the first run and each other run"
@@ -259,6 +261,16 @@ def _add_overrides(to: argparse.ArgumentParser) -> None:
         default=[],
         metavar="KEY=VALUE",
         help="override a key by a YAML value, e.g. -s duration_s=5 -s task.target_m='[3, 0.5]' -s phases.1.for_s=4.6",
+    )
+
+
+def _add_truncation(to: argparse.ArgumentParser) -> None:
+    to.add_argument(
+        "--truncation",
+        type=seconds_or_off,
+        metavar="SECONDS|off",
+        help="if checks fail, find out whether by the truncation of the step alone, for at most SECONDS (default: the time "
+        "of the run itself, 20 s at least); Ctrl-C ends only that",
     )
 
 

@@ -9,16 +9,17 @@ OUTPUT_LOST = RUN_FAILED
 
 _GENERAL = {OK: "done", BAD_INPUT: "bad input", OUTPUT_LOST: "output was lost (full disk)", INTERRUPTED: "interrupted"}
 _TRUNCATION = "checks fail by the truncation of the step alone"
+_NO_VERDICT = " (not by truncation alone, or without a verdict on it)"
 _INCOMPLETE = "the log is damaged or incomplete"
 _OF_COMMANDS = {
     "run": {
-        CHECK_FAILED: "a check fails",
+        CHECK_FAILED: f"a check fails{_NO_VERDICT}",
         RUN_FAILED: "the run failed (log kept), or output was lost (full disk)",
         TRUNCATED: _TRUNCATION,
         INTERRUPTED: "interrupted (log kept)",
     },
     "analyze": {
-        CHECK_FAILED: "a check fails, or a log disagrees with its states",
+        CHECK_FAILED: f"a check fails{_NO_VERDICT}, or a log disagrees with its states",
         DAMAGED: _INCOMPLETE,
         TRUNCATED: _TRUNCATION,
     },

@@ -22,6 +22,11 @@ def tolerance(text: str) -> tuple[str, float]:
     return name.replace("_", " ").strip(), positive(value)
 
 
+def seconds_or_off(text: str) -> float:
+    """A positive time in s; 0 for ``off``."""
+    return 0.0 if text == "off" else positive(text)
+
+
 def frame_rate(text: str) -> float:
     """Frames per second that an animation can have."""
     if positive(text) > MOST_FRAMES_PER_SECOND:

@@ -75,7 +75,26 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if given is None:
         folder.link_latest()
     said = of_run(prepared, done, folder)
+    _find_truncation(done, folder, options.truncation)
     return _summarise(done, folder, notes, options, output, len(head.splitlines()), said)
+
+
+def _find_truncation(run: Run, folder: RunFolder, budget_s: float | None) -> None:
+    """Find out whether checks fail by truncation, and add the verdict to the summary, which is complete without it."""
+    from ffsm_mj.analysis.summary import failing_checks
+    from ffsm_mj.cli.truncation import truncation_analysis  # imports what replays logs
+    from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
+    from ffsm_mj.verification.truncation import TruncationAnalysis, has_question
+
+    if not has_question(run.checks(), DEFAULT_TOLERANCE):
+        return
+    if run.outcome == "interrupted":  # its user does not want to wait
+        run.truncation = TruncationAnalysis(None, "the run was interrupted")
+        return
+    with progress() as shown:
+        run.truncation = truncation_analysis(run.log, budget_s, shown.stage, str(folder.path))
+    if run.truncation.refined is not None:
+        folder.add_to_summary({"checks": failing_checks(run.checks())})
 
 
 def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
@@ -105,9 +124,10 @@ def _summarise(
     said: Sequence[str],
 ) -> int:
     """Print the summary of a run below ``used`` lines of output, and what is said of it; returns the exit code."""
-    from ffsm_mj.report.check_report import any_check_failed, fail_by_truncation, verdict
+    from ffsm_mj.report.check_report import any_check_failed, verdict
     from ffsm_mj.report.run_report import MOST_LINES, run_report
     from ffsm_mj.report.text_table import wrapped
+    from ffsm_mj.verification.check_result import all_by_truncation
     from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 
     failed = run.outcome != "completed" or any_check_failed(run, DEFAULT_TOLERANCE)
@@ -121,7 +141,7 @@ def _summarise(
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
     if failed:
         complain(verdict(run, run.checks()))
-        code = TRUNCATED if fail_by_truncation(run.checks()) else CHECK_FAILED
+        code = TRUNCATED if all_by_truncation(run.checks()) else CHECK_FAILED
         return OK if options.allow_failed_checks else code
     return OK
 

@@ -86,7 +86,7 @@ def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
     with progress() as shown:
         found = of_prepared(prepared, run, report=shown.stage("sensitivity", "runs"))
     _write(found, folder.path / SENSITIVITY)
-    folder.write_summary(run.summary() | {KEY: found.data()})
+    folder.add_to_summary({KEY: found.data()})
     return sentences(found)
 
 

@@ -202,6 +202,12 @@ class RunFolder:
         except OSError:
             unfinished.unlink(missing_ok=True)
 
+    def add_to_summary(self, entries: dict[str, Any]) -> None:
+        """Write ``summary.json`` again with other entries; no effect if there is none (full disk)."""
+        with suppress(OSError):
+            written = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
+            self.write_summary(written | entries)
+
     def link_latest(self) -> None:
         """Link ``latest`` beside the folder to it, unless links are unavailable or the name is taken."""
         link = self.path.parent / "latest"

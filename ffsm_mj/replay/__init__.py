@@ -9,7 +9,6 @@ accumulate.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.blas_threads import one_blas_thread
@@ -23,7 +22,6 @@ from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import log_scene
 from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.refined import refined
 from ffsm_mj.verification.replay_result import ReplayResult
 
 
@@ -61,7 +59,6 @@ def replay_log(
     sampling.end(log.outcome.end_s if log.outcome else None)
     found = {"motion": replay.motion, "columns": replay.columns, "impacts": replay.impacts}
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
-    refine = cache(lambda: refined(log))  # computed only if a check fails
     numbers = sum(agreement.numbers for agreement in found.values())
     impacts, friction = log.impact_records, FrictionCheck(log)
-    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, impacts, friction, refine, log)
+    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, impacts, friction, log)

@@ -6,7 +6,10 @@ so (an impulse of the wrong sign, a leak at a rate, or at each step) stays in th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -26,98 +29,175 @@ from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import LogScene, log_scene
+from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator
-from ffsm_mj.verification.refined import Refined
-from ffsm_mj.verification.residuals import STRETCH_STEPS
+from ffsm_mj.verification.residuals import STRETCH_STEPS, ResidualDrift, stretch_s
+from ffsm_mj.verification.truncation import ENTRIES, Refined, TruncationAnalysis
 
 _MOST_HALVINGS = 6
-_OF_ORDER_FOUR, _FALLS, _HOPELESS = 16.0, 6.0, 3.0
-"""What a halving takes off falls at the next one by the first number for truncation, by 4 and 2 for lower orders: at least
-by the second in the end, and by the third from the start."""
-_ROUNDING = 4e-14
-"""Differences over (1 + scale) below this are rounding: a few units in the last place of each of the terms that cancel."""
+_OF_ORDER_FOUR = 16.0
+"""What a halving takes off a truncation error of order four, over what the next one takes off."""
+_ROUNDING = 1e-15
+"""Rounding of the residual of one step over (1 + scale): some units in the last place of each of the terms that cancel."""
 _RESIDUALS = 7 * len(SUBSYSTEMS) + 1
-_SHARE = 0.1
-"""Of what a check allows, for what is left out of the errors of all steps together."""
+_ENTRY_OF = np.append(np.add.outer(3 * np.arange(len(SUBSYSTEMS)), np.repeat((0, 1, 2), (1, 3, 3))).ravel(), 9)
+"""Entry of each residual: energy, P and L of each subsystem, then the heat of sliding."""
+_LEAST_S, _STEPS_OF_A_STEP = 20.0, 8.0
+"""Most steps of fast motion are known from themselves, two halves and four quarters: 7 steps."""
+_NOT_TRIED, _NOT_KNOWN = 0.05, 0.75
+"""Of what a check allows: for the residuals of all steps that are not made again, and for the errors of the others' limits.
+
+Together they are below 1, so that a check that fails by truncation alone is found to do so.
+"""
+
+
+@dataclass
+class AnalysisLimits:
+    """What ends an analysis of the truncation before it has a verdict.
+
+    Attributes:
+        seconds: Largest wall time, s.
+        steps: Largest number of steps that are made beside those of the replay.
+        stopped: Polled before every step: whether to end.
+        report: Called with the number of samples done and their total.
+    """
+
+    seconds: float = math.inf
+    steps: float = math.inf
+    stopped: Callable[[], bool] = lambda: False
+    report: Callable[[float, float], None] | None = None
+    _end_s: float = field(default=math.inf, init=False)
+    _left: float = field(default=math.inf, init=False)
+
+    def begin(self) -> None:
+        """Start the clock."""
+        self._end_s, self._left = time.monotonic() + self.seconds, self.steps
+
+    def step(self) -> None:
+        """Count a step that is about to be made.
+
+        Raises:
+            _NoVerdictError: It would exceed a limit.
+        """
+        self._left -= 1
+        if self.stopped():
+            raise _NoVerdictError("interrupted")
+        if time.monotonic() > self._end_s:
+            raise _NoVerdictError(f"it would take more than {self.seconds:g} s")
+        if self._left < 0:
+            raise _NoVerdictError(f"it would take more than {self.steps:g} steps")
+
+
+def usual_seconds(log: RunLog) -> float:
+    """Largest wall time of an analysis unless the caller gives one: that of the run itself, 20 s at least."""
+    return max(_LEAST_S, log.outcome.wall_s if log.outcome is not None else 0.0)
+
+
+def usual_steps(log: RunLog) -> float:
+    """Largest number of steps of an analysis that must end at the same step on every machine: 8 times those of the run."""
+    outcome = log.outcome
+    return _STEPS_OF_A_STEP * max(outcome.steps, outcome.sub_steps) if outcome is not None else 0.0
+
+
+class _NoVerdictError(Exception):
+    """An analysis ends without a verdict; the message says why."""
 
 
 @np.errstate(all="ignore")
 @one_blas_thread()
-def refined(log: RunLog, look: Callable[[], object] = lambda: None) -> Refined | None:
-    """The balance of a run with shorter steps from the same states; None where nothing can be replayed.
+def analyze_truncation(log: RunLog, limits: AnalysisLimits | None = None) -> TruncationAnalysis:
+    """Find which share of the residuals of a run is truncation, by a replay with shorter steps from the same states.
 
     Args:
         log: The run.
-        look: Called now and then; what it raises ends it.
+        limits: What ends the analysis early; None: nothing.
     """
+    limits = limits if limits is not None else AnalysisLimits()
+    limits.begin()
     try:
-        scene = log_scene(log)
-        again = _Refining(scene, log)
-    except InputError:
-        return None
+        return TruncationAnalysis(_refined(log, limits))
+    except _NoVerdictError as end:
+        return TruncationAnalysis(None, str(end))
+    except InputError as error:
+        return TruncationAnalysis(None, error.lines[0])
+
+
+def _refined(log: RunLog, limits: AnalysisLimits) -> Refined:
+    scene = log_scene(log)
+    again = _Refining(scene, log, limits)
     layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
     states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
+    bounds = [ResidualDrift(stretch_s(metadata)) for _ in ENTRIES]
     period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
     sampling = Sampling(period_s, log.instants_s, start_s)
     with collected_warnings([]):
         for block in log.blocks():
-            look()
-            again.corrections = []
+            again.corrections, again.bounds = [], []
             rows = again.take(block, sampling.ticks(block[:, layout.time]))
-            added = np.array(again.corrections)
+            added, unknown, nothing = np.array(again.corrections), np.array(again.bounds), np.zeros(len(block))
             states.rows(rows)
             half.rows(rows, added[:, 0])
             without.rows(rows, added[:, 1])
-    return Refined(scene.scenario.time_step_s, states, half, without)
+            for bound, column in zip(bounds, unknown.T, strict=True):
+                bound.add(block[:, layout.time], column[:, None], nothing)
+    largest = {entry: bound.worst.size for entry, bound in zip(ENTRIES, bounds, strict=True)}
+    return Refined(scene.scenario.time_step_s, states, half, without, largest)
 
 
 class _Refining(LogReplay):
-    """A replay that makes every flight in shorter steps, too.
+    """A replay that makes every step in shorter ones, too.
 
     Attributes:
         corrections: By row, what the residuals since the start would have more at half the step, and without truncation:
             those of energy, P and L of each subsystem, then that of the heat of sliding, (2, 22).
+        bounds: By row, bound on the error of the latter, by entry: see :data:`~ffsm_mj.verification.truncation.ENTRIES`.
     """
 
-    def __init__(self, scene: LogScene, log: RunLog) -> None:
+    def __init__(self, scene: LogScene, log: RunLog, limits: AnalysisLimits) -> None:
         super().__init__(scene, log)
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
-        self._so_far = np.zeros((2, _RESIDUALS))
+        self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
+        self._so_far, self._bound = np.zeros((2, _RESIDUALS)), np.zeros(len(ENTRIES))
         self.corrections: list[FloatArray] = []
+        self.bounds: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
-        self._negligible = _SHARE * DEFAULT_TOLERANCE / steps
+        self._share, self._spare = DEFAULT_TOLERANCE / steps, np.zeros((2, len(ENTRIES)))
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
-        self._rows_done: list[FloatArray] = []
+        self._first = len(self.corrections)
         rows = super()._take(block, ticks)
         self._done_up_to(len(block))
-        self.corrections += self._rows_done
         return rows
 
     def _line(self, line: int, tick: int) -> None:
         self._done_up_to(line)
         super()._line(line, tick)
         self._done_up_to(line + 1)
+        if self._limits.report is not None:
+            self._samples += 1
+            self._limits.report(self._samples, max(self._expected, self._samples))
 
     def _done_up_to(self, line: int) -> None:
         """Rows that nothing leads to have what was found before."""
-        self._rows_done += [self._so_far.copy() for _ in range(line - len(self._rows_done))]
+        for _ in range(self._first + line - len(self.corrections)):
+            self.corrections.append(self._so_far.copy())
+            self.bounds.append(self._bound.copy())
 
     def _before_substep(self, duration_s: float, left_s: float) -> None:
-        """Make the coming flight, then the same in shorter steps; nothing has moved after."""
+        """Make the coming step, then the same in shorter ones; nothing has moved after."""
         motion, control = self._plant.integrator.motion, self._plant.integrator.control
         start = np.empty(mujoco.mj_stateSize(motion.model, WHOLE_STATE))
         mujoco.mj_getState(motion.model, motion.data, start, WHOLE_STATE)
         plan = dict(vars(control)) if control is not None else {}
         self._at_start = start, self._plant.integrator.snapshot()
         try:
+            self._limits.step()
             self._error.begin(measured=True)
-            flown_s = self._plant.integrate(duration_s, left_s)
-            whole = self._left_over(flown_s)
+            done_s = self._plant.integrate(duration_s, left_s)
+            whole, scales = self._residuals(done_s), np.append(self._error.scales().ravel(), 1.0)
             self._plant.integrator.control = None
-            if self._size(whole) > self._left_out(flown_s):
-                self._refine(whole, flown_s, left_s)
-        except RunEnded:  # the flight itself says so
+            self._refine(whole, scales, done_s, left_s)
+        except (RunEnded, StepLimitError):  # the step itself says so
             pass
         finally:
             self._plant.integrator.control = control
@@ -125,29 +205,65 @@ class _Refining(LogReplay):
                 vars(control).update(plan)
             self._back_to_start()
 
-    def _refine(self, whole: FloatArray, flown_s: float, left_s: float) -> None:
-        found, taken, ratio = [whole], 0.0, 0.0
+    def _refine(self, whole: FloatArray, scales: FloatArray, done_s: float, left_s: float) -> None:
+        """Find what each entry of the residuals of a step would be without truncation, and a bound on the error of that.
+
+        Args:
+            whole: Residuals of the step.
+            scales: 1 + scale of each entry.
+            done_s: Duration of the step.
+            left_s: Remaining time of the grid step.
+        """
+        # What steps before did not use of their share is there for this one: most have little truncation, few have much.
+        self._spare += np.array([[_NOT_TRIED], [_NOT_KNOWN]]) * self._share * done_s / self._step_s
+        not_tried, not_known = self._spare
+        error, rounding = _by_entry(whole) / scales, _ROUNDING
+        unknown = error > np.maximum(not_tried, rounding)
+        not_tried[~unknown] -= np.minimum(error, not_tried)[~unknown]
+        divisions, extrapolated, limit, bound = [whole], whole, whole.copy(), np.zeros(len(ENTRIES))
         for halvings in range(1, _MOST_HALVINGS + 1):
+            if not unknown.any():
+                break
             self._back_to_start()
-            found.append(self._in_parts(flown_s, left_s, 2**halvings))
-            before, taken = taken, self._size(found[-2] - found[-1])
+            try:
+                divisions.append(self._in_parts(done_s, left_s, 2**halvings))
+            except RunEnded:  # shorter steps are refused on the way: what was found before is known no better
+                break
+            before, rounding = extrapolated, 2**halvings * _ROUNDING
+            extrapolated = divisions[-1] + (divisions[-1] - divisions[-2]) / (_OF_ORDER_FOUR - 1.0)
             if halvings == 1:
                 continue
-            ratio = min(before / taken, _OF_ORDER_FOUR) if taken > _ROUNDING else _OF_ORDER_FOUR
-            # Higher powers of a long step, and stiff friction, may outweigh the fourth in the first halvings.
-            if ratio < _HOPELESS:
-                return
-            if ratio >= _FALLS and taken / (ratio - 1.0) <= self._left_out(flown_s):
-                break
-        if ratio < _FALLS:
+            error = self._error_of_limit(divisions, extrapolated - before) / scales
+            known = unknown & (error <= np.maximum(not_known, rounding))
+            limit[known[_ENTRY_OF]], bound[known] = extrapolated[known[_ENTRY_OF]], (error * scales)[known]
+            not_known[known] -= np.minimum(error, not_known)[known]
+            unknown &= ~known
+        if len(divisions) == 1:
             return
-        # The rest of the geometric series that the differences are: 1, 1/16, 1/256, ... for short steps.
-        limit = found[-1] - (found[-2] - found[-1]) / (ratio - 1.0)
-        self._so_far += (found[1] - whole, limit - whole)
+        # What does not converge at order four is bounded by its two finest divisions, and the rounding of their sums.
+        limit[unknown[_ENTRY_OF]] = divisions[-1][unknown[_ENTRY_OF]]
+        bound[unknown] = (_by_entry(divisions[-1] - divisions[-2]) + rounding * scales)[unknown]
+        self._so_far += (divisions[1] - whole, limit - whole)
+        self._bound += bound
 
-    def _left_out(self, duration_s: float) -> float:
-        """Error of a (sub-)step over (1 + scale) that is left out: steps before a stop are many and short."""
-        return max(self._negligible * duration_s / self._step_s, _ROUNDING)
+    @staticmethod
+    def _error_of_limit(divisions: Sequence[FloatArray], change: FloatArray) -> FloatArray:
+        """Error of the residuals without truncation that follow from the last divisions, by entry.
+
+        Richardson's extrapolation of order four is exact if a halving takes 16 times as much off as the next one. If it
+        takes r times as much, the divisions go on as a geometric series of ratio r: what this series leaves differs from
+        what the extrapolation leaves by the last change of the latter over r - 1. Order four gives a change over 15, where
+        the next power of the step gives one over 31. An error of another order stays in the extrapolation as it is: nothing
+        of a leak at a rate is taken off, one at each step doubles with each halving and never converges.
+
+        Args:
+            divisions: Residuals in one step, two, four and so on; three at least.
+            change: Last change of the extrapolation.
+        """
+        first, second = _by_entry(divisions[-3] - divisions[-2]), _by_entry(divisions[-2] - divisions[-1])
+        ratio = np.minimum(first / second, _OF_ORDER_FOUR)
+        size = _by_entry(change)
+        return np.where(ratio > 1.0, size / (ratio - 1.0), np.where(size > 0.0, np.inf, 0.0))
 
     def _in_parts(self, duration_s: float, left_s: float, parts: int) -> FloatArray:
         """Residuals over a time in so many steps, with the active contacts, friction modes and method of the one step.
@@ -156,27 +272,28 @@ class _Refining(LogReplay):
         """
         total, part_s = np.zeros(_RESIDUALS), duration_s / parts
         for part in range(parts):
+            self._limits.step()
             self._error.begin(measured=True)
             if part:
                 self._plant.continue_step(part_s)
             else:
                 self._plant.integrate(part_s, left_s)
-            total += self._left_over(part_s)
+            total += self._residuals(part_s)
         return total
 
-    def _left_over(self, duration_s: float) -> FloatArray:
-        residuals = self._error.residuals(duration_s, self._plant.integrator.exchanged(duration_s))
-        if self._plant.integrator.motion.grasped_object is not None:
-            # What passes between robot and object is what the object gained: nothing is left of it, and all for the robot.
-            residuals[1], residuals[2] = residuals[0], 0.0
-        return np.append(residuals, self._plant.integrator.work_without_heat(duration_s))
-
-    def _size(self, residuals: FloatArray) -> float:
-        grasped = self._plant.integrator.motion.grasped_object is not None
-        return self._error.over_scale(residuals[:-1].reshape(-1, 7), grasped=grasped) + abs(float(residuals[-1]))
+    def _residuals(self, duration_s: float) -> FloatArray:
+        """Residuals of the (sub-)step that was just made, (22,)."""
+        integrator = self._plant.integrator
+        residuals = self._error.residuals(duration_s, integrator.exchanged(duration_s))
+        return np.append(residuals, integrator.work_without_heat(duration_s))
 
     def _back_to_start(self) -> None:
         path, (start, restore) = self._plant.integrator.motion.path, self._at_start
         path.start[:], path.at_s = start, np.nan
         path.move_to(0.0)
         restore()
+
+
+def _by_entry(residuals: FloatArray) -> FloatArray:
+    """Norm of each entry of residuals, (22,): see :data:`~ffsm_mj.verification.truncation.ENTRIES`."""
+    return np.sqrt(np.bincount(_ENTRY_OF, residuals * residuals))

@@ -6,10 +6,12 @@ import math
 from collections.abc import Sequence
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.errors import one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.report.text_table import table, wrapped
-from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import Tolerance
+from ffsm_mj.verification.check_result import Check, all_by_truncation
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
+from ffsm_mj.verification.truncation import TruncationAnalysis, has_question
 
 _STEP_HINT = (
     "  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
@@ -49,7 +51,17 @@ def truncation_lines(checks: Sequence[Check]) -> list[str]:
         for check in checks
         if check.truncation
     ]
-    return [*(wrapped(line, 4) for line in lines), *([step_hint()] if fail_by_truncation(checks) else [])]
+    return [*(wrapped(line, 4) for line in lines), *([step_hint()] if all_by_truncation(checks) else [])]
+
+
+def no_verdict(checks: Sequence[Check], analysis: TruncationAnalysis | None, tolerance: Tolerance) -> str:
+    """Why it is not known whether checks fail by truncation, in one line; empty if it is."""
+    if not any(check.fails_by_truncation is None for check in checks):
+        return ""
+    why = analysis.obstacle if analysis is not None else ""
+    if not has_question(checks, tolerance):
+        why = f"tolerances below {DEFAULT_TOLERANCE:g} are not"
+    return wrapped(f"  truncation: not analysed{why and f' ({one_line(why)})'}", 4)
 
 
 def step_hint() -> str:
@@ -76,7 +88,9 @@ def worst_check(checks: Sequence[Check]) -> str:
     if not checks:
         return ""
     worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
-    fate = "fail by the truncation of the step alone" if fail_by_truncation(checks) else "FAILED"
+    alone = all_by_truncation(checks)
+    fate = "fail by the truncation of the step alone" if alone else "FAILED"
+    fate += " (truncation: not analysed)" if alone is None else ""
     result = f"{len(broken)} of {len(checks)} checks {fate}" if broken else f"all {len(checks)} checks pass"
     near = f"{worst.residual:.1e} {worst.unit} of {worst.tolerance:.1e} allowed"
     return f"{result}; worst: {worst.name} of {worst.subsystem}, {near}"
@@ -91,9 +105,3 @@ def _used(check: Check) -> float:
 def any_check_failed(run: Run, tolerance: Tolerance) -> bool:
     """Whether any check of the run fails."""
     return not all(check.passes for check in run.checks(tolerance))
-
-
-def fail_by_truncation(checks: Sequence[Check]) -> bool:
-    """Whether checks fail, all of them by truncation of the step alone."""
-    failing = [check for check in checks if not check.passes]
-    return bool(failing) and all(check.fails_by_truncation for check in failing)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -14,6 +14,9 @@ from ffsm_mj.analysis import run as analysis
 from ffsm_mj.log.mcap.reader import read_log
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.report.run_card import card_html, card_text
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
+from ffsm_mj.verification.truncation import has_question
 
 if TYPE_CHECKING:
     from ffsm_mj.report.film import Film
@@ -62,6 +65,31 @@ class Run(analysis.Run):
         from ffsm_mj.report.film import film
 
         return film(self, frames_per_second, speed)
+
+    def analyze_truncation(
+        self, budget_s: float | None = None, *, report: Callable[[float, float], None] | None = None
+    ) -> tuple[Check, ...]:
+        """Find out whether checks fail by the truncation of the step alone, by a replay with shorter steps.
+
+        The replay starts at the states in the log and takes several times as long as the run. Neither ``checks`` nor the
+        representation of a run starts it; afterwards both state its result, as does ``summary``. No effect if no check of
+        energy, momenta or heat fails.
+
+        Args:
+            budget_s: Largest wall time, s; None: that of the run itself, 20 s at least.
+            report: Called with the number of samples done and their total.
+
+        Returns:
+            Results of all checks. ``check.truncation`` is the share of truncation in one that fails,
+            ``check.fails_by_truncation`` the verdict: None if the budget did not suffice or the log cannot be replayed, for
+            the reason in ``run.truncation.obstacle``.
+        """
+        # The replay is above this package.
+        replay = import_module("ffsm_mj.replay.truncation")
+        if has_question(self.checks(), DEFAULT_TOLERANCE):
+            seconds = replay.usual_seconds(self.log) if budget_s is None else budget_s
+            self.truncation = replay.analyze_truncation(self.log, replay.AnalysisLimits(seconds, report=report))
+        return self.checks()
 
     def sensitivity(
         self,

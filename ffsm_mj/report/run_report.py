@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line
-from ffsm_mj.report.check_report import check_table, fail_by_truncation, step_hint, worst_check
+from ffsm_mj.report.check_report import check_table, no_verdict, step_hint, worst_check
 from ffsm_mj.report.momentum_report import momentum_line
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
 from ffsm_mj.report.text_table import wrapped
-from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.check_result import all_by_truncation
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 
 MOST_LINES = 19
 """Of the 24 lines of a terminal; the others show the run folder, the next commands and the prompt."""
@@ -38,7 +39,7 @@ def run_report(run: Run, notes: Sequence[str] = (), lines: int = MOST_LINES) -> 
 def _report(run: Run, notes: Sequence[str], most: int, *, tight: bool) -> str:
     """The report with at most so many rows in each of its parts."""
     checks = run.checks()
-    failures = _failures(checks, notes, most)
+    failures = _failures(run, notes, most)
     result = "" if failures else worst_check(checks)
     if not run.conservative:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
@@ -48,16 +49,18 @@ def _report(run: Run, notes: Sequence[str], most: int, *, tight: bool) -> str:
     return "\n".join(shown) if tight else _stacked(shown)
 
 
-def _failures(checks: Sequence[Check], notes: Sequence[str], most: int) -> str:
+def _failures(run: Run, notes: Sequence[str], most: int) -> str:
     """Checks that fail, with what is known about the cause; empty if all pass."""
-    failing = sorted((check for check in checks if not check.passes), key=lambda check: check.fails_by_truncation)
+    checks = run.checks()
+    failing = sorted((check for check in checks if not check.passes), key=lambda check: check.fails_by_truncation is True)
     if not failing:
         return ""
     shown = max(most, _LEAST_FAILURES)
     lines = [check_table(failing[:shown])]
     if len(failing) > shown:
         lines.append(f"  and {len(failing) - shown} more")
-    lines += [step_hint()] if fail_by_truncation(checks) else []
+    lines += [step_hint()] if all_by_truncation(checks) else []
+    lines += filter(None, [no_verdict(checks, run.truncation, DEFAULT_TOLERANCE)])
     return "\n".join([*lines, *(wrapped(f"  note: {note}", 4) for note in notes[: max(most, 1)])])
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import failing_checks, truncation_data
 from ffsm_mj.errors import one_line
-from ffsm_mj.report.check_report import check_table, truncation_lines, verdict
+from ffsm_mj.report.check_report import check_table, no_verdict, truncation_lines, verdict
 from ffsm_mj.report.momentum_report import momentum_table
 from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
@@ -36,7 +36,8 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
         parts.append(f"energy and momenta are not checked, the run is not conservative: {fault}")
     if checks:
         left = " in the readable part" if damage else ""
-        parts.append(wrapped(verdict(run, checks) + left, 2) + "".join(f"\n{line}" for line in truncation_lines(checks)))
+        lines = [*truncation_lines(checks), *filter(None, [no_verdict(checks, again.truncation, tolerance)])]
+        parts.append("\n".join([wrapped(verdict(run, checks) + left, 2), *lines]))
     parts.append(agreement(again))
     parts.append("\n".join(wrapped(sentence, 2) for sentence in stated_sensitivity(run)))
     if not run.complete:

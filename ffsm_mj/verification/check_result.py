@@ -2,9 +2,40 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ffsm_mj.verification.truncation import Truncation
+TRUNCATION_CHECKS = ("energy", "linear momentum", "angular momentum", "heat of sliding")
+"""Checks that may fail by the truncation of the step."""
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """The residual of a check at the step of the run and at shorter ones, from the same logged states.
+
+    Attributes:
+        step_s: Step of the run.
+        residual: Residual at that step, in the unit of the check.
+        half: The same at half the step.
+        left: Residual without truncation.
+        bound: Bound on the error of ``left``.
+        alone: Whether truncation alone makes the check fail: without it, it passes.
+    """
+
+    step_s: float
+    residual: float
+    half: float
+    left: float
+    bound: float
+    alone: bool
+
+    def sentence(self, unit: str) -> str:
+        """Text such as ``truncation: 6e-09 J at 5 ms, 4e-10 J at 2.5 ms``."""
+        step, half = f"{1e3 * self.step_s:g} ms", f"{0.5e3 * self.step_s:g} ms"
+        head = "truncation" if self.alone else "not truncation alone"
+        rest = "" if self.alone else f", {self.left:.1e} {unit} without, known to {self.bound:.1e} {unit}"
+        return f"{head}: {self.residual:.1e} {unit} at {step}, {self.half:.1e} {unit} at {half}{rest}"
 
 
 @dataclass(frozen=True)
@@ -20,7 +51,7 @@ class Check:
         tolerance: Allowed magnitude: the relative tolerance times (1 + scale).
         unit: Unit of both.
         drift: Largest magnitude since the first sample; equals ``residual`` in a run of one stretch.
-        truncation: Share of truncation in a residual that is too large; None if it was not computed or is unknown.
+        truncation: Share of truncation in a residual that is too large; None if it was not analysed or is unknown.
     """
 
     name: str
@@ -34,11 +65,29 @@ class Check:
     truncation: Truncation | None = None
 
     @property
-    def fails_by_truncation(self) -> bool:
-        """Whether it fails by the truncation of the step alone: it passes with a shorter step or ``accuracy``."""
-        return not self.passes and self.truncation is not None and self.truncation.alone
+    def may_be_truncation(self) -> bool:
+        """Whether it fails and the truncation of the step may be the reason."""
+        return not self.passes and self.name in TRUNCATION_CHECKS and math.isfinite(self.residual)
+
+    @property
+    def fails_by_truncation(self) -> bool | None:
+        """Whether it fails by the truncation of the step alone: it passes with a shorter step or ``accuracy``.
+
+        None if the truncation was not analysed, so that there is no verdict.
+        """
+        if not self.may_be_truncation:
+            return False
+        return self.truncation.alone if self.truncation is not None else None
 
     @property
     def passes(self) -> bool:
         """Whether the residual is within the tolerance; a residual that is not a number fails."""
         return bool(self.residual <= self.tolerance)
+
+
+def all_by_truncation(checks: Iterable[Check]) -> bool | None:
+    """Whether checks fail, all of them by the truncation of the step alone; None if that is not known."""
+    verdicts = {check.fails_by_truncation for check in checks if not check.passes}
+    if not verdicts or False in verdicts:
+        return False
+    return None if None in verdicts else True

@@ -56,9 +56,6 @@ CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "c
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
 in runs with joint limits; ``contact complementarity`` with persistent contact; the last one where the scenario asks."""
 
-TRUNCATION_CHECKS = (*CHECK_NAMES[:3], "heat of sliding")
-"""Checks that may fail by the truncation of the step."""
-
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative checks, or tolerances by check; other checks keep the default."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
@@ -12,7 +12,7 @@ from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, end_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.refined import Refined, explained
+from ffsm_mj.verification.truncation import TruncationAnalysis
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class ReplayResult:
         gaps: Where samples are not one control period apart; empty if all are.
         obstacle: Why the log could not be replayed; empty if it was.
         accumulator: Checks from the recomputed values.
+        truncation: Result of the analysis of the truncation; None if there was none.
     """
 
     worst: Mapping[str, Discrepancy]
@@ -36,8 +37,8 @@ class ReplayResult:
     accumulator: CheckAccumulator
     _impacts: tuple[ImpactRecord | LimitImpactRecord, ...]
     _friction: FrictionCheck
-    _refined: Callable[[], Refined | None] = lambda: None
     _log: RunLog | None = None
+    truncation: TruncationAnalysis | None = None
 
     @property
     def agrees(self) -> bool:
@@ -50,5 +51,6 @@ class ReplayResult:
         Args:
             tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
         """
-        checks = explained(self.accumulator.checks(self._impacts, tolerance, self._friction), tolerance, self._refined)
+        checks = self.accumulator.checks(self._impacts, tolerance, self._friction)
+        checks = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
         return (*checks, *end_checks(self._log, tolerance)) if self._log is not None else checks

@@ -1,31 +1,85 @@
-"""Share of truncation error in a failing check; it decreases with the fourth power of the step."""
+"""Share of truncation in a failing check; it decreases with the fourth power of the step."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from ffsm_mj.records.signals import SUBSYSTEMS
+from ffsm_mj.verification.check_result import TRUNCATION_CHECKS, Check, Truncation
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance
+
+_AGREES = 0.5
+"""A logged residual agrees with that of the states if they differ by less than this fraction of the tolerance."""
+
+ENTRIES = (
+    *((name, subsystem) for subsystem in SUBSYSTEMS for name in TRUNCATION_CHECKS[:3]),
+    (TRUNCATION_CHECKS[3], "total"),
+)
+"""Check and subsystem of each entry of the residuals of a step."""
+
+
+def has_question(checks: Iterable[Check], tolerance: Tolerance) -> bool:
+    """Whether a check fails that may fail by truncation, so that an analysis has something to find.
+
+    At tolerances below the default there is none: residuals there are rounding as much as truncation.
+    """
+    allowed = tolerance if isinstance(tolerance, Mapping) else dict.fromkeys(TRUNCATION_CHECKS, tolerance)
+    return any(
+        check.may_be_truncation and allowed.get(check.name, DEFAULT_TOLERANCE) >= DEFAULT_TOLERANCE for check in checks
+    )
 
 
 @dataclass(frozen=True)
-class Truncation:
-    """The residual of a check at the step of the run and at shorter ones, from the same logged states.
+class Refined:
+    """Checks of energy and momenta recomputed from logged states: at the step of the run, at half of it, without truncation.
 
     Attributes:
         step_s: Step of the run.
-        residual: Residual at that step, in the unit of the check.
-        half: The same at half the step.
-        left: Residual without truncation.
-        alone: Whether truncation alone makes the check fail: without it, it passes.
+        states: Checks with the residuals at the step of the run.
+        half: Checks with the residuals at half the step.
+        without: Checks with the residuals extrapolated to zero step.
+        bounds: Bound on the error of the latter by check and subsystem, in the unit of the check.
     """
 
     step_s: float
-    residual: float
-    half: float
-    left: float
-    alone: bool
+    states: CheckAccumulator
+    half: CheckAccumulator
+    without: CheckAccumulator
+    bounds: Mapping[tuple[str, str], float]
 
-    def sentence(self, unit: str) -> str:
-        """Text such as ``truncation: 6e-09 J at 5 ms, 4e-10 J at 2.5 ms``."""
-        step, half = f"{1e3 * self.step_s:g} ms", f"{0.5e3 * self.step_s:g} ms"
-        head = "truncation" if self.alone else "not truncation alone"
-        rest = "" if self.alone else f", {self.left:.1e} {unit} without"
-        return f"{head}: {self.residual:.1e} {unit} at {step}, {self.half:.1e} {unit} at {half}{rest}"
+
+@dataclass(frozen=True)
+class TruncationAnalysis:
+    """Result of an analysis of the truncation.
+
+    Attributes:
+        refined: Checks recomputed with shorter steps; None without a verdict.
+        obstacle: Why there is no verdict; empty if there is one.
+    """
+
+    refined: Refined | None
+    obstacle: str = ""
+
+    def judged(self, checks: tuple[Check, ...], tolerance: Tolerance) -> tuple[Check, ...]:
+        """The checks; those of which truncation is in question with its share."""
+        if self.refined is None or not has_question(checks, tolerance):
+            return checks
+        refined = self.refined
+        states, half, without = (
+            {(check.name, check.subsystem): check for check in accumulator.checks((), tolerance)}
+            for accumulator in (refined.states, refined.half, refined.without)
+        )
+        judged = []
+        for check in checks:
+            key = check.name, check.subsystem
+            if not has_question((check,), tolerance) or key not in without:
+                judged.append(check)
+                continue
+            # If the logged residual disagrees with the states, the check fails for another reason than the step.
+            agrees = abs(check.residual - states[key].residual) <= _AGREES * check.tolerance + 1e-6 * check.residual
+            left, bound = without[key].residual, refined.bounds[key]
+            alone = agrees and left + bound <= without[key].tolerance
+            share = Truncation(refined.step_s, check.residual, half[key].residual, left, bound, alone)
+            judged.append(replace(check, truncation=share))
+        return tuple(judged)

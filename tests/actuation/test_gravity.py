@@ -109,7 +109,6 @@ MISTAKES = {
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("unexplained")
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_share_of_1e_6_too_much_is_noticed(tmp_path, monkeypatch, mistake):
     part, noticed = MISTAKES[mistake]

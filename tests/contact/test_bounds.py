@@ -17,7 +17,6 @@ from ffsm_mj.records.signals import Layout, Signal
 from ffsm_mj.verification.residuals import STRETCH_STEPS
 from tests.scenes import ball, scene, two_balls
 
-pytestmark = pytest.mark.usefixtures("unexplained")  # the logs are made up
 STEP_S, ROWS = 1e-3, 3001
 OVERLAP = "balance.deepest_overlap_m"
 BOTH_WAYS = "momentum.robot_P_x_N_s", "momentum.robot_by_mass_matrix_P_x_N_s"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,8 @@ def _judge(seed: int, path: Path) -> Verdict:
         if not worst.passes:
             size = f"{worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s"
             found.append(f"replay: {worst.what} ({size})")
+    run.analyze_truncation(math.inf)
+    again = replace(again, truncation=run.truncation)
     for what, checks in (("run", run.checks()), ("replay", again.checks())):
         for check in checks:
             if not (check.passes or check.fails_by_truncation):

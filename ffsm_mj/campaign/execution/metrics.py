@@ -18,7 +18,7 @@ from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.errors import described, one_line, raised_at, unknown_name
 from ffsm_mj.records.kinds import kinds
 from ffsm_mj.report.run import Run
-from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import CHECK_NAMES
 
 GROUP = "ffsm_mj.metrics"
@@ -44,9 +44,9 @@ _ALWAYS = (
     "deepest_overlap_m",
     *(f"checks.{name.replace(' ', '_')}" for name in CHECK_NAMES),
 )
-"""Metrics of every run: whether all checks pass; whether the failing ones fail by the truncation of the step alone; whether
-the run passes by the rule of the campaign; the worst drift of energy and momenta over (1 + scale); the deepest overlap in m;
-the worst residual of each check in its unit, null if the check was not evaluated."""
+"""Metrics of every run: whether all checks pass; whether the failing ones fail by the truncation of the step alone, null if
+that is not known; whether the run passes by the rule of the campaign; the worst drift of energy and momenta over (1 +
+scale); the deepest overlap in m; the worst residual of each check in its unit, null if the check was not evaluated."""
 _EXCESS = {name: f"excess.{name.replace(' ', '_')}" for name in CHECK_NAMES}
 """Metric of each failing check: residual over tolerance, the worst of its subsystems."""
 _TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s", *(f"target_m.{axis}" for axis in range(3)))
@@ -65,8 +65,8 @@ def check_metrics(checks: Sequence[Check], *, truncated: str = COUNT) -> dict[st
     found: dict[str, Scalar] = dict.fromkeys(_ALWAYS)
     failing = [check for check in checks if not check.passes]
     found["checks_pass"] = not failing
-    found["fails_by_truncation"] = alone = bool(failing) and all(check.fails_by_truncation for check in failing)
-    found["passes"] = not failing or (alone and truncated == COUNT)
+    found["fails_by_truncation"] = alone = all_by_truncation(checks)
+    found["passes"] = not failing or (alone is True and truncated == COUNT)
     for check in checks:
         key = f"checks.{check.name.replace(' ', '_')}"
         worst = found[key]

@@ -9,7 +9,7 @@ from typing import Any
 
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution.metrics import Scalar, check_metrics, metric_values
-from ffsm_mj.campaign.execution.worker import Job, prepared_run, processor
+from ffsm_mj.campaign.execution.worker import Job, checks_with_verdict, prepared_run, processor
 from ffsm_mj.campaign.storage.outcomes import ERROR
 from ffsm_mj.campaign.storage.store import RunRow
 from ffsm_mj.log.run_folder import RunFolder
@@ -73,7 +73,7 @@ def rerun(
     exact = row.cpu == processor() and same_settings
     outcome, metrics = run.outcome, dict[str, Scalar]()
     try:
-        checked = check_metrics(run.checks(), truncated=job.truncated)
+        checked = check_metrics(checks_with_verdict(run, lambda: run.log), truncated=job.truncated)
         metrics = metric_values(run, job.metrics, checked, job.own.metrics)
     except (Exception, SystemExit):  # noqa: BLE001 (a worker makes a row with the outcome error of it)
         outcome = ERROR

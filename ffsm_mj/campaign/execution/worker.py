@@ -6,7 +6,7 @@ import faulthandler
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
@@ -25,13 +25,12 @@ from ffsm_mj.errors import FfsmError, InputError, described, raised_at
 from ffsm_mj.model.files import read_model
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.records.metadata import logged_models
-from ffsm_mj.replay.truncation import refined
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation, usual_steps
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, TRUNCATION_CHECKS
-from ffsm_mj.verification.refined import explained
 
 
 @dataclass(frozen=True)
@@ -140,11 +139,10 @@ def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> 
 
     with _StuckRunGuard(job):
         run = simulate(assembly, columns=columns_of(job.metrics, job.own.metrics), report=check_time)
-        checks = run.checks()
-        if _may_be_truncation(run, checks):
-            # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
-            log = simulate(prepared_run(job, index, overrides).assemble(), report=check_time).log
-            checks = explained(checks, DEFAULT_TOLERANCE, lambda: refined(log, check_time))
+        # A replay with shorter steps needs all rows, which are not kept: the run is repeated.
+        checks = checks_with_verdict(
+            run, lambda: simulate(prepared_run(job, index, overrides).assemble(), report=check_time).log, check_time
+        )
         counted = check_metrics(checks, truncated=job.truncated)
         metrics = metric_values(run, job.metrics, counted, job.own.metrics)
     return {
@@ -156,10 +154,25 @@ def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> 
     }
 
 
-def _may_be_truncation(run: Run, checks: Sequence[Check]) -> bool:
-    """Whether the run completed and only checks of energy and momenta fail."""
-    failing = [check for check in checks if not check.passes]
-    return run.outcome == Outcome.COMPLETED and bool(failing) and all(check.name in TRUNCATION_CHECKS for check in failing)
+def checks_with_verdict(run: Run, log: Callable[[], RunLog], look: Callable[[], None] = lambda: None) -> tuple[Check, ...]:
+    """Checks of a run of a campaign; failing ones with their share of truncation if all may fail by it.
+
+    The analysis is limited by steps, not by time: its result is the same in every worker and in a rerun.
+
+    Args:
+        run: The run.
+        log: Returns its log with all rows.
+        look: Called before every step of the analysis; an exception that it raises ends it.
+    """
+    failing = [check for check in run.checks() if not check.passes]
+    if run.outcome == Outcome.COMPLETED and failing and all(check.may_be_truncation for check in failing):
+
+        def stopped() -> bool:
+            look()
+            return False
+
+        run.truncation = analyze_truncation(log(), AnalysisLimits(steps=usual_steps(run.log), stopped=stopped))
+    return run.checks()
 
 
 def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

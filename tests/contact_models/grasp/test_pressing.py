@@ -311,7 +311,6 @@ def judged(run):
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("unexplained")
 @pytest.mark.parametrize("wrong", ["booked twice", "not taken off", "stale efforts", "spring booked twice"])
 def test_mistakes_on_purpose_are_noticed(tmp_path, monkeypatch, wrong):
     """Of a contact on what is held: its impulse in two books, its force in the load, old efforts."""

@@ -14,8 +14,6 @@ from tests.scenes import self_hit, two_balls
 PUSH = {"kind": "pd", "joints": ["robot/x"], "kp": 5.0, "kd": 0.0, "target": [3.0]}
 PRESS = {"kind": "pd", "joints": ["elbow"], "kp": 4.0, "kd": 2.0, "target": [3.0]}
 
-pytestmark = pytest.mark.usefixtures("unexplained")
-
 
 def pushed(folder):
     """A ball at rest on another is pushed from the start."""

@@ -17,8 +17,6 @@ from tests.contact_models.persistent.friction.reading import final
 from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, sphere, thrust
 from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
 
-pytestmark = pytest.mark.usefixtures("unexplained")
-
 
 @pytest.fixture(autouse=True)
 def _plain(monkeypatch):
