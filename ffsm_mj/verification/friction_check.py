@@ -24,7 +24,6 @@ from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.tolerances import RANK
 from ffsm_mj.verification.closed_grasps import closed_grasps, stopped_rows
 
 _GAIN = 1e-3
@@ -130,6 +129,7 @@ class FrictionCheck:
         """The impact from its states and models; None without models, or if the states do not match them."""
         import mujoco
 
+        from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
         from ffsm_mj.dynamics.rigid_body import mass_matrix
 
         if self._models is None:
@@ -146,17 +146,16 @@ class FrictionCheck:
             raise ValueError("no state")
         data.qpos[:] = first.qpos
         mujoco.mj_fwdPosition(system.mj, data)
-        L = np.linalg.cholesky(mass_matrix(system.mj, data))
+        M = mass_matrix(system.mj, data)
+        L = np.linalg.cholesky(M)
         J, impulses, speeds = _directions(system.mj, data, event, contacts)
-        A = np.linalg.solve(L, J.T).T
         try:
             held = [stopped_rows(self._log, self._models, grasp) for grasp in closed_grasps(self._log, first)]
         except (LookupError, ValueError, TypeError):  # the scenario in the log has no such grasp
             return None
         if held:  # latches stop relative motions of links and objects
-            B = np.linalg.solve(L, np.concatenate(held).T).T
-            A = A - A @ np.linalg.pinv(B, rcond=RANK) @ B
-        return _CheckedImpact(A, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
+            J = MassWeightedRows(M, np.concatenate(held)).projected(J)
+        return _CheckedImpact(np.linalg.solve(L, J.T).T, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
 
 def _directions(

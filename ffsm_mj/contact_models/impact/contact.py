@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.tolerances import CANCELLED
+from ffsm_mj.dynamics.loops.mass_weighted import without_rounding
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ def contact_jacobian(model: Any, data: Any, contact: Contact | LimitContact) -> 
     A row in which the two parts cancel to rounding is zero, as for two links whose hinge axis meets the normal.
     """
     if isinstance(contact, LimitContact):
-        row: FloatArray = contact.sign * np.eye(1, model.nv, contact.dof)[0]
-        return row
+        at_limit: FloatArray = contact.sign * np.eye(1, model.nv, contact.dof)[0]
+        return at_limit
     jac_a, jac_b = _jacobians(model, data, contact)
-    return _row(np.asarray(contact.normal, dtype=np.float64), jac_a, jac_b)
+    return _rows(np.asarray(contact.normal, dtype=np.float64)[None], jac_a, jac_b).reshape(-1)
 
 
 def contact_rows(model: Any, data: Any, contact: Contact | LimitContact, tangents: FloatArray) -> FloatArray:
@@ -76,8 +76,7 @@ def contact_rows(model: Any, data: Any, contact: Contact | LimitContact, tangent
     if isinstance(contact, LimitContact):
         return np.stack([contact_jacobian(model, data, contact), *np.zeros((2, model.nv))])
     jac_a, jac_b = _jacobians(model, data, contact)
-    directions = (np.asarray(contact.normal, dtype=np.float64), *tangents)
-    return np.stack([_row(direction, jac_a, jac_b) for direction in directions])
+    return _rows(np.vstack((np.asarray(contact.normal, dtype=np.float64), tangents)), jac_a, jac_b)
 
 
 def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, FloatArray]:
@@ -89,7 +88,6 @@ def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, Flo
     return jac_a, jac_b
 
 
-def _row(direction: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
-    row: FloatArray = direction @ (jac_b - jac_a)
-    size = np.linalg.norm(direction @ jac_a) + np.linalg.norm(direction @ jac_b)
-    return row if np.linalg.norm(row) > CANCELLED * size else np.zeros_like(row)
+def _rows(directions: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
+    terms = sum(np.linalg.norm(directions @ each, axis=1) for each in (jac_a, jac_b))
+    return without_rounding(directions @ (jac_b - jac_a), terms)

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.events import ImpactRecord
 
@@ -65,13 +65,23 @@ class ImpactProblem:
 
     @property
     def with_friction(self) -> bool:
-        """Whether any contact has friction."""
-        return bool(np.any(self.mu > 0.0))
+        """Whether J has tangent rows, as it does if any contact of the impact has friction."""
+        return len(self.J) > len(self.mu)
 
     @property
     def normals(self) -> FloatArray:
         """Rows of J along the normals, (k, n)."""
         return self.J[::3] if self.with_friction else self.J
+
+    @property
+    def movable(self) -> BoolArray:
+        """Contacts whose gap some admissible motion changes, (k,): rows that cancel are zero, see ``without_rounding``."""
+        return np.asarray(np.any(self.normals, axis=1), dtype=np.bool_)
+
+    def of(self, which: IntArray) -> ImpactProblem:
+        """The problem of some contacts alone."""
+        rows = (3 * which[:, None] + np.arange(3)).ravel() if self.with_friction else which
+        return ImpactProblem(self.M, self.J[rows], self.qvel, self.restitution[which], self.mu[which])
 
     @cached_property
     def speeds(self) -> FloatArray:
@@ -135,7 +145,7 @@ class ImpactLaw(Protocol):
     rules: ClassVar[tuple[str, ...]] = ()
 
     def solve(self, problem: ImpactProblem) -> ImpactSolution:
-        """Solve an impact that the law covers; a single contact approaches.
+        """Solve an impact that the law covers; a single contact approaches, and each can move along its normal.
 
         Raises:
             UnsupportedContactError: It has no solution; the run ends with this message.
@@ -193,9 +203,17 @@ class ImpactLaw(Protocol):
 def solve_impact(law: ImpactLaw, problem: ImpactProblem) -> ImpactSolution:
     """Solve an impact by a law, and validate the solution.
 
+    Contacts whose gap no admissible motion changes, such as those of bodies that latches hold together, take no part: they
+    get no impulse, and the law is not told of them.
+
     Raises:
         UnsupportedContactError: The law does not cover the problem, or its solution is invalid.
     """
+    movable = np.flatnonzero(problem.movable)
+    if len(movable) == 0 or (len(movable) == 1 and problem.speeds[movable[0]] >= 0.0):
+        return _no_impulses(problem)  # nothing collides: no law is needed
+    if len(movable) < len(problem.mu):
+        return _expanded(solve_impact(law, problem.of(movable)), problem, movable)
     if reason := uncovered(law, problem):
         raise UnsupportedContactError(reason)
     solution = law.solve(problem)
@@ -203,6 +221,32 @@ def solve_impact(law: ImpactLaw, problem: ImpactProblem) -> ImpactSolution:
     if solution.impulses.shape != problem.mu.shape or np.any(solution.impulses < 0.0):
         raise UnsupportedContactError(f"impact law {law.name!r} does not return one impulse >= 0 per contact")
     return solution
+
+
+def _no_impulses(problem: ImpactProblem) -> ImpactSolution:
+    """The solution where nothing collides."""
+    nothing = np.zeros(len(problem.mu))
+    if not problem.with_friction:
+        return ImpactSolution(nothing)
+    from ffsm_mj.contact_models.impact.friction.result import FrictionResult
+
+    nowhere, paths = np.zeros((len(nothing), 3)), ("",) * len(nothing)
+    none = FrictionResult(nowhere, problem.w, "", "ok", 1.0, 0.0, paths, nothing, nothing, nothing)
+    return ImpactSolution(nothing, friction=none)
+
+
+def _expanded(solution: ImpactSolution, problem: ImpactProblem, which: IntArray) -> ImpactSolution:
+    """The solution of some contacts with those that take no part: they have no impulse and no work."""
+    whole, friction = _no_impulses(problem), solution.friction
+    whole.impulses[which] = solution.impulses
+    if friction is not None and whole.friction is not None:
+        fields = ("impulses", "normal_work", "friction_work", "compression_work")
+        values = {name: np.zeros_like(getattr(whole.friction, name)) for name in fields}
+        for name, value in values.items():
+            value[which] = getattr(friction, name)
+        paths = dict(zip(which.tolist(), friction.paths, strict=True))
+        friction = replace(friction, paths=tuple(paths.get(i, "") for i in range(len(problem.mu))), **values)
+    return replace(solution, impulses=whole.impulses, friction=friction)
 
 
 def uncovered(law: ImpactLaw, problem: ImpactProblem) -> str:

@@ -119,7 +119,8 @@ FRICTIONLESS: dict[str, Callable[[FloatArray, FloatArray, FloatArray], LawResult
 def project(A: FloatArray, w: FloatArray) -> FloatArray:
     """Impulse lambda >= 0 that minimises |w + A^T lambda|: the plastic solution, unique in velocity.
 
-    Non-negative least squares needs no inverse of A A^T, so redundant contacts need no special case. The optimality
+    Non-negative least squares needs no inverse of A A^T, so redundant contacts need no special case; a row of zeros, of a
+    contact whose gap no motion changes, gets no impulse. The optimality
     conditions, 0 <= lambda and A (w + A^T lambda) >= 0, complementary, are verified: otherwise a solution could create
     energy.
     """
@@ -131,6 +132,7 @@ def project(A: FloatArray, w: FloatArray) -> FloatArray:
     from scipy.optimize import nnls  # takes a second to import: only impacts with several contacts pay
 
     lengths = np.linalg.norm(A, axis=1)
+    lengths[lengths == 0.0] = 1.0
     rows = A / lengths[:, None]
     try:
         scaled = np.asarray(nnls(rows.T, -w)[0])

@@ -83,7 +83,11 @@ def _with_friction(
     # An impact leaves sticking contacts a slip of rounding.
     slips = np.hypot(u[:, 0], u[:, 1]) > SOLVED * (1.0 + np.abs(J * qvel).max(axis=1).reshape(-1, 3).max(axis=1))
     mu = np.array([contact.mu for contact in contacts])
-    forces, residual = coulomb_forces(G, b, mu, np.where(slips[:, None], u, 0.0))
+    # No force presses a contact whose gap no motion changes.
+    movable, forces = np.flatnonzero(J[::3].any(axis=1)), np.zeros((len(mu), 3))
+    which = (3 * movable[:, None] + np.arange(3)).ravel()
+    directions = np.where(slips[:, None], u, 0.0)[movable]
+    forces[movable], residual = coulomb_forces(G[np.ix_(which, which)], b[which], mu[movable], directions)
     if residual > SOLVED:
         return None
     own = G.reshape(len(mu), 3, len(mu), 3)[np.arange(len(mu)), 0, np.arange(len(mu))]

@@ -19,7 +19,6 @@ from ffsm_mj.contact_models.impact.closed_loops import Constrained, with_loops
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, impact_laws
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, solve_impact
-from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.contact_models.impact.with_friction import Friction, ImpactOutcome, resolve_with_friction
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
@@ -88,7 +87,8 @@ def resolve(
 ) -> Impact:
     """Resolve an impact at the configuration and velocity in ``data``, which keeps its velocity.
 
-    Derived quantities in ``data`` are updated. Contacts that do not approach get an impulse only if others push them.
+    Derived quantities in ``data`` are updated. Contacts that do not approach get an impulse only if others push them; those
+    whose gap no motion changes get none.
 
     Args:
         model: Any MuJoCo model.
@@ -102,7 +102,7 @@ def resolve(
 
     Raises:
         UnsupportedContactError: The law does not cover these contacts.
-        ValueError: No contacts, an unknown law, a negative mu, or bodies that cannot move along their normal.
+        ValueError: No contacts, an unknown law, or a negative mu.
     """
     try:
         named = impact_law(law)
@@ -149,13 +149,6 @@ def _frictionless(
         law: The impact law.
     """
     problem = ImpactProblem(M, J, seen, e, np.zeros(len(e)))
-    if len(J) == 1:
-        if problem.speeds[0] >= 0.0:  # nothing collides: no law is needed
-            return ImpactOutcome(qvel, np.zeros(1), law.name, "ok", None)
-        if problem.inverse_masses[0] <= 0.0:
-            raise ValueError(IMMOVABLE)
-    elif np.any(np.linalg.norm(problem.A, axis=1) == 0.0):
-        raise ValueError(IMMOVABLE)
     solution = solve_impact(law, problem)
     # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
     # One contact needs no factor of M: its response to a unit impulse is known.

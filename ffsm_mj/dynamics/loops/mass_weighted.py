@@ -77,6 +77,20 @@ class MassWeightedRows:
         Mc^-1 J^T, and they have the rates of J wherever the held rows do not move. Rows that are held are zero.
         """
         A = np.linalg.solve(self._L, directions.T).T
-        left = A - (A @ self._right.T) @ self._right
-        left[np.linalg.norm(left, axis=1) <= RANK * np.linalg.norm(A, axis=1)] = 0.0
+        left = without_rounding(A - (A @ self._right.T) @ self._right, np.linalg.norm(A, axis=1))
         return np.asarray(left @ self._L.T)
+
+
+def without_rounding(rows: FloatArray, terms: FloatArray) -> FloatArray:
+    """Rows in which larger ones cancel, with those that are only rounding of these set to zero, (m, n).
+
+    Rows of contacts contain normals and poses, known to about ``RANK``: a row below this share of what cancels in it says
+    nothing about the motion, while an impulse along it would be 1e10 times too large. No admissible motion changes the gap
+    of such a contact, and it takes no part in impacts.
+
+    Args:
+        rows: The rows, (m, n).
+        terms: Norms of what cancels in each of them, (m,).
+    """
+    cancelled = np.linalg.norm(rows, axis=1) <= RANK * terms
+    return np.where(cancelled[:, None], 0.0, rows) if cancelled.any() else rows

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -180,8 +182,11 @@ def test_one_contact_has_one_closed_form(rng):
             np.testing.assert_allclose(np.linalg.solve(L.T, result.w), after, atol=1e-11)
 
 
-def test_a_normal_through_the_hinge_is_refused(tmp_path, rng):
-    """A contact that cannot approach has a row of zeros, not a row of rounding with an impulse of 1e16 N s."""
+def test_a_normal_through_the_hinge_takes_no_part(tmp_path, rng):
+    """A contact that cannot approach has a row of zeros, not a row of rounding with an impulse of 1e16 N s.
+
+    Other contacts have the impulses that they have without it, with friction at either and with none.
+    """
     system = prepare(self_hit(tmp_path)).system
     model, data = system.mj, mujoco.MjData(system.mj)
     upper, lower = system.index("body", "upper"), system.index("body", "lower")
@@ -196,9 +201,17 @@ def test_a_normal_through_the_hinge_is_refused(tmp_path, rng):
         assert not row.any()
         with pytest.raises(ValueError, match="neither body can move along the contact normal"):
             reflect(np.eye(model.nv), row, data.qvel)
-        rock = Contact(lower, system.objects[0].root, axis, normal)
-        with pytest.raises(ValueError, match="neither body can move along the contact normal"):
-            resolve(model, data, [stuck, rock])
+        rocks = [Contact(lower, system.objects[0].root, axis + 0.1 * each, normal, 0.5) for each in np.eye(3)[:2]]
+        for others in (rocks[:1], rocks):
+            for mu, own_mu in ((0.0, 0.0), (0.3, 0.0), (0.3, 0.5), (0.0, 0.5)):
+                rough = [replace(each, mu=mu) for each in others]
+                alone = resolve(model, data, rough)
+                found = resolve(model, data, [replace(stuck, mu=own_mu), *rough])
+                assert not found.vectors[0].any()
+                # Impulses and velocities are of the order of 1; a friction law is solved to 1e-9.
+                np.testing.assert_allclose(found.vectors[1:], alone.vectors, rtol=0, atol=1e-8)
+                np.testing.assert_allclose(found.after.qvel, alone.after.qvel, rtol=0, atol=1e-8)
+        assert not resolve(model, data, [replace(stuck, mu=0.5)]).vectors.any()
 
 
 def test_energy_bounds_the_closing_speed_of_a_robot_with_itself(tmp_path, rng):

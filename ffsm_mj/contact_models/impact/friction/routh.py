@@ -21,7 +21,7 @@ from ffsm_mj.contact_models.impact.friction.path import END, NONE, STOP, TURN, P
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
 from ffsm_mj.contact_models.impact.friction.slip import curved_slip
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
-from ffsm_mj.tolerances import CANCELLED, SOLVED
+from ffsm_mj.tolerances import CANCELLED, RANK, SOLVED
 
 _SEGMENTS = 20
 """Largest number of segments; a path has a few: slip, stick or reverse slip, in compression and expansion."""
@@ -84,19 +84,25 @@ class _ImpulsePath:
 
     def run(self) -> Status:
         """Follow the path to its end; returns the status."""
-        if self.path.speed <= CANCELLED:  # no slip before, to rounding
-            self._choose("slip")
-        else:
-            self.modes.append("slip")
+        slips = self.path.speed > RANK  # otherwise there is no slip before, to rounding
+        self.modes.append("slip" if slips else self._stop("slip"))
         for _ in range(_SEGMENTS):
             event = self._segment()
-            if event == STOP:
-                # Slip has vanished: the contact sticks, or slips again in the only possible direction.
-                self._choose("reverse slip")
-            elif event == END or (event == TURN and self._turned()):
+            if event == END:
                 return "ok"
-            elif event == NONE or (event == TURN and self._at_rest()):
-                return "wedged" if self._at_rest() else "unconverged"
+            # Slip and normal velocity may vanish together, as they do wherever joints and latches leave the contact a single
+            # relative motion, and wherever it locks. Rounding decides which is located first: they are one event.
+            stops = event == STOP or (self.path.speed <= RANK and not self.path.sticks)
+            turns = event == TURN or (self.compressing and abs(self.path.u_n) <= RANK)
+            mode = self._stop("reverse slip") if stops else ""
+            ends = turns and self._turned()
+            rests = self._at_rest()
+            if ends and not rests:
+                return "ok"
+            if mode:
+                self.modes.append(mode)
+            if event == NONE or (turns and rests):
+                return "wedged" if rests else "unconverged"
         return "unconverged"
 
     def _segment(self) -> str:
@@ -126,8 +132,8 @@ class _ImpulsePath:
         locked = path.sticks and path.normal_rate(self.problem) <= CANCELLED
         return locked or (self.compressing and max(abs(path.u_n), path.speed) <= SOLVED)
 
-    def _choose(self, slips: str) -> None:
-        """At zero slip, choose between stick and slip."""
+    def _stop(self, slips: str) -> str:
+        """Set the slip to zero; the contact then sticks, or slips in the only possible direction. Returns which."""
         direction = self.problem.slip_from_rest()
         self.path.stop(self.problem, direction)
-        self.modes.append("stick" if direction is None else slips)
+        return "stick" if direction is None else slips

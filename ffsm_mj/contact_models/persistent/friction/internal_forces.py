@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin, largest_margin
+from ffsm_mj.contact_models.persistent.friction.cone_margin import largest_margin
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 _DEPENDENT = 1e-10
@@ -41,12 +41,7 @@ def wedged(problem: FrictionProblem, sticks: IntArray, point: int) -> bool:
         point: The point, one of them.
     """
     group = partners(problem, sticks, point)
-    if len(group) < 2:
-        return False
-    freedom = internal_forces(problem, group)
-    # Of forces without effect the margin is zero, or as large as allowed.
-    given = freedom[:, 0].reshape(-1, 3)
-    return cone_margin(given, freedom, problem.mu[group]) > float(np.abs(given).max())
+    return _use_of_internal(internal_forces(problem, group), problem.mu[group]) < 1.0
 
 
 def partners(problem: FrictionProblem, points: IntArray, point: int) -> IntArray:
@@ -71,14 +66,41 @@ def least_use(
         estimate: Such forces of these points at an earlier state, N, (m, 3): a first estimate.
     """
     given, freedom, mu = forces[group], internal_forces(problem, group), problem.mu[group]
-    least, inside, weights = 1.0, given, np.ones(len(group))
+    # Where points are wedged, internal forces may grow until any load is small beside them. The use then falls towards that
+    # of the internal forces alone, which no forces of finite size reach.
+    least, inside = _use_of_internal(freedom, mu), given
     if estimate is not None:
         # The estimate, with the effect of the given forces.
-        inside = given + (freedom @ (freedom.T @ (estimate - given).ravel())).reshape(-1, 3)
-        least = min(1.0, max(limit_ratios(inside, mu)))
-        weights = _weights(mu * inside[:, 0])
-    # Dinkelbach's method: forces well inside the cones of a friction coefficient need a smaller one. Margins in units of
-    # the limits last found make it converge faster than linearly (Crouzeix, Ferland and Schaible, JOTA 47, 1985).
+        near = given + (freedom @ (freedom.T @ (estimate - given).ravel())).reshape(-1, 3)
+        if (ratio := max(limit_ratios(near, mu))) < least:
+            least, inside = ratio, near
+    return _least_ratio(freedom, mu, least, inside)
+
+
+def _use_of_internal(freedom: FloatArray, mu: FloatArray) -> float:
+    """Least share of mu with which internal forces alone, given as columns, stay inside the cones; 1 if they never do."""
+    limits = np.einsum("i,ij->j", mu, freedom[::3])
+    square = float(limits @ limits)
+    # Forces inside the cones have a sum of limits mu n > 0: one of 1 gives the problem a bounded solution.
+    if square <= _SHARES**2 * float(mu @ mu):
+        return 1.0
+    other = np.linalg.svd(limits[None], full_matrices=True)[2][1:]
+    return _least_ratio(freedom @ other.T, mu, 1.0, (freedom @ (limits / square)).reshape(-1, 3))[0]
+
+
+def _least_ratio(freedom: FloatArray, mu: FloatArray, least: float, inside: FloatArray) -> tuple[float, FloatArray]:
+    """Least share of mu, at most a given one, whose cones contain forces of the same effect, and such forces, (m, 3).
+
+    Dinkelbach's method: forces well inside the cones of a friction coefficient need a smaller one. Margins in units of the
+    limits last found make it converge faster than linearly (Crouzeix, Ferland and Schaible, JOTA 47, 1985).
+
+    Args:
+        freedom: Orthonormal forces without effect, as columns, (3m, d).
+        mu: Coefficients of friction, (m,).
+        least: A share that suffices, or that is not to be exceeded.
+        inside: Forces of the effect, N, (m, 3); those that need the share, where it is known to suffice.
+    """
+    given, weights = inside, _weights(mu * inside[:, 0])
     for _ in range(_REDUCTIONS):
         found = largest_margin(given, freedom, least * mu, weights)[1]
         ratio = max(limit_ratios(found, mu))

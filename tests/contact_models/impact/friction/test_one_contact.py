@@ -215,6 +215,37 @@ def test_self_locking_is_wedged():
     assert result.w[1] == 0.3
 
 
+def test_slip_and_normal_velocity_of_one_relative_motion_vanish_together(rng):
+    """Closed form for rank one, u = a xi: rounding must not decide which of the two events there is.
+
+    With c = mu |a_t| the speed changes by a_n + c per normal impulse until both velocities vanish, with the work
+    -a_n xi^2 / (2 (a_n + c)). If c >= a_n the contact locks there; otherwise it slips back at a_n - c per impulse.
+    """
+    statuses = set()
+    for _ in range(300):
+        direction, a = rng.normal(size=7), rng.normal(size=3) * (1.0, *10.0 ** rng.uniform(-2, 1, 2))
+        b = direction / np.linalg.norm(direction)
+        a[0], xi = abs(a[0]), -(10.0 ** rng.uniform(-3, 0))
+        mu, e = 10.0 ** rng.uniform(-2, 1), float(rng.choice((0.0, 0.24, 1.0)))
+        w = xi * b
+        # Rows less what latches hold have a rounding of some EPSILON of the rows before: here 1e-14.
+        noise = 1e-14 * np.abs(a).max() * rng.normal(size=(3, 7))
+        result, c = stronge(np.outer(a, b) + noise, w, mu, e), mu * np.hypot(*a[1:])
+        stop = -0.5 * a[0] * xi**2 / (a[0] + c)
+        locks = c >= a[0]
+        end = 0.0 if locks else -e * xi * np.sqrt((a[0] - c) / (a[0] + c))
+        # The noise is 1e-14 of the largest element, which may be 1e3 times that of a row: 1e-11, and 1e-9 for squares of
+        # what is left of a difference. The solver itself is exact to 1e-9.
+        np.testing.assert_allclose(result.w, end * b, rtol=0, atol=1e-8 * abs(xi))
+        assert result.compression_work[0] == pytest.approx(stop, rel=1e-8)
+        assert result.normal_work[0] == pytest.approx((1.0 - (0.0 if locks else e) ** 2) * stop, rel=1e-8, abs=1e-9 * xi**2)
+        after = ", stick" if locks else "" if e == 0.0 else ", reverse slip"
+        assert result.paths == (f"slip{after}",)
+        assert result.status == ("wedged" if locks else "ok")
+        statuses.add((*result.paths, result.status))
+    assert len(statuses) == 3
+
+
 def test_tangents_depend_on_the_normal_alone(rng):
     for _ in range(50):
         n = rng.normal(size=3)
