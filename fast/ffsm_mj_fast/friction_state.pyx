@@ -185,7 +185,7 @@ cdef class FrictionState:
             for j in range(m):
                 total += G[i * m + j] * forces[j]
             (&accelerations[0, 0])[i] = total
-        return Solution(self.modes.kinds, self.modes.no_slips, found, rates, least, False)
+        return Solution(self.modes.kinds, self.modes.no_slips, found, rates, least, least, False)
 
     def limit_ratios(self, const double[:, :] forces not None):
         """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction."""

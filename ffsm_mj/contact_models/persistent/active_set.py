@@ -209,11 +209,14 @@ class ActiveContactSet:
             limit, flight.implicit = step_limit(self._chosen, limit)
         return limit
 
-    def witness_value(self) -> float:
+    def witness_value(self, *, exact: bool = False) -> float:
         """Witness function of the active set: positive while it is valid at the state in ``data``, negative after a change.
 
         Valid means: active contact points push, the others do not accelerate into contact, every contact point is within
         its feature, no gap has drifted and no rim has tilted too far, and no pair touches at another point.
+
+        Args:
+            exact: Whether sticking points are valid up to the limit of friction only, at which they are released.
         """
         if not self.contact_points:
             return math.inf
@@ -222,7 +225,7 @@ class ActiveContactSet:
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
         bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, *self._tilts.margins()
         if isinstance(decision, FrictionalDecision):
-            valid = decision.validity_margin()
+            valid = decision.validity_margin(exact=exact)
         else:
             valid = decision.validity_margin(self.pressing)
         return min(*bounds, self._clearance_elsewhere(decision), valid)

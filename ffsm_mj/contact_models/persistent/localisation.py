@@ -31,9 +31,11 @@ def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float
         if time_s <= 0.0:
             return 1.0  # the active set was chosen at this state, so it is valid there whatever the rounding
         path.move_to(time_s)
-        return active_set.witness_value()
+        # Points stick a little beyond the limit of friction. Those that leave it further behind are released at the limit.
+        return active_set.witness_value(exact=True)
 
-    if slack(duration_s) >= 0.0:
+    path.move_to(duration_s)
+    if active_set.witness_value() >= 0.0:
         return None
     changed = _just_after(slack, 0.0, duration_s)
     # A gap that drifts beyond its bound may return and cross it again: of several roots the first one counts.

@@ -115,7 +115,7 @@ def test_the_first_of_several_changes_in_a_step_is_found():
     now = SimpleNamespace(time_s=0.0)
     path = SimpleNamespace(move_to=lambda time_s: setattr(now, "time_s", time_s))
 
-    def value():
+    def value(*, exact=False):  # noqa: ARG001
         drift = 40.0 * now.time_s**2 * (0.8 - now.time_s)
         return 0.1 - abs(drift)
 

@@ -19,8 +19,9 @@ from ffsm_mj.contact_models.persistent.friction.cone_depth import in_acceleratio
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, unit_slips
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
+from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity
 from ffsm_mj.tolerances import SOLVED
 
 _SLIPS, _SATURATED = 1e-7, 1e-6
@@ -30,6 +31,10 @@ _CORRECTIONS = 3
 """Corrections of modes per contact point before the choice fails."""
 _OPENS = 10.0
 """A gap opens where its second rate exceeds its rounding by this factor."""
+_BEGINS, _GOES_ON = 1.0, 2.0
+"""A point at rest sticks where friction at its limit would leave it an acceleration within its rounding times the first
+number, and one that sticks already goes on to do so up to the second. Below, neither that it slips nor where to is known.
+The two differ lest rounding of the excess, as by the way through a log, decides on the mode of each step anew."""
 
 
 class NoModesError(Exception):
@@ -130,23 +135,22 @@ class ModeChoice:
         problem, states = self._problem, self._states
         forces = problem.forces(kinds, directions)
         accelerations = (problem.b + problem.G.dot(forces.ravel())).reshape(-1, 3)
-        validity, releases = self._validity(kinds, directions, forces, accelerations)
+        least, to_limit = self._validity(kinds, directions, forces, accelerations), self.stick_margin(kinds, forces)
         if SLIDE in kinds.tolist() and (begins := (kinds == SLIDE) & self._still & (problem.mu > 0.0)).any():
             along = (
                 np.sum(accelerations[:, 1:] * directions, axis=1)[begins] + _SLIPS * self._scale + states.rounding[begins]
             )
-            validity = min(validity, float(along.min()))
-        return Solution(kinds, directions, forces, accelerations, validity, releases)
+            least = min(least, float(along.min()))
+        validity, exact = min(least, to_limit + self._excess(kinds)), min(least, to_limit)
+        return Solution(kinds, directions, forces, accelerations, validity, exact, to_limit < min(0.0, least))
 
-    def _validity(
-        self, kinds: IntArray, directions: FloatArray, forces: FloatArray, accelerations: FloatArray
-    ) -> tuple[float, bool]:
-        """Least margin of the conditions on forces and gaps, m/s^2, and whether it is that of sticking points."""
+    def _validity(self, kinds: IntArray, directions: FloatArray, forces: FloatArray, accelerations: FloatArray) -> float:
+        """Least margin of the conditions on normal forces and gaps, m/s^2."""
         problem, rounding = self._problem, _OPENS * self._states.rounding
         present, least = set(kinds.tolist()), np.inf
         if SLIDE in present:
             if not problem.is_regular(kinds, directions):
-                return -1.0 - self._scale, False  # finite, as localisation interpolates
+                return -1.0 - self._scale  # finite, as localisation interpolates
             least = float((forces[:, 0] * problem.inverse_mass + rounding)[kinds == SLIDE].min())
         if CLOSED in present:
             closed = kinds == CLOSED
@@ -155,14 +159,21 @@ class ModeChoice:
             if idle.any():
                 shares = problem.virtual_shares(kinds, forces)
                 least = min(least, float((rounding - shares * problem.inverse_mass)[idle].min()))
-        if STICK not in present:
-            return least, False
-        held = self.stick_margin(kinds, forces)
-        return (held, held < 0.0) if held < least else (least, False)
+        return least
+
+    def _excess(self, kinds: IntArray) -> float:
+        """Acceleration beyond the limit of friction up to which points stick, m/s^2."""
+        sticks, states = kinds == STICK, self._states
+        if not sticks.any():
+            return 0.0
+        factor = _GOES_ON if (states.kinds[sticks] == STICK).all() else _BEGINS
+        return factor * float(states.rounding[sticks].max())
 
     def stick_margin(self, kinds: IntArray, forces: FloatArray) -> float:
         """Margin of the sticking points to their friction cones, m/s^2: own forces, or others of the same effect."""
         problem, sticks = self._problem, (kinds == STICK).nonzero()[0]
+        if not len(sticks):
+            return np.inf
         here = forces[sticks], problem.mu[sticks], problem.inverse_mass[sticks], self._states.rounding[sticks]
         own = own_margin(*here, float(np.abs(forces).max()))
         if own >= 0.0 or not problem.redundant(kinds):
@@ -247,8 +258,8 @@ class ModeChoice:
         free = np.flatnonzero(begins & ~self._problem.lines)
         if not len(free):
             return directions
-        velocity = OwnVelocity(self._problem.b, np.ones(len(self._problem.b)), free)
-        return self._problem.forces_along_slip(kinds, directions, velocity)[1]
+        found = self._problem.forces_along_slip(kinds, directions, OwnVelocity(self._problem.b, 1.0, free))
+        return directions if found is None else found[1]
 
     def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution | None:
         """The solution in given modes, with modes corrected where they are not valid; None if none are found."""

@@ -201,10 +201,14 @@ class FrictionalDecision:
         directions, forward = slip_directions(self.problem, self.rows.slips, self._at_start, modes.slides, modes.straight)
         return self._choice.evaluate(np.maximum(modes.kinds, 0), directions), forward
 
-    def validity_margin(self) -> float:
-        """Margin by which the modes of the step are still valid; negative where they are not."""
+    def validity_margin(self, *, exact: bool = False) -> float:
+        """Margin by which the modes of the step are still valid; negative where they are not.
+
+        Args:
+            exact: Whether sticking points are valid up to the limit of friction only, at which they are released.
+        """
         solution, forward = self._in_present_modes
-        return min(solution.validity, forward + _REVERSED_M_S)
+        return min(solution.exact if exact else solution.validity, forward + _REVERSED_M_S)
 
     @property
     def sticks(self) -> bool:
@@ -254,8 +258,7 @@ class FrictionalDecision:
     @property
     def releases(self) -> bool:
         """Whether sticking points are beyond the limit of friction in the modes of the step."""
-        solution = self._in_present_modes[0]
-        return solution.releases and not solution.valid
+        return self._in_present_modes[0].releases
 
 
 def slip_directions(

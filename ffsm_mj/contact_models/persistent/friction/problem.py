@@ -16,38 +16,14 @@ the modes: a patch that slides over the edge of a face shrinks to a line or to a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldProblems, HeldRows, Structures
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, STICK
+from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity, StageEquation
 from ffsm_mj.tolerances import CANCELLED, RANK
-
-_TURNS = 15
-"""Largest number of Newton steps for the directions of slip; a few suffice where there is a solution."""
-_LARGEST_TURN = 0.5
-"""Newton steps for the directions of slip are at most this long, rad."""
-_TURNED, _NEARLY = 1e-14, 1e-6
-"""Newton's method ends at steps below the first, rad, and at steps below the second that do not get shorter."""
-
-
-@dataclass(frozen=True)
-class OwnVelocity:
-    """Velocities at the contact points that depend on the forces sought: force_free + steps_s * G lambda.
-
-    Attributes:
-        force_free: Velocity (n, t1, t2) at each point without contact forces, m/s, (3k,).
-        steps_s: Time for which the contact forces act: for a stage of an implicit method its duration times the diagonal
-            coefficient of the method, s, (3k,).
-        free: Sliding points whose direction of slip follows from this velocity; that of the others is given.
-    """
-
-    force_free: FloatArray
-    steps_s: FloatArray
-    free: IntArray
 
 
 class FrictionProblem:
@@ -142,37 +118,20 @@ class FrictionProblem:
         """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
         return not len(self.structure(kinds).slides) or self._held_in(kinds).is_regular(slips)
 
-    def forces_along_slip(self, kinds: IntArray, slips: FloatArray, velocity: OwnVelocity) -> tuple[FloatArray, FloatArray]:
+    def forces_along_slip(
+        self, kinds: IntArray, directions: FloatArray, velocity: OwnVelocity
+    ) -> tuple[FloatArray, FloatArray] | None:
         """The same where some directions of slip are those of velocities that the forces themselves determine.
-
-        Newton's method on the angles of these directions.
 
         Args:
             kinds: Modes, (k,).
-            slips: Directions, and for points that are free a first estimate, (k, 2).
+            directions: Directions of slip, and for points that are free a first estimate, (k, 2).
             velocity: The velocities.
 
         Returns:
-            Forces, N, (k, 3), and directions, (k, 2).
+            Forces, N, (k, 3), and directions, (k, 2); None where there are none, as a point stops.
         """
-        held, free, slips = self._held_in(kinds), velocity.free, slips.copy()
-        estimate = slips.copy()
-        angles = np.arctan2(slips[free, 1], slips[free, 0])
-        forces, before = held.forces(self.b, slips), np.inf
-        for _ in range(_TURNS):
-            step = self._turn(held, forces, slips[free], velocity)
-            largest = float(np.abs(step).max(initial=0.0))
-            angles = angles + step * min(1.0, _LARGEST_TURN / max(largest, _LARGEST_TURN))
-            slips[free] = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-            forces = held.forces(self.b, slips)
-            if largest <= _TURNED or (largest < _NEARLY and largest >= 0.5 * before):  # rounding of a slow slip
-                break
-            before = largest
-        else:
-            # No such direction: a point stops within the stage. The stage keeps the sense of its friction instead.
-            slips = estimate
-            forces = held.forces(self.b, slips)
-        return forces, slips
+        return StageEquation(self, self._held_in(kinds), velocity).solve(directions)
 
     def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
         """Changes of forces per rad by which the directions of slip of some points turn, N, (k, 3, m).
@@ -187,20 +146,6 @@ class FrictionProblem:
         held.turn_to(slips)
         across = np.stack((-slips[points, 1], slips[points, 0]), axis=1)
         return held.responses_to_turns(points, across, forces[points, 0]).reshape(-1, 3, len(points))
-
-    def _turn(self, held: HeldForces, forces: FloatArray, s: FloatArray, velocity: OwnVelocity) -> FloatArray:
-        """Newton step for the angles of the free directions, rad: each is to be the angle of its velocity."""
-        free, steps = velocity.free, velocity.steps_s
-        u = (velocity.force_free + steps * (self.G @ forces.ravel())).reshape(-1, 3)[free, 1:]
-        across = np.stack((-s[:, 1], s[:, 0]), axis=1)
-        miss = np.arctan2(np.sum(across * u, axis=1), np.sum(s * u, axis=1))
-        square = np.sum(u * u, axis=1)
-        turn = np.stack((-u[:, 1], u[:, 0]), axis=1) / np.where(square > 0.0, square, 1.0)[:, None]
-        slopes = -np.eye(len(free))
-        answers = held.responses_to_turns(free, across, forces[free, 0])
-        changes = (steps[:, None] * self.G.dot(answers)).reshape(-1, 3, len(free))[free, 1:]
-        slopes += np.einsum("ia,iaj->ij", turn, changes)
-        return np.asarray(np.linalg.lstsq(slopes, -miss, rcond=None)[0])
 
     @cached_property
     def _tangent_blocks(self) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -16,7 +16,8 @@ class Solution(NamedTuple):
         forces: Forces (n, t1, t2), N, (k, 3).
         accelerations: Relative accelerations (n, t1, t2), m/s^2, (k, 3).
         validity: Least margin of all conditions, m/s^2; negative if one is violated.
-        releases: Whether the condition violated most is the limit of friction of sticking points.
+        exact: The same without the excess over the limit of friction up to which points stick: zero at the limit.
+        releases: Whether the condition violated most is that limit.
     """
 
     kinds: IntArray
@@ -24,6 +25,7 @@ class Solution(NamedTuple):
     forces: FloatArray
     accelerations: FloatArray
     validity: float
+    exact: float
     releases: bool
 
     @property

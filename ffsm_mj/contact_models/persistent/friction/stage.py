@@ -7,7 +7,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.exchange import Slide, Stage
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
-from ffsm_mj.contact_models.persistent.friction.problem import OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.dynamics.implicit_stages import StageVelocity
 
@@ -58,8 +58,10 @@ def _sliding_forces(here: FrictionState, implicit: StageVelocity | None) -> Floa
         without += implicit.step_s * rows.loop_rates
     # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
     directions[free] = at_start[free]
-    velocity = OwnVelocity(without, np.full(len(without), implicit.step_s), np.asarray(free))
-    return problem.forces_along_slip(modes.kinds, directions, velocity)[0]
+    velocity = OwnVelocity(without, implicit.step_s, np.asarray(free))
+    found = problem.forces_along_slip(modes.kinds, directions, velocity)
+    # A point that stops within the stage keeps the sense of its friction.
+    return problem.forces(modes.kinds, directions) if found is None else found[0]
 
 
 def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool]:

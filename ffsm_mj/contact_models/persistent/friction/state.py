@@ -60,7 +60,7 @@ class FrictionState:
         if margin < 0.0:
             return None
         accelerations = (problem.b + problem.G.dot(forces.ravel())).reshape(-1, 3)
-        return Solution(modes.kinds, modes.no_slips, forces, accelerations, margin, False)
+        return Solution(modes.kinds, modes.no_slips, forces, accelerations, margin, margin, False)
 
     def limit_ratios(self, forces: FloatArray) -> list[float]:
         """Ratios of friction to its limit under forces (n, t1, t2), N, (k, 3); see ``internal_forces.py``."""
