@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.contact_models.grasp.scenes import OFF, grasping
+from tests.scenes import ball
 from tests.sensing.filter_drive import PERIOD_S, noiseless
 from tests.sensing.grasp_drive import CAMERA, CaughtDrive, arm_and_target, grasp_filter, sensors_of_arm
 from tests.sensing.scenes import column, run
@@ -123,6 +125,31 @@ def test_an_impact_on_what_is_held_moves_the_robot_too(systems):
     more = np.diagonal(made.covariance("target")) - before["target"]
     assert more[9:] == pytest.approx(np.full(3, 0.4**2))
     assert (more[6:9] > 0.3**2).all()
+
+
+def test_a_latch_with_freedom_jolts_the_two_that_it_joins(tmp_path):
+    """The variances of their velocities grow by what the filter takes an impact for; those of the third body do not."""
+    given = {"initial": {"velocity_m_s": 0.01}, "process": STILL, "impact_velocity_m_s": 0.3}
+    latch = {"robot_site": "grip", "object_site": "handle", "when": {"within": {"position_m": 0.2}}}
+    path = grasping(
+        tmp_path,
+        others={"rock": ball("rock")},
+        duration_s=0.02,
+        control_period_s=0.01,
+        initial={"joints": {"target/free": [1.06, 0, 0, 1, 0, 0, 0], "rock/free": [0, 5, 0, 1, 0, 0, 0]}},
+        captures={"grasp": {**latch, "joint": "hinge", "axis": [0, 0, 1]}},
+        phases=[{"name": "hold", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        sensors={
+            f"{kind}_{body[:3]}": {"kind": kind, "of": body, "first_s": 0.015}  # after the row that is read
+            for kind in ("framepos", "framequat")
+            for body in ("robot/base", "target/target", "rock/rock")
+        },
+        estimator={"kind": "mekf", **given},
+    )
+    made = run(path)
+    assert made.captures[0].time_s == 0.0
+    for body, sigma in (("robot", math.hypot(0.01, 0.3)), ("target", math.hypot(0.01, 0.3)), ("rock", 0.01)):
+        assert column(made, f"estimate.sigma_v_{body}_free_vx_m_s")[1] == pytest.approx(sigma, rel=1e-6)
 
 
 @pytest.mark.parametrize("told", [True, False])
