@@ -215,6 +215,11 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
         "--robot", metavar="FILE", required=True, help="MJCF or URDF file of a manipulator or of a floating robot"
     )
     new.add_argument(
+        "--base",
+        choices=("none",),
+        help="'none': no base is added, and the root of a URDF floats, as of a spacecraft with an arm",
+    )
+    new.add_argument(
         "--base-mass",
         type=positive,
         metavar="KG",

@@ -27,6 +27,7 @@ def new(options: argparse.Namespace, output: Output) -> int:
                 name=options.name,
                 robot=Path(options.robot),
                 out=Path(options.out),
+                base=options.base is None,
                 base_mass=options.base_mass,
                 root=options.root,
                 tip=options.tip,

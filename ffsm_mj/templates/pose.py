@@ -178,10 +178,10 @@ def _ray(model: Any, data: Any, geom: int, start: FloatArray, direction: FloatAr
 
 
 def solid_geoms(system: System) -> list[int]:
-    """Geoms of the robot that may touch something; all where the file says so of none."""
+    """Geoms of the robot that may touch a ball, whose contype and conaffinity are 1 by default."""
     model = system.mj
     own = [g for g in range(model.ngeom) if model.geom_bodyid[g] in system.robot.bodies]
-    return [g for g in own if model.geom_contype[g] or model.geom_conaffinity[g]] or own
+    return [g for g in own if (model.geom_contype[g] | model.geom_conaffinity[g]) & 1]
 
 
 def hand_geoms(system: System, tip: Tip) -> Iterator[list[int]]:
@@ -195,8 +195,10 @@ def hand_geoms(system: System, tip: Tip) -> Iterator[list[int]]:
         last = len(found)
 
 
-def find_encounter(system: System, data: Any, place: FloatArray, geoms: list[int], pairs: list[ContactPair]) -> Encounter:
-    """A straight way on which the ball comes from outside and touches one of some geoms before all others.
+def find_encounter(
+    system: System, data: Any, place: FloatArray, geoms: list[int], pairs: list[ContactPair]
+) -> Encounter | None:
+    """A straight line along which the ball comes from outside and touches one of some geoms first; None if there is none.
 
     Args:
         system: Robot and ball.
@@ -204,9 +206,6 @@ def find_encounter(system: System, data: Any, place: FloatArray, geoms: list[int
         place: The tip in the world, m, (3,).
         geoms: The geoms that may be touched.
         pairs: The ball with every geom of the robot that may touch.
-
-    Raises:
-        InputError: No way was found.
     """
     model = system.mj
     aim = min((data.geom_xpos[g] for g in geoms), key=lambda centre: float(np.linalg.norm(centre - place)))
@@ -230,7 +229,7 @@ def find_encounter(system: System, data: Any, place: FloatArray, geoms: list[int
             left -= gap
             if left < 0.0:
                 break
-    raise InputError("new: no way was found on which a ball meets the tip before other parts; name another with --tip")
+    return None
 
 
 def felt_mass(system: System, data: Any, met: Encounter) -> float:

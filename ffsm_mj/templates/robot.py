@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +24,6 @@ from ffsm_mj.model.driven_joints import driven_joints
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.system import System
 from ffsm_mj.templates.pose import (
-    Encounter,
     Tip,
     felt_mass,
     find_encounter,
@@ -34,7 +33,7 @@ from ffsm_mj.templates.pose import (
     solid_geoms,
     starting_pose,
 )
-from ffsm_mj.templates.robot_text import Base, Hit, ball_text, model_text, rounded, scenario_text
+from ffsm_mj.templates.robot_text import Approach, Base, Places, Start, ball_text, model_text, rounded, scenario_text
 from ffsm_mj.templates.vendor import needed_strips, read_vendor
 
 TIME_STEP_S, CONTROL_PERIOD_S = 0.001, 0.005
@@ -56,6 +55,7 @@ class TemplateRequest:
         name: Of the scenario and its files.
         robot: The robot's file.
         out: Folder to write to.
+        base: Whether a robot that does not float is mounted on a base; else the root of a URDF floats.
         base_mass: kg; None: five times the robot's.
         root: Body that the robot is with all below it; empty: the only one that moves.
         tip: Name of a site or body of the robot; empty: to be found.
@@ -65,6 +65,7 @@ class TemplateRequest:
     name: str
     robot: Path
     out: Path
+    base: bool = True
     base_mass: float | None = None
     root: str = ""
     tip: str = ""
@@ -90,23 +91,45 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
         if os.path.lexists(path):  # a link that leads nowhere is written through, too
             raise InputError(f"new: {path} exists; nothing is written over it")
     vendor = read_vendor(asked.robot, asked.packages, asked.root)
-    if vendor.floats and asked.base_mass is not None:
-        raise InputError(f"new: --base-mass: {asked.robot} floats already, no base is added; leave it out")
-    base = None if vendor.floats else _base(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1))
+    if vendor.floats and (asked.base_mass is not None or not asked.base):
+        option = "--base-mass" if asked.base else "--base"
+        raise InputError(f"new: {option}: {asked.robot} floats already, no base is added; leave it out")
+    if not asked.base and (asked.base_mass is not None or not vendor.urdf):
+        wrong = (
+            "has no mass; leave --base-mass out" if vendor.urdf else "is for a URDF; give the root of an MJCF a <freejoint/>"
+        )
+        raise InputError(f"new: --base none {wrong}")
+    mounted = asked.base and not vendor.floats
+    base = _base(asked.base_mass or rounded(_BASE_PER_ROBOT * vendor.mass, 1)) if mounted else None
     asked.out.mkdir(parents=True, exist_ok=True)
     with _taken_back(asked.robot, scenario, model, ball):
-        model.write_text(model_text(name, vendor, base, _relative(asked.robot, asked.out)), encoding="utf-8")
-        folders = [] if vendor.folder.is_relative_to(os.path.abspath(asked.out)) else [vendor.folder]
-        files = read_model(model, folders, asked.packages)
+        robot = model if asked.base else asked.robot  # the root of a URDF gets a free joint wherever it is read
+        if asked.base:
+            model.write_text(model_text(name, vendor, base, _relative(asked.robot, asked.out)), encoding="utf-8")
+        outside = not vendor.folder.is_relative_to(os.path.abspath(asked.out))
+        folders = [vendor.folder] if asked.base and outside else []
+        files = read_model(robot, folders, asked.packages)
         files = replace(files, strip=tuple(needed_strips(files)))
-        hit = _hit(files, ball, asked.tip)
-        places = [_relative(folder, asked.out) for folder in folders], [_relative(p, asked.out) for p in asked.packages]
-        scenario.write_text(scenario_text(name, asked.robot.name, files.strip, hit, places), encoding="utf-8")
+        start = _start(files, ball, asked.tip)
+        places = Places(
+            _relative(robot, asked.out),
+            [_relative(folder, asked.out) for folder in folders],
+            [_relative(package, asked.out) for package in asked.packages],
+        )
+        scenario.write_text(scenario_text(name, asked.robot.name, files.strip, start, places), encoding="utf-8")
         prepare(scenario)
+    written = [path.name for path in (scenario, model, ball) if path.exists()]
+    unmounted = (
+        "the root of the robot floats; --base-mass KG mounts it on a base instead"
+        if not asked.base
+        else ("none is added, the robot floats already")
+    )
     return [
-        f"files in {asked.out}: {scenario.name}, {model.name}, {ball.name}",
-        f"base: {base.description}" if base else "base: none is added, the robot floats already",
-        f"tip: {hit.description}",
+        f"files in {asked.out}: {', '.join(written)}",
+        f"base: {base.description}" if base else f"base: {unmounted}",
+        *(["a URDF that is a spacecraft itself floats on its own root with --base none"] if base and vendor.urdf else []),
+        f"tip: {start.description}",
+        *([f"no ball: {start.without_ball}"] if start.without_ball else []),
         f"removed from the robot: {', '.join(files.strip) or 'nothing'}",
         f"next: {command('check', scenario)} && {command('run', scenario)}",
     ]
@@ -144,42 +167,50 @@ def _of_robot(line: str, robot: Path, starts: Mapping[str, Path]) -> str:
     return line if start is None else f"{robot}: as {starts[start].name}: {line[len(start) + 1 :].lstrip()}"
 
 
-def _hit(files: ModelFiles, ball: Path, wanted: str) -> Hit:
+def _start(files: ModelFiles, ball: Path, wanted: str) -> Start:
     """Compile the robot, then robot and ball, by the conservative rules of a run, and work out how they meet."""
     system = compile_system(files, {}, time_step_s=TIME_STEP_S)
-    if not solid_geoms(system):
-        raise InputError(f"{files.place}: the robot has no geom that a ball could touch")
     pose = starting_pose(system)
-    data = posed(system, pose)
-    centre = data.subtree_com[system.robot.root]
-    extent = max(np.linalg.norm(x - centre) + r for x, r in zip(data.geom_xpos, system.mj.geom_rbound, strict=True))
+    tip = find_tip(system, posed(system, pose), wanted)
+    if solid_geoms(system):
+        start = _with_ball(files, system, ball, pose, tip)
+        if start.approach is not None:
+            return start
+        ball.unlink()
+        why = "no straight line was found on which a ball meets the tip before other parts (--tip names another)"
+    else:
+        why = "no geom of the robot can touch a ball (contype and conaffinity)"
+    return _stated(system, posed(system, pose), pose, tip, None, why)
+
+
+def _with_ball(files: ModelFiles, alone: System, ball: Path, pose: dict[str, float], tip: Tip) -> Start:
+    """The start with a ball that meets the tip, whose file is written; without an approach if none is found."""
+    data = posed(alone, pose)
+    centre = data.subtree_com[alone.robot.root]
+    extent = max(np.linalg.norm(x - centre) + r for x, r in zip(data.geom_xpos, alone.mj.geom_rbound, strict=True))
     radius = rounded(0.06 * float(extent), 1)
     ball.write_text(ball_text(radius, 1.0), encoding="utf-8")
     system = compile_system(files, {"ball": read_model(ball)}, time_step_s=TIME_STEP_S)
     data = posed(system, pose)
-    tip = find_tip(system, data, wanted)
     place = data.xpos[tip.body] + data.xmat[tip.body].reshape(3, 3) @ tip.local
-    hand, *before = hand_geoms(system, tip)
-    base = [g for g in solid_geoms(system) if system.mj.geom_bodyid[g] == system.robot.root]
-    geoms = sorted({*(before[0] if before else hand), *base})  # a ball that bounces may come to these
+    hand = next(hand_geoms(system, tip), [])
     pairs = [ContactPair(system, str(g), system.mj.geom(g).name, "ball/ball", 1.0) for g in solid_geoms(system)]
-    met = find_encounter(system, data, place, hand, pairs)
+    met = find_encounter(system, data, place, hand, pairs) if hand else None
     data = posed(system, pose)
-    ball.write_text(ball_text(radius, rounded(_BALL_PER_FELT * felt_mass(system, data, met), 1)), encoding="utf-8")
-    kp, kd = _gains(system, data)
-    return _scenario_hit(system, pose, tip, place, geoms, met, kp, kd)
+    approach = None
+    if met is not None:
+        ball.write_text(ball_text(radius, rounded(_BALL_PER_FELT * felt_mass(system, data, met), 1)), encoding="utf-8")
+        speed = rounded(2.0 * radius, 1)
+        approach = Approach(_rounded(met.touch + speed * met.outwards, 6), _rounded(-speed * met.outwards, 6))
+    return _stated(system, data, pose, tip, approach, "")
 
 
 def _gains(system: System, data: Any) -> tuple[list[float], list[float]]:
-    """Gains of a PD law on every driven joint: critical damping of the inertia that it moves, far from unstable.
-
-    Raises:
-        InputError: No joint is driven.
-    """
+    """Gains of a PD law on every driven joint: critical damping of the inertia that it moves, far from unstable."""
     try:
         dofs = driven_joints(system, None).dofs
-    except ScenarioFaults as fault:
-        raise InputError(f"{system.files['robot'].place}: {fault}") from fault
+    except ScenarioFaults:
+        return [], []  # no joint is driven, as of a body with thrusters alone
     mobility = np.linalg.solve(mass_matrix(system.mj, data), np.eye(system.mj.nv)[:, dofs])[dofs]
     inertia = np.diag(np.linalg.inv(mobility))
     fastest = float(np.max(np.linalg.eigvals(CONTROL_PERIOD_S * mobility * (2.0 * inertia)).real))
@@ -187,29 +218,24 @@ def _gains(system: System, data: Any) -> tuple[list[float], list[float]]:
     return [rounded(frequency**2 * x, 2) for x in inertia], [rounded(2.0 * frequency * x, 2) for x in inertia]
 
 
-def _scenario_hit(
-    system: System,
-    pose: dict[str, float],
-    tip: Tip,
-    place: FloatArray,
-    geoms: Sequence[int],
-    met: Encounter,
-    kp: Any,
-    kd: Any,
-) -> Hit:
+def _stated(system: System, data: Any, pose: dict[str, float], tip: Tip, approach: Approach | None, why: str) -> Start:
     model = system.mj
     body = model.body(tip.body).name.split("/", 1)[1]
     sites = {model.site(s).name.split("/", 1)[1] for s in range(model.nsite)}
     site = tip.site or next(name for name in ("tip", "new_tip", *(f"tip_{i}" for i in range(2, 99))) if name not in sites)
-    speed = rounded(2.0 * float(model.geom_rbound[model.ngeom - 1]), 1)
-    return Hit(
+    place = data.xpos[tip.body] + data.xmat[tip.body].reshape(3, 3) @ tip.local
+    kp, kd = _gains(system, data)
+    return Start(
         pose=pose,
         tip=site,
-        on=None if tip.site else (body, [round(float(x), 4) + 0.0 for x in tip.local]),
-        target=[round(float(x), 4) + 0.0 for x in place],
-        ball=[round(float(x), 6) + 0.0 for x in met.touch + speed * met.outwards],
-        velocity=[round(float(x), 6) + 0.0 for x in -speed * met.outwards],
-        geoms=[model.geom(g).name for g in geoms],
+        on=None if tip.site else (body, _rounded(tip.local, 4)),
+        target=_rounded(place, 4),
+        approach=approach,
+        without_ball=why,
         kp=kp,
         kd=kd,
     )
+
+
+def _rounded(vector: FloatArray, digits: int) -> list[float]:
+    return [round(float(x), digits) + 0.0 for x in vector]

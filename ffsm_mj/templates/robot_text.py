@@ -34,17 +34,24 @@ class Base:
 
 
 @dataclass(frozen=True)
-class Hit:
-    """Keys of the scenario that describe the approach and the impact.
+class Approach:
+    """Place of the ball at the start, m, and its velocity, m/s: it meets the tip after one second."""
+
+    place: list[float]
+    velocity: list[float]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Keys of the scenario that describe its start.
 
     Attributes:
         pose: Coordinates of the joints at the start, rad or m.
         tip: Name of the site.
         on: Body that it is added to, and its place there, m; None where the robot's file has it.
         target: Its place in the world at the start, m.
-        ball: Place of the ball at the start, m.
-        velocity: Of the ball, m/s.
-        geoms: Full names of the geoms that it may meet.
+        approach: How a ball meets the tip; None without a ball.
+        without_ball: Why there is no ball; empty if there is one.
         kp: Gain of each driven joint.
         kd: Gain of each driven joint.
     """
@@ -53,9 +60,8 @@ class Hit:
     tip: str
     on: tuple[str, list[float]] | None
     target: list[float]
-    ball: list[float]
-    velocity: list[float]
-    geoms: list[str]
+    approach: Approach | None
+    without_ball: str
     kp: list[float]
     kd: list[float]
 
@@ -63,6 +69,15 @@ class Hit:
     def description(self) -> str:
         """The tip in words."""
         return f"site {self.tip!r}" + (f", added to body {self.on[0]!r} at {self.on[1]} m" if self.on else " of the file")
+
+
+@dataclass(frozen=True)
+class Places:
+    """Paths relative to the scenario: the robot's model, folders of its files, and packages that it names."""
+
+    model: str
+    folders: list[str]
+    packages: list[str]
 
 
 def rounded(value: float, digits: int) -> float:
@@ -135,18 +150,19 @@ def ball_text(radius: float, mass: float) -> str:
 """
 
 
-def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places: tuple[list[str], list[str]]) -> str:
+def scenario_text(name: str, robot: str, strip: Sequence[str], start: Start, places: Places) -> str:
     """The scenario, commented.
 
     Args:
         name: Its name.
         robot: Name of the robot's file, for people.
         strip: Elements removed from the robot.
-        hit: How robot and ball meet.
-        places: Folders of the robot's files, and of the packages it names, relative to the scenario.
+        start: Pose, tip and ball at the start.
+        places: Where the robot's files are.
     """
+    what = f"A ball hits the tip of {robot} after one second." if start.approach else f"{robot} floats."
     lines = [
-        f"# A ball hits the tip of {robot} after one second. Edit this file freely:",
+        f"# {what} Edit this file freely:",
         f"# 'ffsm check {name}.yaml' validates it; the user guide describes every key.",
         f"name: {_word(name)}",
         "duration_s: 4.0",
@@ -155,20 +171,20 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
         "control_period_s: 0.005",
         "",
         "robot:",
-        f"  mjcf: {name}.xml",
-        *_robot_lines(strip, hit, places),
-        "objects:",
-        f"  ball: {{mjcf: {name}_ball.xml}}",
-        "",
-        "initial:",
-        "  joints: # rad or m; the ball: x, y, z in m and a quaternion w, x, y, z",
-        *(f"    {_word(joint)}: {value:.10g}" for joint, value in hit.pose.items()),
-        f"    ball/free: {_flow([*hit.ball, 1, 0, 0, 0])}",
-        "  rates: # the ball: m/s in world axes, rad/s in its own",
-        f"    ball/free: {_flow([*hit.velocity, 0, 0, 0])}",
+        f"  mjcf: {_word(places.model)}",
+        *_robot_lines(strip, start, places),
+        *_initial_lines(name, start),
         "",
         "# The report states the distance of the tip from this point, its initial position.",
-        f"task: {{tip: {_word(hit.tip)}, target_m: {_flow(hit.target)}}}",
+        f"task: {{tip: {_word(start.tip)}, target_m: {_flow(start.target)}}}",
+        *_CONTACTS[start.approach is not None],
+        *_phase_lines(start),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+_CONTACTS = {
+    True: (
         "",
         "# restitution: 1 conserves the energy, 0 gives the largest loss.",
         "# Every geom of the robot may touch the ball. Contacts of the robot with itself are ignored.",
@@ -176,16 +192,50 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
         "  default: {restitution: 0.8}",
         "  ignored:",
         "    - {between: [robot, self], reason: links overlap at their joints}",
+    ),
+    False: (
+        "",
+        "contacts:",
+        "  ignored:",
+        "    - {between: [robot, self], reason: links overlap at their joints}",
+    ),
+}
+"""With a ball and without."""
+
+
+def _initial_lines(name: str, start: Start) -> list[str]:
+    """Objects and the initial state."""
+    joints = [f"    {_word(joint)}: {value:.10g}" for joint, value in start.pose.items()]
+    if start.approach is None:
+        return ["", "initial:", "  joints: # rad or m", *joints] if joints else []
+    return [
+        "objects:",
+        f"  ball: {{mjcf: {name}_ball.xml}}",
+        "",
+        "initial:",
+        "  joints: # rad or m; the ball: x, y, z in m and a quaternion w, x, y, z",
+        *joints,
+        f"    ball/free: {_flow([*start.approach.place, 1, 0, 0, 0])}",
+        "  rates: # the ball: m/s in world axes, rad/s in its own",
+        f"    ball/free: {_flow([*start.approach.velocity, 0, 0, 0])}",
+    ]
+
+
+def _phase_lines(start: Start) -> list[str]:
+    """Phases: the joints are held, left alone after the impact for a while, and held again; coasting without motors."""
+    if not start.kp:
+        return ["", "phases:", "  # No joint is driven.", '  - {name: coast, until: end, controller: {kind: "off"}}']
+    return [
         "",
         "phases:",
         "  # Each joint is held at its initial position, critically damped for the inertia that it moves.",
         "  - name: wait",
-        "    until: impact",
+        "    until: impact" if start.approach else "    for_s: 1.0",
         "    controller: &hold",
         "      kind: pd",
-        f"      kp: {_flow(hit.kp)} # N m/rad, N/m",
-        f"      kd: {_flow(hit.kd)} # N m s/rad, N s/m",
-        "  # After the impact the motors are off for a while, as in the paper.",
+        f"      kp: {_flow(start.kp)} # N m/rad, N/m",
+        f"      kd: {_flow(start.kd)} # N m s/rad, N s/m",
+        "  # Then the motors are off for a while, as after the impact in the paper.",
         "  - name: pause",
         "    for_s: 0.5",
         '    controller: {kind: "off"}',
@@ -193,26 +243,24 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], hit: Hit, places:
         "    until: end",
         "    controller: *hold",
     ]
-    return "\n".join(lines) + "\n"
 
 
-def _robot_lines(strip: Sequence[str], hit: Hit, places: tuple[list[str], list[str]]) -> list[str]:
-    folders, packages = places
+def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str]:
     lines = []
-    if folders:
-        lines += ["  # Folders of the vendor's files; no others are read.", f"  asset_folders: {_flow(folders)}"]
-    if packages:
-        lines.append(f"  package_paths: {_flow(packages)}")
+    if places.folders:
+        lines += ["  # Folders of the vendor's files; no others are read.", f"  asset_folders: {_flow(places.folders)}"]
+    if places.packages:
+        lines.append(f"  package_paths: {_flow(places.packages)}")
     if strip:
         lines += [
-            "  # Removed before compilation: with these elements free motion would not conserve energy and momentum.",
+            "  # Removed before compilation: these elements are not modelled.",
             f"  strip: {_flow(strip)}",
         ]
-    if hit.on:
-        body, place = hit.on
+    if start.on:
+        body, place = start.on
         lines += [
             "  # A site at the end of the arm, where the vendor's file has none: its body, and its position in it in m.",
-            f"  sites: {{{_word(hit.tip)}: {{body: {_word(body)}, pos_m: {_flow(place)}}}}}",
+            f"  sites: {{{_word(start.tip)}: {{body: {_word(body)}, pos_m: {_flow(place)}}}}}",
         ]
     return lines
 

@@ -19,8 +19,8 @@ from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.source import load_spec, parse_spec
 from ffsm_mj.model.strip import strip
 
-_NEEDED = ("damping", "frictionloss", "stiffness", "equalities", "servos", "gravcomp")
-"""What ``strip`` takes out for a scenario of motors and rigid links; what else it takes out does nothing there."""
+_NEEDED = ("frictionloss", "equalities", "servos")
+"""What ``strip`` takes out because a conservative scenario refuses it; springs and dampers of joints act."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Vendor:
         folder: Folder that holds all the files it uses, those of packages left out; absolute.
         root: Name of the body that moves with everything below it; empty where the file gives it none.
         floats: Whether that body is free already, in space or in a plane.
+        urdf: Whether the file is a URDF.
         motors: Joints that are to get a motor, with the greatest effort that the file states for each, if any.
         names: Names of bodies, joints, geoms and actuators that are taken.
         mass: Of everything below the root, kg.
@@ -39,6 +40,7 @@ class Vendor:
     folder: Path
     root: str
     floats: bool
+    urdf: bool
     motors: dict[str, float | None]
     names: frozenset[str]
     mass: float
@@ -67,6 +69,7 @@ def read_vendor(path: Path, packages: Sequence[Path], wanted: str = "") -> Vendo
             folder=Path(os.path.abspath(files.label or ".")),
             root=root.name,
             floats=floats,
+            urdf=files.urdf,
             motors=_motors(spec, _below(root, own=not floats)),
             names=frozenset(each.name for kind in kinds for each in kind),
             mass=_mass(files, vfs, root.name),
@@ -78,8 +81,10 @@ def needed_strips(files: ModelFiles) -> list[str]:
     with mujoco.MjVfs() as vfs, collected_warnings([]), catch_warnings(action="ignore"):
         spec = load_spec(files, vfs)
         limited_tendons = any(map(is_limited, spec.tendons))
-        needed = [word for word in _NEEDED if strip(spec, [word])]
-        return [*needed, "tendons"] if limited_tendons else needed
+        elastic_tendons = any(each.stiffness.any() or each.damping.any() for each in spec.tendons)
+        needed = ["damping"] if any(each.damping.any() for each in spec.actuators) else []
+        needed += [word for word in _NEEDED if strip(spec, [word])]
+        return [*needed, "tendons"] if limited_tendons or elastic_tendons else needed
 
 
 def _root(spec: Any, place: str, wanted: str) -> Any:

@@ -70,8 +70,8 @@ def refused(capfd, *arguments):
 @pytest.mark.parametrize(
     ("name", "text", "stripped"),
     [
-        ("servos.xml", SERVO_ARM, ["damping", "frictionloss", "equalities", "servos", "gravcomp"]),
-        ("rod.urdf", URDF.format(shape=ROD), ["damping"]),
+        ("servos.xml", SERVO_ARM, ["frictionloss", "equalities", "servos"]),
+        ("rod.urdf", URDF.format(shape=ROD), []),
         ("floating.xml", ARM, []),
     ],
 )
@@ -190,7 +190,8 @@ STATUE = "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>"
         (TWO, ["--root", "othr"], "new: --root: unknown root of a tree 'othr' (did you mean 'other'?); allowed: "),
         (SERVO_ARM, ["--tip", "hand"], "new: --tip: unknown site or body 'hand'; allowed: bus, fore, left, pe"),
         (SERVO_ARM.replace("<body name=", "<bdy name=", 1), [], "malformed XML"),
-        (GHOST, [], "my.xml: the robot has no geom that a ball could touch"),
+        (SERVO_ARM, ["--base", "none"], "new: --base none is for a URDF; give the root of an MJCF a <freejoint/>"),
+        (ARM, ["--base", "none"], "new: --base: ../vendor/robot.xml floats already, no base is added; leave it out"),
         (SERVO_ARM, ["--base-mass", "-2"], "ffsm new: argument --base-mass: -2 is not a positive number"),
     ],
 )  # fmt: skip
@@ -233,6 +234,63 @@ def test_what_mujoco_warns_of_attaching_is_not_told(vendor):
     vendor("servos.xml", SERVO_ARM)
     assert main(["new", "my", "--robot", "../vendor/servos.xml"]) == 0
     assert not [note for note in ffsm_mj.prepare("my.yaml").system.notes if "MuJoCo" in note]
+
+
+NO_WAY = """<mujoco><option gravity="0 0 0"/><worldbody><body name="hub"><freejoint/>
+  <geom type="box" size="1 1 1" mass="1000"/><body><joint name="wheel" axis="0 0 1"/>
+  <geom type="cylinder" size="0.4 0.2" mass="20"/></body></body></worldbody>
+  <actuator><motor joint="wheel"/></actuator></mujoco>"""
+"""A satellite with a wheel inside its body, which no ball reaches."""
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (NO_WAY, "no ball: no straight line was found on which a ball meets the tip before other parts"),
+        (GHOST, "no ball: no geom of the robot can touch a ball (contype and conaffinity)"),
+    ],
+)
+def test_without_a_way_for_the_ball_there_is_a_scenario_without_it(vendor, text, why, capfd):
+    vendor("robot.xml", text)
+    assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
+    said = capfd.readouterr().out
+    assert why in said
+    assert "files in .: my.yaml, my.xml\n" in said
+    run = ffsm_mj.run("my.yaml", rerun=False)
+    assert run.outcome == "completed"
+    assert all(check.passes for check in run.checks())
+
+
+def test_a_robot_without_motors_coasts(vendor):
+    """Such as a satellite with thrusters alone: the ball still comes."""
+    jets = '<motor name="jet" site="nozzle" gear="0 0 1 0 0 0"/>'
+    hub = NO_WAY.split("<body><joint", maxsplit=1)[0] + f'<site name="nozzle"/></body></worldbody><actuator>{jets}</actuator></mujoco>'
+    vendor("robot.xml", hub)
+    assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
+    run = ffsm_mj.run("my.yaml", rerun=False)
+    assert [phase.name for phase in ffsm_mj.prepare("my.yaml").scenario.phases] == ["coast"]
+    assert run.impacts[0].time_s == pytest.approx(1.0, abs=1e-4)
+
+
+def test_a_spacecraft_of_a_urdf_floats_on_its_own_root(vendor, capfd):
+    """No second base, and the model is the URDF itself."""
+    path = vendor("rod.urdf", URDF.format(shape=ROD))
+    assert main(["new", "my", "--robot", path, "--base", "none"]) == 0
+    assert "base: the root of the robot floats; --base-mass KG mounts it on a base instead" in capfd.readouterr().out
+    system = ffsm_mj.prepare("my.yaml").system
+    assert system.mj.body(system.robot.root).name == "robot/foot"
+    assert system.mj.body_mass[list(system.robot.bodies)].sum() == pytest.approx(4.0)
+    assert all(check.passes for check in ffsm_mj.run("my.yaml", rerun=False).checks())
+
+
+def test_springs_and_dampers_of_joints_stay(vendor):
+    """They are modelled, so the plant is the vendor's."""
+    vendor("robot.xml", ARM.replace('<joint name="elbow"', '<joint name="elbow" stiffness="3" damping="0.2"'))
+    assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
+    prepared = ffsm_mj.prepare("my.yaml")
+    assert prepared.scenario.robot.strip == ()
+    joint = prepared.system.mj.joint("robot/elbow")
+    assert (joint.stiffness[0], joint.damping[0]) == (3.0, 0.2)
 
 
 def test_the_ball_flies_back(vendor):
@@ -310,4 +368,4 @@ def test_a_tendon_with_limits_is_removed(vendor, capfd):
         vendor(f"{name}.xml", SERVO_ARM.replace("<actuator>", fixed.format(limits)))
         assert main(["new", name, "--robot", f"../vendor/{name}.xml"]) == 0
         said = capfd.readouterr().out
-        assert f"removed from the robot: damping, frictionloss, equalities, servos, gravcomp{removed}\n" in said
+        assert f"removed from the robot: frictionloss, equalities, servos{removed}\n" in said
