@@ -264,7 +264,11 @@ def test_without_a_way_for_the_ball_there_is_a_scenario_without_it(vendor, text,
 def test_a_robot_without_motors_coasts(vendor):
     """Such as a satellite with thrusters alone: the ball still comes."""
     jets = '<motor name="jet" site="nozzle" gear="0 0 1 0 0 0"/>'
-    hub = NO_WAY.split("<body><joint", maxsplit=1)[0] + f'<site name="nozzle"/></body></worldbody><actuator>{jets}</actuator></mujoco>'
+    hub = (
+        NO_WAY.split("<body><joint", maxsplit=1)[0]
+        + '<site name="nozzle"/></body></worldbody>'
+        + f"<actuator>{jets}</actuator></mujoco>"
+    )
     vendor("robot.xml", hub)
     assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
     run = ffsm_mj.run("my.yaml", rerun=False)
