@@ -240,3 +240,16 @@ def rotation_dofs(model: Any) -> list[slice]:
         if kind in offsets:
             parts.append(slice(first + offsets[kind], first + offsets[kind] + 3))
     return parts
+
+
+def with_signs_of(model: Any, qpos: FloatArray, other: FloatArray) -> FloatArray:
+    """Coordinates with the sign of each quaternion that is nearer to that of others, (..., nq): q and -q are one rotation."""
+    aligned = qpos.copy()
+    for dofs in rotation_dofs(model):
+        joint = model.dof_jntid[dofs.start]
+        end = int(model.jnt_qposadr[joint]) + (7 if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE else 4)
+        quaternion = aligned[..., end - 4 : end]
+        with np.errstate(invalid="ignore"):  # states of a damaged log may not be finite
+            opposite = (quaternion * other[..., end - 4 : end]).sum(axis=-1) < 0.0
+        quaternion[opposite] *= -1.0
+    return aligned

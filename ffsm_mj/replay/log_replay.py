@@ -11,6 +11,7 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import EventEffect, LoggedEvent
 from ffsm_mj.controller_protocol import Command
+from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
 from ffsm_mj.records.events import RunEnded
@@ -27,8 +28,11 @@ _NO_TIME = 1e-15
 
 If its state differs nevertheless, a step began in between that is shorter than rounding, with a drift projection.
 """
-_FOLLOWED = 1e-14
-"""Relative rounding of a state transferred from another model; a drift projection changes a state by more."""
+_FOLLOWED = 1e-13
+"""Relative rounding of a state that was integrated or transferred from another model.
+
+A drift projection changes a state by more, by PROJECTED_SLIP_M_S at least.
+"""
 _HUGE = 1e10
 """MuJoCo rejects states with larger values."""
 
@@ -194,20 +198,20 @@ class LogReplay:
 
     def _advance_to_state(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Integrate to a logged state, which enters the balance; returns the integrated state for comparison."""
-        last_s, plant = self._integrate(duration_s), self._plant
+        last_s, plant = self._integrate(duration_s, state), self._plant
         predicted = plant.state_now()
         differs = not np.array_equal(predicted, state)
         if differs:
             plant.set_state(state)
-        self._enter(last_s)
-        if differs and last_s > 0.0:
-            # Records hold the forces at the logged state. Under a disc that is almost flat, those of a state integrated to
-            # rounding differ by more than rounding.
-            plant.integrator.motion.refresh_forces()
+        self._enter(last_s, is_set=differs)
         return predicted
 
-    def _integrate(self, duration_s: float) -> float:
+    def _integrate(self, duration_s: float, state: FloatArray | None = None) -> float:
         """Integrate for a time in the sub-steps of the run; the last one is not yet entered in the balance.
+
+        Args:
+            duration_s: The time.
+            state: Logged state at its end; None: it is not logged.
 
         Returns:
             Duration of the last sub-step; 0 if integration was refused.
@@ -223,30 +227,37 @@ class LogReplay:
                 # Integration is refused here, for example as a pair with friction carries a force.
                 self.motion.keep(impossible(str(end), float(self._plant.data.time)))
                 return 0.0
-            if done_s >= duration_s:
+            rest_s = duration_s - done_s
+            # An event at the end of a sub-step of the run: its time, and with it the rest, is rounded.
+            rounded = rest_s <= _NO_TIME * float(self._plant.data.time) and state is not None and self._is_at(state)
+            if rest_s <= 0.0 or rounded:
                 return done_s
             self._enter(done_s)
-            duration_s, left = duration_s - done_s, left - done_s
+            duration_s, left = rest_s, left - done_s
         return 0.0
 
     def _find_missing_events(self) -> None:
         """Note events that the log ought to have at the logged state in ``data``: to rounding, later states may differ."""
         self._at_logged_state, time_s = False, float(self._plant.data.time)
-        for contact_model in self._plant.integrator.replayable:
+        integrator = self._plant.integrator
+        for contact_model in integrator.replayable:
             if missing := contact_model.missing_event():
                 self.impacts.keep(impossible(f"{missing} missing", time_s))
+        integrator.discard_idle()
 
     def _before_substep(self, duration_s: float, left_s: float) -> None:
         """Hook before each (sub-)step of at most ``duration_s``, with ``left_s`` remaining of the grid step."""
 
-    def _enter(self, duration_s: float) -> None:
-        """Enter a finished (sub-)step in the balance; no effect if its duration is not positive."""
+    def _enter(self, duration_s: float, *, is_set: bool = False) -> None:
+        """Enter a finished (sub-)step in the balance; see :meth:`~ffsm_mj.simulation.plant.Plant.enter`."""
         if duration_s <= 0.0:
             return
         for contact_model in self._plant.integrator.replayable:
             contact_model.after_replayed_step()
-        self._plant.enter(duration_s)
+        self._plant.enter(duration_s, is_set=is_set)
 
     def _is_at(self, state: FloatArray) -> bool:
         """Whether a logged state equals that in ``data`` to rounding; with a closed grasp it was transferred."""
-        return bool(np.abs(self._plant.state_now() - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))
+        model, now = self._plant.system.mj, self._plant.state_now()
+        now[: model.nq] = with_signs_of(model, now[: model.nq], state[: model.nq])
+        return bool(np.abs(now - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))

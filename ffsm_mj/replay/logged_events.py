@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import LoggedEvent
+from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.metadata import logged_start_s
@@ -174,6 +175,7 @@ class LoggedEvents:
 
     def compare_state(self, event: LoggedEvent, predicted: FloatArray) -> None:
         """Compare the logged state before an event with the integrated one."""
-        nq = self._system.mj.nq
-        for what, part in (("qpos", slice(None, nq)), ("qvel_before", slice(nq, None))):
-            self._found.vector(f"{event.name} {what}", event.state[part], predicted[part], predicted[part], "", event.time_s)
+        logged, again = (np.split(state, [self._system.mj.nq]) for state in (event.state, predicted))
+        again[0] = with_signs_of(self._system.mj, again[0], logged[0])
+        for what, given, found in zip(("qpos", "qvel_before"), logged, again, strict=True):
+            self._found.vector(f"{event.name} {what}", given, found, found, "", event.time_s)

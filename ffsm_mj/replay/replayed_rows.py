@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.records.columns import Columns, Row, same_names
@@ -140,7 +141,8 @@ class ReplayedRows:
         """Compare a finished block with the logged one; returns the recomputed rows for the checks."""
         count, model = len(block), self._plant.system.mj
         self.complete(count)
-        again, predicted = self.again[:count].copy(), self.predicted[:count]
+        again, predicted = self.again[:count].copy(), self.predicted[:count].copy()
+        predicted[:, : model.nq] = with_signs_of(model, predicted[:, : model.nq], block[:, self._state[: model.nq]])
         size = np.abs(predicted)
         lever, speed = (size[:, part].max(axis=1, keepdims=True) for part in (slice(model.nq), slice(model.nq, None)))
         scale = np.concatenate((np.repeat(lever, model.nq, axis=1), np.repeat(speed, model.nv, axis=1)), axis=1)

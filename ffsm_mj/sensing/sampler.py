@@ -164,6 +164,7 @@ class SensorSampler:
             for momentum, before in zip(motion.momenta, momenta, strict=True):
                 momentum[:] = before
             motion.path.at_s = duration_s
+        motion.refresh_forces()  # records of an event at the end have the forces that were evaluated last
 
     def add_impulses(self, motion: Motion, jump: FloatArray, wrenches: Sequence[Wrench]) -> None:
         """Add what an event passes on through force and torque sensors.

@@ -52,6 +52,8 @@ class GridStep:
             if contact_model is not None:
                 progress.events_in_step += 1
                 data.time = progress.time_s = end_s - progress.left_s
+                # The time is logged, rounded: a replay knows what is left of the step from it alone.
+                progress.left_s = end_s - progress.time_s
                 effect = self._apply(contact_model)
                 if effect is not None:
                     return effect

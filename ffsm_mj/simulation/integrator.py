@@ -88,6 +88,14 @@ class EventDrivenIntegrator:
         if self.control is not None:
             self.control.restart()
 
+    def discard_idle(self) -> None:
+        """Restart if a contact model has ceased to exert forces without an event, as at a limit that a joint leaves at once.
+
+        A step without forces is MuJoCo's own, one with forces another method of order four: their truncation differs.
+        """
+        if not all(contact_model.active for contact_model in self._active):
+            self.restart()
+
     def reconsider(self) -> None:
         """Update the event bound after a contact model has handled a request."""
         self.motion.flight.event_bound = self._event_bound()

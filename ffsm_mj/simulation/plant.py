@@ -106,13 +106,22 @@ class Plant:
         self.balance.open()
         self.integrator.continue_step(duration_s)
 
-    def enter(self, elapsed_s: float) -> None:
-        """Enter the finished (sub-)step in the balance; no effect if its duration is not positive."""
+    def enter(self, elapsed_s: float, *, is_set: bool = False) -> None:
+        """Enter the finished (sub-)step in the balance, and take the samples of sensors that are due in it.
+
+        Args:
+            elapsed_s: Its duration; no effect if it is not positive.
+            is_set: Whether :meth:`set_state` has replaced the state at its end.
+        """
         if elapsed_s <= 0.0:
             return
         self.balance.close(elapsed_s)
         for exchange in self.integrator.exchanges(elapsed_s):
             self.balance.enter(*exchange)
+        if is_set:
+            # Sensors, columns and records need the forces of contacts, limits and latches at this state. Not before the
+            # exchanges, which are sums over the stages of the step: this evaluation is none of them.
+            self.integrator.motion.refresh_forces()
         self.actuation.elapse(elapsed_s)
         if self.sampler is not None:
             self.sampler.elapse(elapsed_s)
@@ -151,7 +160,7 @@ class Plant:
         return np.concatenate((self.data.qpos, self.data.qvel))
 
     def set_state(self, state: FloatArray) -> None:
-        """Set coordinates and rates, (nq + nv,), and update derived quantities; the motion follows."""
+        """Set coordinates and rates, (nq + nv,), and update what follows but applied forces; the motion follows too."""
         model, data = self.system.mj, self.data
         data.qpos[:], data.qvel[:] = np.split(state, [model.nq])
         if not np.isfinite(data.qacc_warmstart).all():  # absurd logged efforts may have left non-finite values

@@ -126,6 +126,8 @@ class Agreement:
                 self.keep(Discrepancy(name, 0.0 if given == known else math.inf, AGREES, "", logged.time_s))
                 continue
             a, b = numbers_of(given), numbers_of(known)
+            if each.name.endswith("quaternion") and len(a) == len(b) and a.dot(b) < 0.0:
+                b = -b  # the same rotation
             self.numbers += len(a)
             scale = numbers_of(getattr(again, _CHANGES_OF.get(each.name, each.name)))
             least = (accuracy or {}).get(each.name, 0.0)

@@ -12,6 +12,7 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.yaml.parser import plain_value
+from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import ball, two_balls
 
 CHANGE = 1e-8
@@ -132,6 +133,38 @@ def test_every_field_of_an_impact_shows_a_change(hit, field):
     wrong = {name: other(value) for name, value in given.items()} if isinstance(given, dict) else other(given)
     again = replay_log(replace(hit.log, records=hit.log.records | {"impacts": (replace(record, **{field: wrong}),)}))
     assert not again.agrees
+
+
+def test_a_quaternion_and_its_negative_are_one_rotation(tmp_path):
+    """Attitudes with the other sign in some rows and events: the motion is the same. One that is turned shows."""
+    near = {
+        "joints": {"target/free": [1.12, 0.03, 0.02, 1, 0, 0, 0]},
+        "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "shoulder": 0.1},
+    }
+    run = ffsm_mj.run(grasping(tmp_path, duration_s=0.6, initial=near))
+    (caught,) = run.captures
+    columns = [run.keys.index(f"state.q_target_free_q{part}") for part in "wxyz"]
+
+    def other(sign, by=0.0):
+        rows = run.log.rows.copy()
+        rows[50:200, columns] *= sign
+        rows[300:500, columns] *= sign  # the object is held
+        rows[400, columns] += by * np.array((-rows[400, columns[1]], rows[400, columns[0]], 0.0, 0.0))
+        quaternion = slice(len(run.impacts[0].qpos) - 4, None)
+        records = {}
+        for name, events in run.log.records.items():
+            if not events or not hasattr(events[0], "qpos"):
+                continue
+            turned = [np.array(each.qpos) for each in events]
+            for qpos in turned:
+                qpos[quaternion] *= sign
+            records[name] = tuple(replace(a, qpos=tuple(b.tolist())) for a, b in zip(events, turned, strict=True))
+        return replay_log(replace(run.log, rows=rows, records=run.log.records | records))
+
+    assert 0.2 < caught.time_s < 0.3
+    again = other(-1.0)
+    assert again.agrees, again.worst
+    assert not other(-1.0, CHANGE).agrees
 
 
 def test_an_impact_that_is_missing_or_made_up_shows(hit):

@@ -129,3 +129,61 @@ def test_a_joint_that_the_grasp_removes_is_not_measured_while_it_is_closed(tmp_p
     assert np.array_equal(np.isnan(run["sensor.slide_true_m"]), held)
     assert np.array_equal(run["sensor.slide_valid"] == 0.0, held)
     assert replay_log(run.log).agrees
+
+
+SLIDER = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>
+  <inertial pos="0 0 0" mass="10" diaginertia="1 1 1"/>
+  <body name="slider" pos="0.3 0 0"><joint name="j" type="slide" axis="1 0 0" range="-1 0.05"/>
+    <inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/><site name="tip" pos="0.1 0 0"/></body></body></worldbody>
+  <actuator><motor name="m" joint="j"/></actuator></mujoco>"""
+"""A slider on a spinning base, which a motor presses on its stop."""
+LOAD = """<mujoco><option gravity="0 0 0"/><worldbody><body name="load"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="2" diaginertia="0.02 0.02 0.02"/><site name="handle"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("changes", [{}, {"time_step_s": 0.005, "accuracy": 1e-9}], ids=["fixed", "divided"])
+def test_a_wrist_feels_what_its_stop_takes_up(tmp_path, changes):
+    """At its stop with the load in hand all is one spinning body: 3 kg are held at their distance from the common centre.
+
+    The motor's effort goes into the stop and never reaches the load, in a run and in its replay.
+    """
+    path = scene(
+        tmp_path,
+        SLIDER,
+        {"load": LOAD},
+        **{
+            "time_step_s": 0.001,
+            "control_period_s": 0.01,
+            "initial": {
+                "joints": {"load/free": [0.4, 0, 0, 1, 0, 0, 0]},
+                "rates": {"robot/base": [0, 0, 0, 0, 0, 0.5]},
+            },
+            "captures": {"grasp": {"robot_site": "tip", "object_site": "handle", "when": {"within": {"position_m": 0.01}}}},
+            "sensors": {
+                "wrist": {"kind": "force", "of": "tip", "interval_s": 0.01},
+                "shake": {"kind": "accelerometer", "of": "tip", "interval_s": 0.0037},
+            },
+            "phases": [
+                {
+                    "name": "press",
+                    "until": "end",
+                    "arm": ["grasp"],
+                    "controller": {"kind": "pd", "joints": ["j"], "kp": 20, "kd": 2, "target": [0.1]},
+                }
+            ],
+        }
+        | changes,
+    )
+    run = ffsm_mj.run(path)
+    (stop,) = run.records["limit_beginnings"]
+    at_rest = run.time > stop.time_s
+    assert 50 < at_rest.sum() < 90
+    centres = np.array((0.0, 0.35, 0.45))
+    masses = np.array((10.0, 1.0, 2.0))
+    beyond = masses[1:] @ centres[1:] - 3.0 * (masses @ centres) / masses.sum()
+    force = -beyond * run["state.v_robot_base_wz_rad_s"][at_rest] ** 2
+    # Forces of 1 N that 20 N/m and 13 kg determine to some hundred roundings.
+    np.testing.assert_allclose(run["sensor.wrist_true_x_N"][at_rest], force, rtol=0, atol=1e-12)
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+    assert again.worst["columns"].size < 1e-12

@@ -114,10 +114,17 @@ class LatchJoints:
         self._write_reference(data, model, [qpos[joint.qpos] for joint, _ in self._joints])
 
     def write_coordinates(self, data: Any, qpos: FloatArray) -> None:
-        """Write the coordinates of the joints for a state of the system without the grasp; hinges keep their full turns."""
+        """Write the coordinates of the joints for a state of the system without the grasp.
+
+        Hinges keep their full turns, and balls their sign, from the coordinates before.
+        """
         for (joint, _), value in zip(self._joints, self._coordinates(data), strict=True):
             if joint.kind == "hinge":
                 qpos[joint.qpos] = value + _TURN * np.round((qpos[joint.qpos] - value) / _TURN)
+            elif joint.kind == "ball" and value.dot(qpos[joint.qpos]) < 0.0:
+                # q and -q are one rotation. A conversion from a matrix gives w >= 0; a motion past half a turn does not, and
+                # the coordinates of the object follow from these.
+                qpos[joint.qpos] = -value
             else:
                 qpos[joint.qpos] = value
 
@@ -143,11 +150,8 @@ class LatchJoints:
                 # The rotation about the axis that brings the frames closest.
                 found.append(np.array([2.0 * math.atan2(float(turn[1:] @ self._joint.axis), float(turn[0]))]))
             else:
-                own = np.empty(4)  # the same rotation in the axes of the object
-                mujoco.mju_mat2Quat(own, (data.xmat[self._sites.root].reshape(3, 3).T @ other).ravel())
-                back = own * (1.0, -1.0, -1.0, -1.0)
-                mujoco.mju_mulQuat(turn, own, turn.copy())
-                mujoco.mju_mulQuat(turn, turn.copy(), back)
+                body = data.xmat[self._sites.root].reshape(3, 3)  # the same rotation in the axes of the object
+                mujoco.mju_mat2Quat(turn, (body.T @ other @ one.T @ body).ravel())
                 found.append(turn)
         return found
 

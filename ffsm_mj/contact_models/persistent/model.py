@@ -184,7 +184,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """
         self._located_s, self._account.projected = None, None
         if not self._active_set.steady.goes_on():
-            self._drop(self._changes.left_at_once())  # in a log replay, which has no event for it
             self._account.projected = self._drift.remove_drift()
             self._active_set.update_pressing()
             self._active_set.modes.move()
@@ -260,7 +259,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def missing_event(self) -> str:
         """Name of the records of a change that is due; see :class:`Replayable`."""
-        self._drop(self._changes.left_at_once())
+        self._drop(self._changes.left_at_once())  # as a run does in an event without records, of which its log has nothing
         change = self._changes.pending() if self.active else None
         return change[0].name if change else ""
 

@@ -12,8 +12,10 @@ import ffsm_mj
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
+from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF, grasping, stone
 from tests.contact_models.grasp.test_runs import holds
+from tests.scenes import scene
 
 AXIS = [2.0, -3.0, 6.0]
 KINDS = {"ball": {}, "hinge": {"axis": AXIS}, "slide": {"axis": AXIS}, "cylindrical": {"axis": AXIS}}
@@ -93,6 +95,52 @@ def sites(run, rows):
         mujoco.mj_forward(system.mj, data)
         found.append(data.site("robot/grip").xmat.reshape(3, 3).copy())
     return np.array(found)
+
+
+BODY = """<mujoco><option gravity="0 0 0"/><worldbody><body name="{0}"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="{1}" diaginertia="{2} {2} {2}"/><site name="site" pos="{3} 0 0"/>
+  </body></worldbody></mujoco>"""
+SPIN = np.array((0.1, 0.2, 3.0))
+
+
+@pytest.mark.parametrize("let_go_s", [0.6, 1.6, 2.6])
+def test_a_ball_that_turns_past_half_a_turn_keeps_the_sign_of_its_attitude(tmp_path, let_go_s):
+    """A sphere that is latched at its centre spins on: (cos, sin n) of half its angle, all around the double cover.
+
+    Rows hold it as a second grasp, and its own joint once the first grasp has let go, before or after half a turn (1.04 s).
+    """
+    names = "stiff", "loose"
+    path = scene(
+        tmp_path,
+        BODY.format("hub", 10, 1, 0.4),
+        {name: BODY.format(name, 2, 0.02, 0) for name in names},
+        duration_s=4.0,
+        time_step_s=2e-3,
+        control_period_s=1e-2,
+        initial={
+            "joints": {f"{name}/free": [0.4, 0, 0, 1, 0, 0, 0] for name in names},
+            "rates": {"loose/free": [0, 0, 0, *SPIN]},
+        },
+        captures={
+            name: {"robot_site": "robot/site", "object_site": f"{name}/site", "when": ANY, "joint": joint}
+            for name, joint in zip(names, ("rigid", "ball"), strict=True)
+        },
+        phases=[
+            {"name": "first", "for_s": 0.1, "arm": ["stiff"], "controller": OFF},
+            {"name": "second", "for_s": let_go_s - 0.1, "arm": ["loose"], "controller": OFF},
+            {"name": "rest", "until": "end", "release": ["stiff"], "controller": OFF},
+        ],
+    )
+    run = ffsm_mj.run(path)
+    rate = np.linalg.norm(SPIN)
+    half = 0.5 * rate * run.time
+    turned = np.column_stack((np.cos(half), *np.outer(SPIN / rate, np.sin(half))))
+    logged = np.column_stack([run[f"state.q_loose_free_q{part}"] for part in "wxyz"])
+    # 2000 steps, each of which rounds four components of at most 1.
+    np.testing.assert_allclose(logged, turned, rtol=0, atol=2000 * 4e-16)
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+    assert again.worst["motion"].size < 1e-12
 
 
 def test_plain_and_compiled_agree(tmp_path, monkeypatch):

@@ -117,6 +117,54 @@ def test_release_at_the_root_of_the_force(tmp_path):
     passes_everything(run)
 
 
+def test_a_sample_between_two_events_changes_no_record(tmp_path):
+    """Sampled inside the step of the release: the force before it is that at its root, not that at the sample."""
+    sensors = {"base": {"kind": "framepos", "of": "robot/base", "interval_s": 3.7e-4}}
+    ends = []
+    for name, changes in (("without", {}), ("with", {"sensors": sensors})):
+        folder = tmp_path / name
+        folder.mkdir()
+        run = flyweights(folder, time_step_s=0.01, control_period_s=0.02, **changes)
+        ends.append(run.records["limit_endings"])
+    assert ends[0] == ends[1]
+    assert replay_log(run.log).agrees
+
+
+LOOSE = f"""<mujoco>{HEAD}<worldbody><body name="target"><freejoint name="free"/>
+  <inertial pos="0 0 0" mass="2" diaginertia="0.02 0.03 0.04"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("back_N", [0.03, 0.2])
+def test_a_limit_that_is_left_at_once_leaves_steps_of_a_motion_without_forces(tmp_path, back_N):
+    """A jaw stops dead at its limit while its motor pulls it back: no start of a rest and no end are logged.
+
+    Another body spins at 21 rad/s in steps of 10 ms: the truncation is that of the method of the step (1e-6 rad), and a
+    replay is as near as rounding only by the same one.
+    """
+    run = ffsm_mj.run(
+        scene(
+            tmp_path,
+            GRIPPER,
+            {"target": LOOSE},
+            initial={
+                "joints": {"left": 0.02, "right": 0.02, "target/free": [4, 0, 0, 1, 0, 0, 0]},
+                "rates": {"left": 0.5, "target/free": [0, 0, 0, 15, 0.2, 15]},
+            },
+            phases=DRIVEN,
+            duration_s=0.4,
+            time_step_s=0.01,
+            control_period_s=0.01,
+        ),
+        controllers=driven_by(lambda _: (-back_N, 0.0)),
+    )
+    assert sentences(run)[0][::2] == ("LimitImpactRecord", "left")
+    assert run["contact.robot_left_limit"].any() == (back_N > 0.1)  # the stop at the other end, much later
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+    assert again.worst["motion"].size < 1e-13
+    assert {each.fails_by_truncation for each in again.checks() if not each.passes} == {True}
+
+
 def test_the_release_is_of_order_four(tmp_path):
     """Error of the state at the end against steps of 1/16, halving the step: 16 times smaller, the event included."""
     ends = {}
