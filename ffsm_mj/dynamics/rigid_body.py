@@ -243,7 +243,7 @@ def rotation_dofs(model: Any) -> list[slice]:
 
 
 def with_signs_of(model: Any, qpos: FloatArray, other: FloatArray) -> FloatArray:
-    """Coordinates, (..., nq), with each quaternion of the sign that is nearer to that of others: q and -q are one rotation."""
+    """Coordinates, (..., nq), with the sign of each quaternion that is nearer to others: q and -q are one rotation."""
     aligned = qpos.copy()
     for dofs in rotation_dofs(model):
         joint = model.dof_jntid[dofs.start]
