@@ -10,6 +10,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.event import Scene
+from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, project
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
@@ -25,7 +26,9 @@ class StateProjection:
 
     def __init__(self, scene: Scene) -> None:
         """Determine the momentum components that the joints leave free."""
-        self._scene = scene
+        self._scene, model = scene, scene.system.mj
+        self._springs = JointSprings(model)
+        self._weights = (model.body_mass * (1.0 - model.body_gravcomp))[:, None] * model.opt.gravity
         self._free = np.all([free_components(scene.system, tree) for tree in scene.system.trees], axis=0)
 
     def apply(self, motion: Motion, rows_now: Callable[[], ClosedRows], taken: FloatArray, outside: BoolArray) -> Exchange:
@@ -59,13 +62,20 @@ class StateProjection:
         return Exchange(energy, impulse, from_outside)
 
     def _energy_and_momenta(self, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Kinetic energy of (total, robot with grasped object, other objects), momentum of other objects, total momentum."""
+        """Energy of (total, robot with grasped object, other objects), momentum of other objects, total momentum.
+
+        The energy is kinetic and potential: the balance takes the energy of springs and the work of gravity from the
+        positions at both ends of a step, so that they contain the displacement of a projection at its start.
+        """
         system, data, grasped = self._scene.system, self._scene.data, motion.grasped_object
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         total = 0.5 * float(momentum @ data.qvel)
         ours = system.robot, *([grasped] if grasped is not None else [])
         own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
+        elastic, weight = self._springs.energy(data.qpos), np.einsum("ij,ij->i", self._weights, data.xipos)
+        total += float(elastic.sum() - weight.sum())
+        own += sum(float(elastic[tree.dofs].sum() - weight[list(tree.bodies)].sum()) for tree in ours)
         of_objects = (
             momentum_matrix(system.mj, data, tree.root) @ data.qvel for tree in system.objects if tree is not grasped
         )
