@@ -1,4 +1,4 @@
-"""``python -m ffsm_mj`` is the command line."""
+"""``python -P -m ffsm_mj`` is the command line; without ``-P``, Python imports from the current folder first."""
 
 from __future__ import annotations
 

@@ -15,6 +15,7 @@ from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_
 from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
 from ffsm_mj.invocation import command_line
+from ffsm_mj.module_path import without_current_folder
 
 _COMMANDS = {
     "run": "run:run",
@@ -84,7 +85,7 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
 
     one_blas_thread()
     try:
-        with raised():
+        with raised(), without_current_folder():
             options = parse(arguments)
             with quiet_libraries() if options.command in _READERS else nullcontext():
                 return _implementation(options.command)(options, output)

@@ -9,9 +9,8 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from importlib.util import find_spec
 from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 from typing import Any, TypeVar
@@ -19,6 +18,7 @@ from typing import Any, TypeVar
 from ffsm_mj.campaign.execution.file_metrics import FileMetric
 from ffsm_mj.errors import InputError, MissingPackageError
 from ffsm_mj.invocation import on_command_line
+from ffsm_mj.module_path import importable_elsewhere, without_current_folder
 
 Result = TypeVar("Result")
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -115,11 +115,11 @@ def usable_processors() -> int:
 
 
 def importable(law: Any) -> bool:
-    """Whether another process can import a class or function; not if it is defined in a script or inside a function."""
+    """Whether another process can import a class or function: none of a script, of a function, or of the current folder."""
     if isinstance(law, FileMetric):
         return True
     module, name = getattr(law, "__module__", "__main__"), getattr(law, "__qualname__", "<object>")
-    return module != "__main__" and "<" not in name and find_spec(module) is not None
+    return module != "__main__" and "<" not in name and importable_elsewhere(module)
 
 
 def executor(workers: int | None = None) -> Any:
@@ -195,7 +195,9 @@ def dask_address(where: str, workers: int | None = None) -> Iterator[str]:
         raise InputError(f"workers: {workers} is less than 1")
     make: Any = _distributed().LocalCluster
     count = workers or usable_processors()
-    with make(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster:
+    with ExitStack() as stack:
+        with without_current_folder():
+            cluster = stack.enter_context(make(n_workers=count, threads_per_worker=1, dashboard_address=None))
         yield cluster.scheduler_address
 
 
@@ -241,7 +243,7 @@ _STARTING = threading.Lock()
 
 
 class _Process(SpawnProcess):
-    """Process that does not import the running script.
+    """Process that imports neither the running script nor anything from the current folder.
 
     A campaign can therefore run from a script without a main guard, from standard input and from a notebook.
     """
@@ -252,7 +254,8 @@ class _Process(SpawnProcess):
             main = sys.modules["__main__"]
             sys.modules["__main__"] = ModuleType("__main__")
             try:
-                return SpawnProcess._Popen(process_obj)
+                with without_current_folder():
+                    return SpawnProcess._Popen(process_obj)
             finally:
                 sys.modules["__main__"] = main
 
