@@ -23,8 +23,11 @@ def raised() -> Iterator[None]:
 
 
 @contextmanager
-def noted() -> Iterator[Callable[[], bool]]:
+def noted(most: int = 1) -> Iterator[Callable[[], bool]]:
     """Context in which the first signal sets a flag, so that no write is cut short; a second one raises KeyboardInterrupt.
+
+    Args:
+        most: Number of signals that only set the flag; with more than one, a key that is hit twice is no second request.
 
     Yields:
         A function that says whether a signal was received.
@@ -32,7 +35,7 @@ def noted() -> Iterator[Callable[[], bool]]:
     seen: list[int] = []
 
     def note(number: int, _: Any) -> None:
-        if seen:
+        if len(seen) >= most:
             raise KeyboardInterrupt
         seen.append(number)
 

@@ -57,11 +57,12 @@ def simulate(
     simulation, duration_s = recording.simulation, assembly.scenario.duration_s
     if report is not None:
         simulation.report = lambda time_s: report(time_s, duration_s)
-    with noted() as simulation.interrupted, recording:
-        recording.end(simulation.run(start))
-        if report is not None and simulation.ended and simulation.ended.outcome == Outcome.COMPLETED:
-            report(duration_s, duration_s)  # what is left is to close the log
-    finished = recording.run()
+    with noted() as simulation.interrupted:
+        with recording:
+            recording.end(simulation.run(start))
+            if report is not None and simulation.ended and simulation.ended.outcome == Outcome.COMPLETED:
+                report(duration_s, duration_s)  # what is left is to close the log
+        finished = recording.run()  # writes the summary
     if raise_errors and simulation.error is not None:
         raise simulation.error
     return finished

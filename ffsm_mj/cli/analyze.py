@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from ffsm_mj.analysis.run import compare
+from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.cli.standard_streams import Output
-from ffsm_mj.cli.truncation import truncation_analysis
+from ffsm_mj.cli.truncation import PATIENCE, truncation_analysis
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.invocation import command
 from ffsm_mj.replay import replay_log
@@ -58,17 +59,18 @@ def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
     for path, name, run in _load_all(options.runs, shown, stage):
         with working_on(path):
             again = replay_log(run.log, stage(f"replay {shown[name]}", "samples"))
-            if has_question(again.checks(tolerance), tolerance) and not again.obstacle:
-                found_truncation = truncation_analysis(run.log, options.truncation, stage, shown[name])
-                again = replace(again, truncation=found_truncation)
-            found[_judge(run, again, tolerance)].append(name)
-            if options.json:
-                data.append(verification_data(run, again, tolerance))
-            else:
-                text = verification(run, again, tolerance) + "\n" * (several or options.plots is not None)
-                say(f"{path.resolve()}\n\n{text}")
-                for line in _internal_errors(run, options.runs, shown=options.traceback):
-                    say(line)
+            with noted(PATIENCE) as stopped:
+                if has_question(checks := again.checks(tolerance), tolerance) and not again.obstacle:
+                    truncation = truncation_analysis(run.log, checks, options.truncation, stage, shown[name], stopped)
+                    again = replace(again, truncation=truncation)
+                found[_judge(run, again, tolerance)].append(name)
+                if options.json:
+                    data.append(verification_data(run, again, tolerance))
+                else:
+                    text = verification(run, again, tolerance) + "\n" * (several or options.plots is not None)
+                    say(f"{path.resolve()}\n\n{text}")
+                    for line in _internal_errors(run, options.runs, shown=options.traceback):
+                        say(line)
             if options.plots:
                 folder = folder_below(Path(options.plots), name) if several else Path(options.plots)
                 _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))

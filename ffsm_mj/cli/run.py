@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,8 +35,10 @@ def run(options: argparse.Namespace, output: Output) -> int:
         complain(f"ffsm run: name a scenario; '{command('run', '--list')}' shows the shipped ones")
         return BAD_INPUT
     from ffsm_mj.assembly.go_on import prepare_from
+    from ffsm_mj.assembly.interrupts import noted
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
     from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
+    from ffsm_mj.cli.truncation import PATIENCE  # imports what replays logs
     from ffsm_mj.log.run_folder import RunFolder
     from ffsm_mj.sensitivity.of_run import checked_parameters
     from ffsm_mj.studies.shipped import STUDIES
@@ -75,14 +77,15 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if given is None:
         folder.link_latest()
     said = of_run(prepared, done, folder)
-    _find_truncation(done, folder, options.truncation)
-    return _summarise(done, folder, notes, options, output, len(head.splitlines()), said)
+    with noted(PATIENCE) as stopped:
+        _find_truncation(done, folder, options.truncation, stopped)
+        return _summarise(done, folder, notes, options, output, len(head.splitlines()), said)
 
 
-def _find_truncation(run: Run, folder: RunFolder, budget_s: float | None) -> None:
+def _find_truncation(run: Run, folder: RunFolder, budget_s: float | None, stopped: Callable[[], bool]) -> None:
     """Find out whether checks fail by truncation, and add the verdict to the summary, which is complete without it."""
     from ffsm_mj.analysis.summary import failing_checks
-    from ffsm_mj.cli.truncation import truncation_analysis  # imports what replays logs
+    from ffsm_mj.cli.truncation import truncation_analysis
     from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
     from ffsm_mj.verification.truncation import TruncationAnalysis, has_question
 
@@ -92,7 +95,7 @@ def _find_truncation(run: Run, folder: RunFolder, budget_s: float | None) -> Non
         run.truncation = TruncationAnalysis(None, "the run was interrupted")
         return
     with progress() as shown:
-        run.truncation = truncation_analysis(run.log, budget_s, shown.stage, str(folder.path))
+        run.truncation = truncation_analysis(run.log, run.checks(), budget_s, shown.stage, str(folder.path), stopped)
     if run.truncation.refined is not None:
         folder.add_to_summary({"checks": failing_checks(run.checks())})
 

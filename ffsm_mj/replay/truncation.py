@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import mujoco
@@ -30,7 +30,8 @@ from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import LogScene, log_scene
 from ffsm_mj.simulation.step_control import StepLimitError
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import CheckAccumulator
 from ffsm_mj.verification.residuals import STRETCH_STEPS, ResidualDrift, stretch_s
 from ffsm_mj.verification.truncation import ENTRIES, Refined, TruncationAnalysis
 
@@ -105,26 +106,28 @@ class _NoVerdictError(Exception):
 
 @np.errstate(all="ignore")
 @one_blas_thread()
-def analyze_truncation(log: RunLog, limits: AnalysisLimits | None = None) -> TruncationAnalysis:
+def analyze_truncation(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits | None = None) -> TruncationAnalysis:
     """Find which share of the residuals of a run is truncation, by a replay with shorter steps from the same states.
 
     Args:
         log: The run.
+        checks: Its checks: the residuals of those that may fail by truncation are found, to their tolerances.
         limits: What ends the analysis early; None: nothing.
     """
     limits = limits if limits is not None else AnalysisLimits()
     limits.begin()
     try:
-        return TruncationAnalysis(_refined(log, limits))
+        return TruncationAnalysis(_refined(log, checks, limits))
     except _NoVerdictError as end:
         return TruncationAnalysis(None, str(end))
     except InputError as error:
         return TruncationAnalysis(None, error.lines[0])
 
 
-def _refined(log: RunLog, limits: AnalysisLimits) -> Refined:
+def _refined(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits) -> Refined:
+    allowed = {(check.name, check.subsystem): check.tolerance for check in checks if check.may_be_truncation}
     scene = log_scene(log)
-    again = _Refining(scene, log, limits)
+    again = _Refining(scene, log, np.array([allowed.get(entry, math.inf) for entry in ENTRIES]), limits)
     layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
     states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
     bounds = [ResidualDrift(stretch_s(metadata)) for _ in ENTRIES]
@@ -140,7 +143,7 @@ def _refined(log: RunLog, limits: AnalysisLimits) -> Refined:
             without.rows(rows, added[:, 1])
             for bound, column in zip(bounds, unknown.T, strict=True):
                 bound.add(block[:, layout.time], column[:, None], nothing)
-    largest = {entry: bound.worst.size for entry, bound in zip(ENTRIES, bounds, strict=True)}
+    largest = {entry: bound.worst.size for entry, bound in zip(ENTRIES, bounds, strict=True) if entry in allowed}
     return Refined(scene.scenario.time_step_s, states, half, without, largest)
 
 
@@ -153,7 +156,8 @@ class _Refining(LogReplay):
         bounds: By row, bound on the error of the latter, by entry: see :data:`~ffsm_mj.verification.truncation.ENTRIES`.
     """
 
-    def __init__(self, scene: LogScene, log: RunLog, limits: AnalysisLimits) -> None:
+    def __init__(self, scene: LogScene, log: RunLog, allowed: FloatArray, limits: AnalysisLimits) -> None:
+        """Start at the beginning of a log; ``allowed`` has the tolerance of each entry, infinite for those that pass."""
         super().__init__(scene, log)
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
@@ -161,7 +165,8 @@ class _Refining(LogReplay):
         self.corrections: list[FloatArray] = []
         self.bounds: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
-        self._share, self._spare = DEFAULT_TOLERANCE / steps, np.zeros((2, len(ENTRIES)))
+        self._shares = np.outer((_NOT_TRIED, _NOT_KNOWN), allowed / steps)
+        self._spare = np.zeros_like(self._shares)
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._first = len(self.corrections)
@@ -215,9 +220,9 @@ class _Refining(LogReplay):
             left_s: Remaining time of the grid step.
         """
         # What steps before did not use of their share is there for this one: most have little truncation, few have much.
-        self._spare += np.array([[_NOT_TRIED], [_NOT_KNOWN]]) * self._share * done_s / self._step_s
+        self._spare += self._shares * (done_s / self._step_s)
         not_tried, not_known = self._spare
-        error, rounding = _by_entry(whole) / scales, _ROUNDING
+        error, rounding = _by_entry(whole), _ROUNDING * scales
         unknown = error > np.maximum(not_tried, rounding)
         not_tried[~unknown] -= np.minimum(error, not_tried)[~unknown]
         divisions, extrapolated, limit, bound = [whole], whole, whole.copy(), np.zeros(len(ENTRIES))
@@ -229,20 +234,18 @@ class _Refining(LogReplay):
                 divisions.append(self._in_parts(done_s, left_s, 2**halvings))
             except RunEnded:  # shorter steps are refused on the way: what was found before is known no better
                 break
-            before, rounding = extrapolated, 2**halvings * _ROUNDING
+            before, rounding = extrapolated, 2**halvings * _ROUNDING * scales
             extrapolated = divisions[-1] + (divisions[-1] - divisions[-2]) / (_OF_ORDER_FOUR - 1.0)
-            if halvings == 1:
-                continue
-            error = self._error_of_limit(divisions, extrapolated - before) / scales
+            error = self._error_of_limit(divisions, extrapolated - before)
             known = unknown & (error <= np.maximum(not_known, rounding))
-            limit[known[_ENTRY_OF]], bound[known] = extrapolated[known[_ENTRY_OF]], (error * scales)[known]
+            limit[known[_ENTRY_OF]], bound[known] = extrapolated[known[_ENTRY_OF]], error[known]
             not_known[known] -= np.minimum(error, not_known)[known]
             unknown &= ~known
         if len(divisions) == 1:
             return
         # What does not converge at order four is bounded by its two finest divisions, and the rounding of their sums.
         limit[unknown[_ENTRY_OF]] = divisions[-1][unknown[_ENTRY_OF]]
-        bound[unknown] = (_by_entry(divisions[-1] - divisions[-2]) + rounding * scales)[unknown]
+        bound[unknown] = (_by_entry(divisions[-1] - divisions[-2]) + rounding)[unknown]
         self._so_far += (divisions[1] - whole, limit - whole)
         self._bound += bound
 
@@ -254,14 +257,17 @@ class _Refining(LogReplay):
         takes r times as much, the divisions go on as a geometric series of ratio r: what this series leaves differs from
         what the extrapolation leaves by the last change of the latter over r - 1. Order four gives a change over 15, where
         the next power of the step gives one over 31. An error of another order stays in the extrapolation as it is: nothing
-        of a leak at a rate is taken off, one at each step doubles with each halving and never converges.
+        of a leak at a rate is taken off, one at each step doubles with each halving and never converges. Of one halving no
+        ratio is known, and the error is bounded by its change.
 
         Args:
-            divisions: Residuals in one step, two, four and so on; three at least.
+            divisions: Residuals in one step, two, four and so on; two at least.
             change: Last change of the extrapolation.
         """
-        first, second = _by_entry(divisions[-3] - divisions[-2]), _by_entry(divisions[-2] - divisions[-1])
-        ratio = np.minimum(first / second, _OF_ORDER_FOUR)
+        second = _by_entry(divisions[-2] - divisions[-1])
+        if len(divisions) == 2:
+            return second
+        ratio = np.minimum(_by_entry(divisions[-3] - divisions[-2]) / second, _OF_ORDER_FOUR)
         size = _by_entry(change)
         return np.where(ratio > 1.0, size / (ratio - 1.0), np.where(size > 0.0, np.inf, 0.0))
 

@@ -88,7 +88,8 @@ class Run(analysis.Run):
         replay = import_module("ffsm_mj.replay.truncation")
         if has_question(self.checks(), DEFAULT_TOLERANCE):
             seconds = replay.usual_seconds(self.log) if budget_s is None else budget_s
-            self.truncation = replay.analyze_truncation(self.log, replay.AnalysisLimits(seconds, report=report))
+            limits = replay.AnalysisLimits(seconds, report=report)
+            self.truncation = replay.analyze_truncation(self.log, self.checks(), limits)
         return self.checks()
 
     def sensitivity(

@@ -39,7 +39,7 @@ class Refined:
         states: Checks with the residuals at the step of the run.
         half: Checks with the residuals at half the step.
         without: Checks with the residuals extrapolated to zero step.
-        bounds: Bound on the error of the latter by check and subsystem, in the unit of the check.
+        bounds: Bound on the error of the latter by check and subsystem, in the unit of the check; those that were analysed.
     """
 
     step_s: float
@@ -73,7 +73,7 @@ class TruncationAnalysis:
         judged = []
         for check in checks:
             key = check.name, check.subsystem
-            if not has_question((check,), tolerance) or key not in without:
+            if not has_question((check,), tolerance) or key not in refined.bounds:
                 judged.append(check)
                 continue
             # If the logged residual disagrees with the states, the check fails for another reason than the step.

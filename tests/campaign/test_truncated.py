@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from ffsm_mj.campaign.campaign import Campaign
+from ffsm_mj.campaign.execution.engines import Loop
 from ffsm_mj.cli.main import main
 from tests.campaign.files import campaign_file
 from tests.simulation.test_accuracy import whirling
@@ -32,3 +34,31 @@ def test_as_the_campaign_says(tmp_path, capsys, truncated, failed):
     drift = float(page.partition("over (1 + scale): at most ")[2].split()[0].rstrip("."))
     assert drift > 1e-8
     assert main(["campaign", "rerun", str(tmp_path / "out"), "0"]) == 0
+
+
+def told(campaign):
+    """What of the rows must be the same wherever they are made."""
+    return [(row.index, row.outcome, dict(row.metrics)) for row in campaign.rows()]
+
+
+def fast_runs(folder):
+    """Three runs at up to 10 rad/s and steps of 5 to 50 ms: the first have a verdict after 7 steps each, the last none."""
+    whirling(folder, duration_s=0.1, control_period_s=0.1)
+    steps = {"time_step_s": {"values": [0.005, 0.01, 0.05]}}
+    metrics = ["fails_by_truncation", "passes"]
+    return campaign_file(folder, steps, {"kind": "grid"}, limits={"max_failed": 1.0}, metrics=metrics)
+
+
+def test_rows_and_reruns_do_not_depend_on_where_they_are_made(tmp_path):
+    """The budget is counted in steps: a loop, a pool and a rerun have one verdict; one without a verdict fails."""
+    found = []
+    for name, how in (("loop", {"executor": Loop()}), ("pool", {"workers": 2})):
+        campaign = Campaign.load(fast_runs(tmp_path), tmp_path / name)
+        campaign.run(**how)
+        found.append(told(campaign))
+    loop, pool = found
+    assert loop == pool
+    assert [row[2]["fails_by_truncation"] for row in loop] == [True, True, None]
+    assert [row[2]["passes"] for row in loop] == [True, True, False]
+    again = Campaign.load(fast_runs(tmp_path), tmp_path / "loop")
+    assert [again.rerun(index).differences for index in range(3)] == [(), (), ()]

@@ -62,7 +62,7 @@ def test_ctrl_c_ends_only_the_analysis(tmp_path, monkeypatch, scene):
     assert f"files in logs/{folder.name}: mjcf, run.mcap, scenario.yaml, summary.json" in text
     assert "FAILED: energy of total" in text
     assert not_analysed(folder)
-    shown = on_terminal(ffsm("analyze", "--truncation", "600"), keys={"truncation of": b"\x03"})
+    shown = on_terminal(ffsm("analyze", "--truncation", "600"), keys={"truncation of": b"\x03\x03\x03"})
     assert shown.code == 1
     assert any("truncation: not analysed (interrupted)" in line for line in shown.screen)
     assert any("columns agree with states" in line for line in shown.screen)
@@ -145,8 +145,8 @@ def test_limits_count_steps(recorded):
     from ffsm_mj.replay.truncation import AnalysisLimits
 
     made = []
-    analyze_truncation(recorded.log, AnalysisLimits(stopped=lambda: bool(made.append(0))))
-    assert analyze_truncation(recorded.log, AnalysisLimits(steps=len(made))).refined is not None
-    ended = analyze_truncation(recorded.log, AnalysisLimits(steps=len(made) - 1))
+    analyze_truncation(recorded.log, recorded.checks(), AnalysisLimits(stopped=lambda: bool(made.append(0))))
+    assert analyze_truncation(recorded.log, recorded.checks(), AnalysisLimits(steps=len(made))).refined is not None
+    ended = analyze_truncation(recorded.log, recorded.checks(), AnalysisLimits(steps=len(made) - 1))
     assert ended.refined is None
     assert ended.obstacle == f"it would take more than {len(made) - 1} steps"

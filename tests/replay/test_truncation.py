@@ -50,7 +50,8 @@ def analysed(run):
 
 def replayed(log):
     """Checks from the states of a log, with a verdict."""
-    return replace(replay_log(log), truncation=analyze_truncation(log)).checks()
+    again = replay_log(log)
+    return replace(again, truncation=analyze_truncation(log, again.checks())).checks()
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +174,7 @@ def refining(of_parts):
     """An analysis of steps with given residuals at a number of divisions; a step may leave 1e-12 of them unknown."""
     made = object.__new__(_Refining)
     made._so_far, made._bound, made._spare = np.zeros((2, 22)), np.zeros(10), np.zeros((2, 10))
-    made._share, made._step_s = 1e-12, 1e-3
+    made._shares, made._step_s = np.full((2, 10), 1e-12), 1e-3
     made._back_to_start = lambda: None
     made._in_parts = lambda *given: of_parts(float(given[-1]))
     return made

@@ -171,7 +171,7 @@ def checks_with_verdict(run: Run, log: Callable[[], RunLog], look: Callable[[], 
             look()
             return False
 
-        run.truncation = analyze_truncation(log(), AnalysisLimits(steps=usual_steps(run.log), stopped=stopped))
+        run.truncation = analyze_truncation(log(), failing, AnalysisLimits(steps=usual_steps(run.log), stopped=stopped))
     return run.checks()
 
 

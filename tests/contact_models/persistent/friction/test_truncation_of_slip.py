@@ -80,7 +80,9 @@ def test_so_does_a_step_whose_first_halvings_fall_less(tmp_path):
 def test_steps_that_are_tried_leave_the_replay_as_it_is(tmp_path):
     """Friction modes are those of the run, to the last bit of the residuals."""
     run = ffsm_mj.run(rubbed(223, tmp_path), controllers=LAWS)
-    tried = {(check.name, check.subsystem): check for check in analyze_truncation(run.log).refined.states.checks(())}
+    tried = {
+        (check.name, check.subsystem): check for check in analyze_truncation(run.log, run.checks()).refined.states.checks(())
+    }
     for check in replay_log(run.log).checks():
         if (check.name, check.subsystem) in tried:
             assert tried[check.name, check.subsystem].residual == check.residual
