@@ -36,6 +36,8 @@ def main() -> int:
             if verdict.differences or verdict.end != "completed":
                 print(verdict, flush=True)
     print(f"\n{len(verdicts)} seeds in {time.monotonic() - start:.0f} s: {dict(Counter(v.end for v in verdicts))}")
+    worst = sorted(verdicts, key=lambda verdict: -verdict.cost)[:3]
+    print("integrations over their bound: " + ", ".join(f"{verdict.cost:.2f} (seed {verdict.seed})" for verdict in worst))
     return _groups(verdicts)
 
 

@@ -94,7 +94,7 @@ class _Scene:
             **sensing.scenario(self.seed),
             **self._actuation(laws),
             **self._impacts(contacts),
-            **self._variations(),
+            **self._variations(sensing),
         }
         if self.accuracy:
             data["accuracy"] = Dice(self.seed, "accuracy").pick([1e-9, 1e-9, 1e-7])
@@ -139,13 +139,15 @@ class _Scene:
             e = 0.5  # what is pressed and never rests bounces a thousand times in a step
         return {"restitution": e} | ({"mu": dice.between(0.02, 1.0)} if self.rough and dice.chance(0.6) else {})
 
-    def _variations(self) -> dict[str, Any]:
+    def _variations(self, sensing: SensorDrawing) -> dict[str, Any]:
         """Masses and sizes that differ from those of the files, models of control laws that are wrong, and the end."""
         dice, said = Dice(self.seed, "variations"), {}
         if dice.chance(0.15):
             said["controller_model"] = {"robot": {"base": {"mass_kg": dice.between(3.0, 100.0)}}}
         if dice.chance(0.15):
             said["model"] = {name: {name: {"mass_kg": dice.log_between(0.5, 20.0)}} for name in self.objects}
+        if "joint_flex" in self.robot.keys and (sensing.estimator or dice.chance(0.5)):  # estimators need the plant's joints
+            said["controller_joints"] = "flexible"
         if dice.chance(0.05):
             said["stop_on_impact"] = True
         return said
@@ -181,7 +183,7 @@ class _Scene:
 
     def _impacts(self, contacts: dict[str, Any]) -> dict[str, Any]:
         dice, said = Dice(self.seed, "impacts"), {}
-        law = dice.pick(["blend"] * 12 + ["poisson"] * 7 + ["newton"])
+        law = dice.pick(["blend"] * 30 + ["poisson"] * 15 + ["newton"])
         if law == "newton" and "mu" in str(contacts):
             law = "poisson"
         impact: dict[str, Any] = {"law": law}

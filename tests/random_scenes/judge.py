@@ -6,19 +6,24 @@ import math
 import re
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
 import ffsm_mj
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.random_scenes.drawing import draw
 from tests.random_scenes.oracle import oracle_differences
 
+STEPS_OF_A_STEP, STEPS_OF_AN_EVENT = 40, 60
+"""Most integrations of (sub-)steps for each step of ``time_step_s`` and for each record of an event; trials and those of
+event localisation count. A scene that needs more has stalled, on any machine."""
 STATED = ("completed", "event_limit", "step_limit", "unsupported_contact", "diverged")
 """Outcomes that a random scene may have; all but the first are counted apart."""
 
@@ -36,12 +41,14 @@ class Verdict:
         end: ``refused``, ``time-out``, or the outcome of the run.
         differences: What run, checks, replay and oracle say differently; empty if they agree.
         message: Of a refusal or an early end.
+        cost: Integrations of (sub-)steps over the bound on them.
     """
 
     seed: int
     end: str
     differences: list[str] = field(default_factory=list)
     message: str = ""
+    cost: float = 0.0
 
     @property
     def cause(self) -> str:
@@ -83,9 +90,12 @@ def judged(seed: int, limit_s: float) -> Verdict:
 
 def _judge(seed: int, path: Path) -> Verdict:
     try:
-        run = ffsm_mj.run(path)
+        with _integrations() as count:
+            run = ffsm_mj.run(path)
     except InputError as error:
         return Verdict(seed, "refused", message=str(error).replace(str(path.parent), ""))
+    events = sum(len(records) for records in run.records.values())
+    cost = count() / (STEPS_OF_A_STEP * (run.log.outcome.steps + 1) + STEPS_OF_AN_EVENT * events)
     found = [] if run.outcome in STATED else [f"outcome {run.outcome}: {run.log.outcome.message}"]
     again = replay_log(run.log)
     if again.obstacle:
@@ -103,7 +113,21 @@ def _judge(seed: int, path: Path) -> Verdict:
                 sentence = "" if check.truncation is None else f", {check.truncation.sentence(check.unit)}"
                 found.append(f"{what}: {check.name} of {check.subsystem} ({size}{sentence})")
     found += oracle_differences(path.parent, run)
-    return Verdict(seed, run.outcome, found, run.log.outcome.message)
+    found += [f"stall: {cost:.2g} times the steps that are allowed"] if cost > 1.0 else []
+    return Verdict(seed, run.outcome, found, run.log.outcome.message, cost)
+
+
+@contextmanager
+def _integrations() -> Iterator[Callable[[], int]]:
+    """Count the (sub-)steps that a run makes, trials included."""
+    made, step = [0], Motion.step
+
+    def counted(self: Motion, duration_s: float) -> bool:
+        made[0] += 1
+        return step(self, duration_s)
+
+    with mock.patch.object(Motion, "step", counted):
+        yield lambda: made[0]
 
 
 @contextmanager

@@ -114,10 +114,14 @@ class LawDrawing:
                 self.task["trajectory"] = {"waypoints": [{"at_s": 0.7 * self.duration_s, "position_m": where}]}
         rate = dice.log_between(0.5, min(10.0, 0.05 / self.period_s))
         accelerations = {"kp_1_s2": rate**2, "kd_1_s": 2.0 * rate}
+        axes_of_base = 1 if self.flat else 3
         law = dice.pick(
             [
                 {"kind": "task_ct", "position": accelerations},
-                {"kind": "rns", "position": accelerations, "base": {"kd_1_s": 0.5}},
+                # The reaction null space needs more joints than the base has axes to turn about.
+                {"kind": "rns", "position": accelerations, "base": {"kd_1_s": 0.5}}
+                if len(joints) > axes_of_base
+                else {"kind": "task_ct", "position": accelerations},
                 {"kind": "task_tj", "position": {"kp_N_m": 1.0, "kd_N_s_m": 0.5}, "joint_damping_N_m_s_rad": 0.02},
                 {"kind": "gjm_rate", "position": {"k_1_s": rate, "max_speed_m_s": 0.2}, "servo_gain_1_s": 5.0 * rate},
                 {"kind": "impedance", "position": {"stiffness_N_m": 4.0, "max_force_N": 2.0}, "damping_ratio": 0.7},
