@@ -78,10 +78,14 @@ PROJECTED_SLIP_M_S = 1e-12
 LIFT_OFF_M = PROJECTED_GAP_M
 """Contacts that would lift off by less than this height stay closed: a gap of this size is not projected either."""
 DISTANCE_QUERY_M = 1e-7
-"""Distances of ``mj_geomDistance`` below this are evaluated again on the support functions.
+"""What a distance of ``mj_geomDistance`` may be wrong by: below this it is evaluated again on the support functions.
 
-With ``ccd_tolerance`` 1e-12 its distance is exact to about 1e-12 m for round geoms; of flat contacts it is not, because its
-witness points are not unique there.
+Between spheres, capsules, boxes and meshes, and of spheres from cylinders, it is exact to rounding, except at flat contacts,
+whose witness points are not unique. On ellipsoids and on the rims and sides of cylinders it iterates with triangles of
+support points. A witness point lies within the surface by the sagitta of such a triangle, and one of edge a has a squared
+area of a^4, which is rounding from a^2 = sqrt(EPSILON) size^2 on: 1e-9 of the size, whatever ``ccd_tolerance`` is. Under one
+unit in the last place of the poses it scatters by as much: by 1e-11 to 2e-9 m for geoms of 0.1 to 3 m at gaps from 1e-9 to
+1 m, at most 8e-8 m in 36 000 random pairs (a box that almost lies on the rim of a cylinder).
 """
 CLEARLY_APART_M = 10.0 * DISTANCE_QUERY_M
 """At distances above this the witness points of ``mj_geomDistance`` give the direction; below, the pair is near contact."""

@@ -1,8 +1,8 @@
 """Refinement of a contact normal to rounding: the direction of largest separation of two convex geoms.
 
-The distance of a query is accurate to 1e-12, but it is stationary in the direction, which is therefore known to the square
-root only. The separation along n is -h1(n) - h2(-n) with the support functions of the geoms, which are closed forms; its
-maximum is found by Newton's method on the sphere of directions. Edges and faces are kinks of the separation: a normal
+The distance of a query is accurate to 1e-9 of the size or better, and stationary in the direction, which is known to the
+square root only. The separation along n is -h1(n) - h2(-n) with the support functions of the geoms, which are closed forms;
+its maximum is found by Newton's method on the sphere of directions. Edges and faces are kinks of the separation: a normal
 perpendicular to an edge stays perpendicular to it, and two edges or a face determine the normal.
 """
 

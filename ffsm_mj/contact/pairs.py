@@ -28,6 +28,8 @@ _UNSUPPORTED = {
     int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
     int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
 }
+_SPHERE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+_ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 _GAP_ROUNDING_M = 1e-14
 """Rounding of a gap at the origin; it grows with the distance from there."""
 
@@ -83,6 +85,7 @@ class ContactPair:
         self.body_a, self.body_b = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
         self.geom_ids = frozenset((self._g1, self._g2))
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
+        self._query_scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
         self.robot_on_object = on_robot == [True, False]
@@ -127,6 +130,19 @@ class ContactPair:
     def gap(self, model: Any, data: Any, limit: float) -> float:
         """Signed distance in m from a distance query, negative when overlapping; ``limit`` if it is larger."""
         return self._search.distance(model, data, limit)
+
+    def gap_to_rounding(self, model: Any, data: Any, gap: float) -> float:
+        """The gap at the state in ``data``, to rounding.
+
+        Args:
+            model: MuJoCo model.
+            data: Its data, kinematics current.
+            gap: What :meth:`gap` says there; it is to rounding already unless the query iterates on a curved surface.
+        """
+        if not self._query_scatters:
+            return gap
+        shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
+        return separation(*shapes, self._search.normal(model, data, shapes).normal)
 
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing speed for the velocities in ``data``, m/s."""

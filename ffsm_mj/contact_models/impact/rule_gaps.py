@@ -15,6 +15,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 PERIOD_S = 0.02
 """The gaps are evaluated in the first sample and then once in this time: a rule may have hundreds of pairs."""
@@ -64,13 +65,17 @@ def _periods(time_s: float) -> int:
 
 
 def _smallest(rule: BroadPhase, model: Any, data: Any) -> float:
-    """Smallest gap of some pairs: the nearest by their spheres first, until no sphere is nearer than a gap found."""
-    if len(rule.pairs) == 1:
-        return rule.pairs[0].gap(model, data, DISTANCE_LIMIT_M)
-    bounds = rule.gaps(data)
-    smallest = DISTANCE_LIMIT_M
+    """Smallest gap of some pairs: the nearest by their spheres first, until no sphere is nearer than a gap found.
+
+    A query may be wrong by DISTANCE_QUERY_M: each pair that may be the nearest is evaluated to rounding.
+    """
+    bounds = rule.gaps(data) if len(rule.pairs) > 1 else np.full(1, -math.inf)
+    gaps: list[tuple[float, ContactPair]] = []
+    reach = DISTANCE_LIMIT_M
     for i in np.argsort(bounds).tolist():
-        if bounds[i] >= smallest:
+        if bounds[i] >= reach:
             break
-        smallest = min(smallest, rule.pairs[i].gap(model, data, DISTANCE_LIMIT_M))
-    return smallest
+        gaps.append((rule.pairs[i].gap(model, data, DISTANCE_LIMIT_M), rule.pairs[i]))
+        reach = min(reach, gaps[-1][0] + DISTANCE_QUERY_M)
+    near = (pair.gap_to_rounding(model, data, gap) for gap, pair in gaps if gap <= reach and gap < DISTANCE_LIMIT_M)
+    return min(near, default=DISTANCE_LIMIT_M)
