@@ -9,7 +9,52 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, TypeVar
 
+from ffsm_mj.tolerances import INSTANT, INSTANT_S, SHORTEST_S
+
 T = TypeVar("T")
+
+
+def instant_s(time_s: float) -> float:
+    """Events at about a time whose times differ by at most this, in s, are at one instant."""
+    return max(INSTANT_S, INSTANT * time_s)
+
+
+def shortest_s(time_s: float) -> float:
+    """No part of a step at about a time is shorter than this, in s: logged times tell whether there is one."""
+    return max(SHORTEST_S, INSTANT * time_s)
+
+
+def apart(at_s: float, step_s: float, time_s: float) -> float:
+    """Time at which an event ends a step, s: where it was located, or so much later that no part of the step is too short.
+
+    A log, whose times are rounded, then tells whether there is a (sub-)step between two events, or between an event and the
+    end of its step.
+
+    Args:
+        at_s: Where it was located in the step, s.
+        step_s: Length of the step, s.
+        time_s: Simulation time, s.
+    """
+    shortest = shortest_s(time_s)
+    at_s = max(at_s, shortest)
+    return step_s if step_s - at_s < shortest else at_s
+
+
+def logged(at_s: float, step_s: float, time_s: float) -> float:
+    """The same from the logged time of an event: a run leaves no part of a step so short that rounding hides it."""
+    half = 0.5 * shortest_s(time_s)
+    return 0.0 if at_s < half else step_s if step_s - at_s < half else at_s
+
+
+def last_of_first(times_s: Sequence[float], time_s: float) -> float:
+    """The last of the times that are at one instant with the first of them, s: what is due there is due by then.
+
+    Args:
+        times_s: Times in the step, s; one at least.
+        time_s: Simulation time, s.
+    """
+    end_s = min(times_s) + instant_s(time_s)
+    return max(each for each in times_s if each <= end_s)
 
 
 def first_of_greatest(values: Sequence[float], rounding: float) -> int:

@@ -139,6 +139,22 @@ EVENT_TIME_S = 1e-13
 EVENT_TIME = 8.9e-16
 """Relative part of the same: four EPSILON, the least that Brent's method (``scipy.optimize.brentq``) accepts."""
 
+INSTANT_S = 100.0 * EVENT_TIME_S
+"""Events within this are at one instant; see :mod:`ffsm_mj.ties`.
+
+Roots of two conditions that hold at one time differ by EVENT_TIME_S each, and by the rounding of what is zero there over its
+rate: 1e-13 m at 1 cm/s. An event that comes an instant late at 10 m/s moves a gap by 1e-10 m, a tenth of CONTACT_GAP_M.
+"""
+SHORTEST_S = EVENT_TIME_S
+"""No part of a step is shorter, before an event or after it."""
+INSTANT = 4.0 * EVENT_TIME
+"""Relative part of both: 16 EPSILON. Logged times are known to half an EPSILON: their differences tell a part of a step."""
+SCHEDULED_S = 1e-9
+"""Scheduled times within this are one: decimals of a file, products of steps and sums of delays differ by rounding.
+
+What is scheduled (samples, arrivals, control ticks) decides by them, and no state is moved by so much.
+"""
+
 # ---- Steps of springs and dampers
 
 MODE_STEP = 0.3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ffsm_mj.actuation.actuator_config import OnOffConfig
+from ffsm_mj.tolerances import SCHEDULED_S
 
 
 class Valve:
@@ -28,7 +29,7 @@ class Valve:
         size = abs(wanted)
         sign = math.copysign(1.0, wanted)
         stays = self.firing == sign and size >= self._release and size > 0.0
-        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - 1e-12
+        held = self.firing != 0.0 and time_s - self._lit_at_s < self._min_on_s - SCHEDULED_S
         firing = self.firing if stays or held else sign if size > self._threshold else 0.0
         if not lower <= firing * self._force <= upper:
             firing = 0.0  # a one-sided thruster never fires backwards

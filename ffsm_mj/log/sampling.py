@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.ties import instant_s
 
 BETWEEN = -2
 """Tick of a sample between two ticks, which ends a run at an event."""
@@ -55,7 +56,9 @@ class Sampling:
         known = np.where(np.isfinite(times), times, NOWHERE * self._period)
         ratios = np.clip(known / self._period, NOWHERE, 1e15)
         ticks = np.rint(ratios).astype(np.int64)
-        between = np.isin(times, self._instants) & (np.abs(ratios - ticks) > 1e-6)
+        between = np.isin(times, self._instants) & (
+            np.abs(known - ticks * self._period) > instant_s(float(known.max(initial=0.0)))
+        )
         # A sample between two ticks, which ends a run at an event, counts as the next tick.
         marks = np.concatenate(([self._last], np.where(between, np.floor(ratios).astype(np.int64) + 1, ticks)))
         for i in np.flatnonzero(np.diff(marks) != 1):

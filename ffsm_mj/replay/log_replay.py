@@ -11,7 +11,6 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import EventEffect, LoggedEvent
 from ffsm_mj.controller_protocol import Command
-from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
 from ffsm_mj.records.events import RunEnded
@@ -21,18 +20,9 @@ from ffsm_mj.replay.logged_events import LoggedEvents
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene
 from ffsm_mj.simulation.step_control import StepLimitError
+from ffsm_mj.ties import logged
 from ffsm_mj.verification.agreement import Agreement, impossible
 
-_NO_TIME = 1e-15
-"""Relative time difference within which an event is at the same time as the preceding state, as at a control tick.
-
-If its state differs nevertheless, a step began in between that is shorter than rounding, with a drift projection.
-"""
-_FOLLOWED = 1e-13
-"""Relative rounding of a state that was integrated or transferred from another model.
-
-A drift projection changes a state by more, by PROJECTED_SLIP_M_S at least.
-"""
 _HUGE = 1e10
 """MuJoCo rejects states with larger values."""
 
@@ -164,10 +154,8 @@ class LogReplay:
         self._left = self._step_s
         for event in self._events.within(step):
             left = (step + 1) * self._step_s - event.time_s
-            predicted, none = self._left - left, _NO_TIME * event.time_s
-            if predicted <= none:
-                predicted = 0.0 if self._is_at(event.state) else none
-            self._replay_event(replace(event, in_step=predicted > 0.0), self._advance_to_state(predicted, event.state))
+            elapsed = logged(self._left - left, self._left, event.time_s)
+            self._replay_event(replace(event, in_step=elapsed > 0.0), self._advance_to_state(elapsed, event.state))
             self._left = left
             if event.time_s == until_s:
                 return True
@@ -198,7 +186,7 @@ class LogReplay:
 
     def _advance_to_state(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Integrate to a logged state, which enters the balance; returns the integrated state for comparison."""
-        last_s, plant = self._integrate(duration_s, state), self._plant
+        last_s, plant = self._integrate(duration_s), self._plant
         predicted = plant.state_now()
         differs = not np.array_equal(predicted, state)
         if differs:
@@ -206,12 +194,8 @@ class LogReplay:
         self._enter(last_s, is_set=differs)
         return predicted
 
-    def _integrate(self, duration_s: float, state: FloatArray | None = None) -> float:
+    def _integrate(self, duration_s: float) -> float:
         """Integrate for a time in the sub-steps of the run; the last one is not yet entered in the balance.
-
-        Args:
-            duration_s: The time.
-            state: Logged state at its end; None: it is not logged.
 
         Returns:
             Duration of the last sub-step; 0 if integration was refused.
@@ -227,13 +211,10 @@ class LogReplay:
                 # Integration is refused here, for example as a pair with friction carries a force.
                 self.motion.keep(impossible(str(end), float(self._plant.data.time)))
                 return 0.0
-            rest_s = duration_s - done_s
-            # An event at the end of a sub-step of the run: its time, and with it the rest, is rounded.
-            rounded = rest_s <= _NO_TIME * float(self._plant.data.time) and state is not None and self._is_at(state)
-            if rest_s <= 0.0 or rounded:
+            if logged(done_s, duration_s, float(self._plant.data.time)) == duration_s:
                 return done_s
             self._enter(done_s)
-            duration_s, left = rest_s, left - done_s
+            duration_s, left = duration_s - done_s, left - done_s
         return 0.0
 
     def _find_missing_events(self) -> None:
@@ -255,9 +236,3 @@ class LogReplay:
         for contact_model in self._plant.integrator.replayable:
             contact_model.after_replayed_step()
         self._plant.enter(duration_s, is_set=is_set)
-
-    def _is_at(self, state: FloatArray) -> bool:
-        """Whether a logged state equals that in ``data`` to rounding; with a closed grasp it was transferred."""
-        model, now = self._plant.system.mj, self._plant.state_now()
-        now[: model.nq] = with_signs_of(model, now[: model.nq], state[: model.nq])
-        return bool(np.abs(now - state).max() <= _FOLLOWED * (1.0 + np.abs(state).max()))

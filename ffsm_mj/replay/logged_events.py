@@ -17,6 +17,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.ties import instant_s
 from ffsm_mj.verification.agreement import Agreement, impossible
 
 
@@ -164,7 +165,8 @@ class LoggedEvents:
 
     def within(self, step: int) -> Iterator[LoggedEvent]:
         """The next events in this step; an event whose time is outside its step is refused."""
-        start, end, slack = step * self._step_s, (step + 1) * self._step_s, 1e-6 * self._step_s
+        start, end = step * self._step_s, (step + 1) * self._step_s
+        slack = instant_s(end)
         while self.pending and self.pending[0].step <= step:
             event = self.pending.pop(0)
             if event.step == step and start - slack <= event.time_s <= end + slack:

@@ -12,9 +12,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.sensing.group_errors import GroupErrors
 from ffsm_mj.sensing.sample_layout import SampleLayout
 from ffsm_mj.sensing.sensor import Sensor
-
-SAME_TIME_S = 1e-9
-"""Times within this of each other are one: products of steps and sums of delays differ by rounding."""
+from ffsm_mj.tolerances import SCHEDULED_S
 
 
 class SensorGroup:
@@ -44,7 +42,7 @@ class SensorGroup:
 
     def begin_after_gap(self, time_s: float) -> None:
         """Begin at a time in a log: samples up to it are not known, nor a mean over an interval from before."""
-        self._begin(max(0, math.floor((time_s + SAME_TIME_S - self._first_s) / self._interval_s) + 1))
+        self._begin(max(0, math.floor((time_s + SCHEDULED_S - self._first_s) / self._interval_s) + 1))
         self._unknown = {}
         for k, sensor in enumerate(self.sensors):
             first_known = self.number + (k in self.layout.cells)
@@ -98,7 +96,7 @@ class SensorGroup:
     def arrive(self, time_s: float) -> bool:
         """Let everything arrive that is due at a time; returns whether another sample is shown: the newest."""
         under_way, before = self._under_way, self.shown
-        while self.arrival_s <= time_s + SAME_TIME_S:
+        while self.arrival_s <= time_s + SCHEDULED_S:
             _, number, sample = heappop(under_way)
             self.arrival_s = under_way[0][0] if under_way else math.inf
             if number > self._shown_number:

@@ -15,7 +15,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
-from ffsm_mj.sensing.group import SAME_TIME_S, SensorGroup, groups_of
+from ffsm_mj.sensing.group import SensorGroup, groups_of
 from ffsm_mj.sensing.impulses import ImpulseReader
 from ffsm_mj.sensing.measured import Measured, Shown, places_of
 from ffsm_mj.sensing.measurement import Measurement
@@ -23,6 +23,7 @@ from ffsm_mj.sensing.reader import SensorReader
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.sensing.signals import SensorColumns
 from ffsm_mj.sensing.view import FieldOfView
+from ffsm_mj.tolerances import SCHEDULED_S
 
 
 class SensorSampler:
@@ -97,7 +98,7 @@ class SensorSampler:
         for group in self._groups:
             group.begin()
         self._begin(0.0)
-        if self._next_s <= SAME_TIME_S:
+        if self._next_s <= SCHEDULED_S:
             self._take()
 
     def begin_after_gap(self, time_s: float) -> None:
@@ -122,19 +123,19 @@ class SensorSampler:
         # Ends of steps are multiples of the step, as in the loop: sums of sub-steps differ from them by rounding.
         end_s, step_s = self._clock_s + duration_s, self._time_step_s
         grid_s = round(end_s / step_s) * step_s
-        if abs(end_s - grid_s) < SAME_TIME_S * step_s:
+        if abs(end_s - grid_s) < SCHEDULED_S * step_s:
             end_s = grid_s
         self._clock_s = end_s
-        while self._next_s <= end_s + SAME_TIME_S:
+        while self._next_s <= end_s + SCHEDULED_S:
             before_s = end_s - self._next_s
-            if before_s <= SAME_TIME_S:
+            if before_s <= SCHEDULED_S:
                 self._take()
             else:
                 self._take_inside(max(0.0, duration_s - before_s), duration_s)
 
     def _take(self) -> None:
         """Take all samples that are due now, at the state in ``data``."""
-        motion, due_s = self._current_motion(), self._next_s + SAME_TIME_S
+        motion, due_s = self._current_motion(), self._next_s + SCHEDULED_S
         if motion is not self._motion:
             self._bind(motion)
         groups, reader = self._groups, self._reader
@@ -186,13 +187,13 @@ class SensorSampler:
 
     def measured(self, time_s: float) -> Mapping[str, Measurement]:
         """Newest sample of each sensor that has arrived at a time, by full name; evaluated where it is looked up."""
-        if self._arrival_s <= time_s + SAME_TIME_S:
+        if self._arrival_s <= time_s + SCHEDULED_S:
             self._show(time_s)
         return Measured(self._places, self._newest, time_s)
 
     def _show(self, time_s: float) -> None:
         """Let samples arrive, and update the columns."""
-        if self._arrival_s > time_s + SAME_TIME_S:
+        if self._arrival_s > time_s + SCHEDULED_S:
             return
         for g, group in enumerate(self._groups):
             if group.arrive(time_s) and group.shown is not None:

@@ -17,8 +17,8 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, LoggedEvent, Scene
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.records.effort_change import EFFORT_CHANGE, EffortChange
-from ffsm_mj.sensing.group import SAME_TIME_S
 from ffsm_mj.sensing.noise import NoiseStream
+from ffsm_mj.tolerances import SCHEDULED_S
 
 ARRIVAL, LATE_TICK = "command arrives", "late tick"
 
@@ -93,7 +93,7 @@ class DelayedControl(EventSource):
         """Begin a control tick of the time grid; returns whether the control law is called now, or later by an event."""
         self._clock_s, self._next_tick_s = time_s, time_s + self._timing.period_s
         late_s = self._timing.jitter_s * float(self._lateness.uniform(number)[0]) if self._timing.jitter_s else 0.0
-        if late_s < SAME_TIME_S:
+        if late_s < SCHEDULED_S:
             return True
         self._late_tick_s = time_s + late_s
         self._arrive(time_s)
@@ -120,17 +120,17 @@ class DelayedControl(EventSource):
 
     def _arrive(self, time_s: float) -> None:
         """Apply everything that has arrived at a time, the earliest first."""
-        due = [each for each in self._under_way if each.time_s <= time_s + SAME_TIME_S]
+        due = [each for each in self._under_way if each.time_s <= time_s + SCHEDULED_S]
         for arrival in sorted(due, key=lambda each: each.time_s):
             self._effective.effort[arrival.actuators] = arrival.effort
             self._effective.powered[arrival.actuators] = arrival.powered
-        self._under_way = deque(each for each in self._under_way if each.time_s > time_s + SAME_TIME_S)
+        self._under_way = deque(each for each in self._under_way if each.time_s > time_s + SCHEDULED_S)
         self._actuation.apply(self._effective, self.scene.data, time_s)
 
     def _next_s(self) -> float:
         """Time of the next event before the next tick of the time grid, which needs none."""
         times = [self._late_tick_s, *(each.time_s for each in self._under_way)]
-        return min((each for each in times if each < self._next_tick_s - SAME_TIME_S), default=math.inf)
+        return min((each for each in times if each < self._next_tick_s - SCHEDULED_S), default=math.inf)
 
     def _look_ahead(self) -> None:
         """Ask to be consulted in every step while something is due before the next tick."""
@@ -139,7 +139,7 @@ class DelayedControl(EventSource):
     def first_event(self, duration_s: float) -> float | None:
         """See :class:`EventSource`: times are known, nothing is searched for."""
         at_s = self._next_s() - self._clock_s
-        return max(0.0, min(at_s, duration_s)) if at_s <= duration_s + SAME_TIME_S else None
+        return max(0.0, min(at_s, duration_s)) if at_s <= duration_s + SCHEDULED_S else None
 
     def is_clear(self) -> bool:
         """Whether nothing is due before the next tick."""
@@ -153,7 +153,7 @@ class DelayedControl(EventSource):
         """Apply what has arrived, or let the control law be called."""
         time_s = instant.time_s
         self._clock_s = time_s
-        late = self._late_tick_s <= time_s + SAME_TIME_S
+        late = self._late_tick_s <= time_s + SCHEDULED_S
         if self._replayed:
             late = self._replayed[0].cause == LATE_TICK
         elif late:

@@ -21,6 +21,7 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.simulation.step_control import StepControl
+from ffsm_mj.ties import apart, instant_s, last_of_first, shortest_s
 
 
 class EventDrivenIntegrator:
@@ -162,12 +163,7 @@ class EventDrivenIntegrator:
             self._after_substep(step_s)
             flight.event_bound = self._event_bound()
             return step_s, None
-        # Each model searches only up to the earliest event so far; at equal times the earlier model in the order wins.
-        first: tuple[float, EventSource] | None = None
-        for contact_model in watching:
-            time_s = contact_model.first_event(step_s if first is None else first[0])
-            if time_s is not None and (first is None or time_s < first[0]):
-                first = time_s, contact_model
+        first = self._first_event(watching, step_s)
         at_s = step_s if first is None else first[0]
         motion.path.move_to(at_s)
         self._after_substep(at_s)
@@ -175,6 +171,24 @@ class EventDrivenIntegrator:
             contact_model.on_event_located(at_s)
         motion.flight.clear(self._event_bound())
         return first if first is not None else (step_s, None)
+
+    def _first_event(self, watching: Sequence[EventSource], step_s: float) -> tuple[float, EventSource] | None:
+        """Time in the last step of its first event, and the contact model that has it.
+
+        At one instant the earlier model in the order has it, when the events of all are due: rounding prefers none.
+        """
+        now_s = float(self.motion.path.start[0])
+        found: list[tuple[float, EventSource]] = []
+        until_s = step_s
+        for contact_model in watching:
+            time_s = contact_model.first_event(until_s)
+            if time_s is not None:
+                found.append((time_s, contact_model))
+                until_s = min(until_s, time_s + instant_s(now_s))
+        if not found:
+            return None
+        at_s = last_of_first([time_s for time_s, _ in found], now_s)
+        return apart(at_s, step_s, now_s), next(contact_model for time_s, contact_model in found if time_s <= at_s)
 
     def _watching(self) -> list[EventSource]:
         """Contact models with possible events: the motion bound exceeds their ``event_bound``."""
@@ -237,6 +251,8 @@ class EventDrivenIntegrator:
         reach_s = left_s
         for contact_model in self._active:
             reach_s = min(reach_s, contact_model.step_limit(left_s))
+        if reach_s < left_s < reach_s + shortest_s(float(self.motion.data.time)):
+            reach_s = left_s
         most_s = min(most_s, reach_s)
         if control is None:
             return most_s, self.motion.step(most_s)

@@ -8,7 +8,6 @@ from typing import ClassVar
 
 from ffsm_controllers.playback.columns import effort_record
 from ffsm_controllers.playback.config import PlaybackConfig
-from ffsm_controllers.playback.record import SAME_TIME_S
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -17,6 +16,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     Signal,
 )
+from ffsm_mj.tolerances import SCHEDULED_S
 
 
 class Playback:
@@ -53,7 +53,7 @@ class Playback:
 
     def control(self, observation: Observation, command: Command) -> None:
         """Play the efforts of this time, until the next control tick."""
-        next_tick = math.floor((observation.time_s + SAME_TIME_S) / self._period_s) + 1
+        next_tick = math.floor((observation.time_s + SCHEDULED_S) / self._period_s) + 1
         time_s = observation.time_s - self._start_s
         efforts = self._record.over(time_s, next_tick * self._period_s - observation.time_s)
         if efforts is not None:
@@ -72,7 +72,7 @@ class Playback:
 
     def is_finished(self, time_s: float) -> bool:
         """Whether the record is over, also where its last efforts are held."""
-        return time_s - self._start_s >= self._record.end_s - SAME_TIME_S
+        return time_s - self._start_s >= self._record.end_s - SCHEDULED_S
 
     def telemetry(self) -> Sequence[float]:
         """Nothing to report."""
@@ -81,7 +81,7 @@ class Playback:
     def summary(self) -> ControllerReport:
         """Samples of a held record that lie between control ticks."""
         report: dict[str, float | int | str] = {"samples": len(self._record.times_s)}
-        if self._late_s > SAME_TIME_S or self._skipped:
+        if self._late_s > SCHEDULED_S or self._skipped:
             report |= {"latest_sample_s": self._late_s, "skipped_samples": self._skipped}
             skipped = f", and {self._skipped} are never played" if self._skipped else ""
             report["note"] = (

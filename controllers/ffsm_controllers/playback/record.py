@@ -11,11 +11,9 @@ from typing import Literal
 import numpy as np
 
 from ffsm_mj.controller_protocol import FloatArray
+from ffsm_mj.tolerances import SCHEDULED_S
 
 Interpolation = Literal["held", "mean", "linear"]
-
-SAME_TIME_S = 1e-9
-"""Times closer than this are the same: decimals of a file and multiples of a control period differ by rounding."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class EffortRecord:
 
     def sample_at(self, time_s: float) -> int:
         """Position of the last sample at or before a time; -1: there is none."""
-        return bisect_right(self._times, time_s + SAME_TIME_S) - 1
+        return bisect_right(self._times, time_s + SCHEDULED_S) - 1
 
     @cached_property
     def _times(self) -> list[float]:
@@ -57,10 +55,10 @@ class EffortRecord:
         begin_s = -math.inf if self.held_before else self._times[0]
         end_s = math.inf if self.held_after else self.end_s
         if self.interpolation == "held":
-            inside = begin_s - SAME_TIME_S <= time_s < end_s - SAME_TIME_S
+            inside = begin_s - SCHEDULED_S <= time_s < end_s - SCHEDULED_S
             return self.efforts[max(self.sample_at(time_s), 0)] if inside else None
         from_s, to_s = max(0.0, begin_s - time_s), min(duration_s, end_s - time_s)
-        return self._integral(time_s, from_s, to_s) / duration_s if to_s - from_s > SAME_TIME_S else None
+        return self._integral(time_s, from_s, to_s) / duration_s if to_s - from_s > SCHEDULED_S else None
 
     def _integral(self, time_s: float, from_s: float, to_s: float) -> FloatArray:
         """Integral between two times after a third; outside of the samples, the first or the last efforts are held.

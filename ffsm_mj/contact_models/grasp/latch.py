@@ -110,10 +110,11 @@ class Latch:
         """Largest ratio of a value to its bound; the condition holds at 1 or below."""
         return self._bounds.ratio(near) if self._bounds is not None else 0.0
 
-    def is_within(self, slack: float = 0.0) -> bool:
-        """Whether its bounds, times 1 + ``slack``, hold at the state in ``data``, at the start of a step."""
+    def is_within(self, *, to_rounding: bool = False) -> bool:
+        """Whether its bounds hold at the state in ``data``, at the start of a step; or are exceeded by rounding at most."""
         if self._step_start is None:
             self._step_start = self.sites.vectors(self._data)
+        slack = self.ratio(self.sites.rounding(self._data)) if to_rounding else 0.0
         return self.ratio(Nearness.of(self._step_start)) <= 1.0 + slack
 
     def was_clear(self, longest_s: float) -> bool:

@@ -27,13 +27,10 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.ties import last_of_first
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
 """Requests of a grasp, after its name and a dot."""
-
-
-_AT_ONCE = 1e-9
-"""Grasps whose bounds are exceeded by less than this part close with one whose bounds hold: two roots differ by rounding."""
 
 
 class GraspModel(EventSource, Replayable):
@@ -127,7 +124,8 @@ class GraspModel(EventSource, Replayable):
         """The armed grasps whose bounds hold at the state in ``data``, at the start of a step."""
         if not [latch for latch in self._watching if latch.is_within()]:
             return []
-        return _one_per_sites([latch for latch in self._watching if latch.is_within(_AT_ONCE)])
+        # Bounds that are exceeded by rounding hold with those of another grasp: neither closes before the other.
+        return _one_per_sites([latch for latch in self._watching if latch.is_within(to_rounding=True)])
 
     def _overloaded(self) -> Latch | None:
         """A closed grasp whose load limit is reached at the state in ``data``, at the start of a step."""
@@ -142,15 +140,13 @@ class GraspModel(EventSource, Replayable):
     def first_event(self, duration_s: float) -> float | None:
         """First time at which the bounds of an armed grasp are satisfied, or the load limit of a closed one is reached."""
         path = self.motion.path
-        found = [(at, latch) for latch in self._watching if (at := latch.first(path, duration_s)) is not None]
-        at_s, closing = min(found, key=lambda each: each[0]) if found else (None, None)
-        self._closing = [closing] if closing is not None else []
-        self._opening = self._limited[0] if self._limited else None
-        for latch in self._limited:
-            if latch.limit is not None:
-                opens_s = latch.limit.first(path, duration_s if at_s is None else at_s)
-                at_s = at_s if opens_s is None else opens_s
-        return at_s
+        closing = [(latch.first(path, duration_s), latch) for latch in self._watching]
+        opening = [(latch.limit.first(path, duration_s), latch) for latch in self._limited if latch.limit is not None]
+        # Which of them act is decided at the time of the event, which may be earlier.
+        self._closing = [latch for at, latch in closing if at is not None]
+        self._opening = next((latch for at, latch in opening if at is not None), None)
+        times_s = [at for at, _ in (*closing, *opening) if at is not None]
+        return last_of_first(times_s, float(path.start[0])) if times_s else None
 
     def after_substep(self, duration_s: float) -> None:
         """Update the closest approach of each armed grasp, for the near-miss record."""

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
+from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S, INSTANT_S
 
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
-
-_SHORTEST_S = 4.0 * EVENT_TIME_S
-"""Times below this are the start of the step."""
 
 
 def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float, bool] | None:
@@ -39,7 +36,7 @@ def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float
         return None
     changed = _just_after(slack, 0.0, duration_s)
     # A gap that drifts beyond its bound may return and cross it again: of several roots the first one counts.
-    while changed > _SHORTEST_S and slack(0.5 * changed) < 0.0:
+    while changed > INSTANT_S and slack(0.5 * changed) < 0.0:
         changed = _just_after(slack, 0.0, 0.5 * changed)
     path.move_to(changed)
     landing = active_set.touches_elsewhere()

@@ -217,7 +217,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def on_event_located(self, time_s: float) -> None:
         """Note whether the event, if it is one of this model, is that sticking points reach the limit of friction."""
-        if time_s == self._located_s and not self._landing:
+        reached = self._located_s is not None and time_s >= self._located_s
+        self._landing = self._landing and reached
+        if reached and not self._landing:
             self._active_set.note_release()
 
     def names(self) -> str:

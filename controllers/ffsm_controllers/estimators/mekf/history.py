@@ -11,9 +11,7 @@ from ffsm_controllers.estimators.mekf.belief import Belief, Held
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.update import Innovation
 from ffsm_mj.controller_protocol import FloatArray
-
-_SAME_TIME_S = 1e-9
-"""Times within this of each other are one."""
+from ffsm_mj.tolerances import SCHEDULED_S
 
 
 @dataclass(frozen=True, order=True)
@@ -84,12 +82,12 @@ class History:
             ctrl: Efforts held since the last call, (nu,).
             new: What has become known since then.
         """
-        known = [entry for entry in new if entry.time_s > self._knots[0].through_s + _SAME_TIME_S]
+        known = [entry for entry in new if entry.time_s > self._knots[0].through_s + SCHEDULED_S]
         for entry in known:
             insort(self._entries, entry)
         first_s = min((entry.time_s for entry in known), default=math.inf)
         calls = [(time_s, ctrl.copy())]
-        while self._knots[-1].through_s > first_s - _SAME_TIME_S:
+        while self._knots[-1].through_s > first_s - SCHEDULED_S:
             undone = self._knots.pop()
             calls.insert(0, (undone.time_s, undone.ctrl))
         self._return_to(self._knots[-1])
@@ -135,4 +133,4 @@ class History:
 
     def _after(self, time_s: float) -> int:
         """Place of the first entry after a time."""
-        return bisect_right(self._entries, time_s + _SAME_TIME_S, key=lambda entry: entry.time_s)
+        return bisect_right(self._entries, time_s + SCHEDULED_S, key=lambda entry: entry.time_s)
