@@ -16,6 +16,7 @@ from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIP_RATE, Layout
 from ffsm_mj.verification.checks import CheckAccumulator
+from ffsm_mj.verification.independent.kept_rows import KeptRows
 from ffsm_mj.verification.residuals import norms
 
 
@@ -55,6 +56,7 @@ class Digest:
 
     Attributes:
         check_accumulator: Residuals of the checks.
+        kept: Rows for the independent checks.
         contacts: Intervals of persistent contact.
         grasps: Intervals of grasps.
         tip: Tip error; None without a task.
@@ -66,6 +68,7 @@ class Digest:
         """Start without rows."""
         self._layout = header.layout
         self.check_accumulator = CheckAccumulator(header.layout, header.metadata)
+        self.kept = KeptRows(header.layout, header.metadata)
         self.contacts, self.grasps = ContactIntervals(header.layout), GraspIntervals(header.layout)
         task = logged_task(header.metadata)
         self.tip = TipDigest(task) if task is not None else None
@@ -75,6 +78,7 @@ class Digest:
         """Process the next rows."""
         self.samples, self.end_s = self.samples + len(block), float(block[-1, self._layout.time])
         self.check_accumulator.rows(block)
+        self.kept.rows(block)
         self.contacts.rows(block)
         self.grasps.rows(block)
         if self.tip is not None:
@@ -88,8 +92,10 @@ def digest(log: RunLog) -> Digest:
         found.contacts.event(record)
     for held in grasp_records(log):
         found.grasps.event(held)
+    found.kept.expect(record.time_s for record in log.impact_records)
     for block in log.blocks():
         found.rows(block)
+    found.kept.finish()
     return found
 
 
@@ -111,7 +117,8 @@ class DigestSink:
         self.digest.rows(block)
 
     def event(self, event: Event) -> None:
-        """Process records of contacts and grasps; all other events are few and kept in the log."""
+        """Process records of impacts, contacts and grasps; all other events are few and kept in the log."""
+        self.digest.kept.event(event)
         self.digest.contacts.event(event)
         self.digest.grasps.event(event)
 

@@ -25,8 +25,9 @@ from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRe
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, end_checks
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, whole_log_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.independent_checks import IndependentChecks, Models
 from ffsm_mj.verification.truncation import TruncationAnalysis
 
 
@@ -40,7 +41,12 @@ class Run(LoggedSignals):
     """
 
     def __init__(
-        self, log: RunLog, path: Path | None = None, digested: Digest | None = None, effort: Effort | None = None
+        self,
+        log: RunLog,
+        path: Path | None = None,
+        digested: Digest | None = None,
+        effort: Effort | None = None,
+        models: Models | None = None,
     ) -> None:
         """Wrap a log.
 
@@ -49,15 +55,16 @@ class Run(LoggedSignals):
             path: Path of the log file.
             digested: Digest of its rows, if it exists already; None: computed on demand.
             effort: Effort in its rows, likewise.
+            models: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
         """
         super().__init__(log)
-        self.path, self._given, self._accumulated = path, digested, effort
+        self.path, self._given, self._accumulated, self._models = path, digested, effort, models
         self._whole: Run | None = None
         self.truncation: TruncationAnalysis | None = None
 
     def with_rows(self, rows: FloatArray) -> Run:
         """The run with a part of its rows, (n, number of signals); checks and summary are those of the whole run."""
-        part = Run(replace(self.log, rows=rows), self.path, self.digest)
+        part = Run(replace(self.log, rows=rows), self.path, self.digest, models=self._models)
         part._whole, part.truncation = self, self.truncation
         return part
 
@@ -140,7 +147,7 @@ class Run(LoggedSignals):
         """
         checks = self.digest.check_accumulator.checks(self.log.impact_records, tolerance, self._friction)
         judged = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
-        return (*judged, *end_checks(self.log, tolerance, self._stack_momentum))
+        return (*judged, *whole_log_checks(self.log, tolerance, self._independent, self._stack_momentum))
 
     def _stack_momentum(self) -> float:
         """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
@@ -150,6 +157,10 @@ class Run(LoggedSignals):
     @cached_property
     def _friction(self) -> FrictionCheck:
         return FrictionCheck(self.log)
+
+    @cached_property
+    def _independent(self) -> IndependentChecks:
+        return IndependentChecks(self.log, self.digest.kept, self._models)
 
     @property
     def digested(self) -> bool:

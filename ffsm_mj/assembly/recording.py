@@ -6,9 +6,10 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,8 @@ from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_models import record_kinds
-from ffsm_mj.assembly.resolved import resolved_yaml
+from ffsm_mj.assembly.recorded_files import RecordedFiles
+from ffsm_mj.assembly.resolved import resolved_data, resolved_yaml
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
 from ffsm_mj.contact.watch import ContactWatch
@@ -25,6 +27,7 @@ from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.memory_sink import MemorySink
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder, Sink
 from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import (
@@ -86,6 +89,7 @@ class Recording:
         kept = len(layout.signals) if columns is None else 1 + len(columns)
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
         self._folder, self._layout, self._effort = folder, layout, Effort(system)
+        self._models = partial(_models, config, system, assembly.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
         self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
         sinks: list[Sink] = [self._memory, self._digested, self._effort, *watchers]
@@ -138,9 +142,11 @@ class Recording:
     def run(self) -> Run:
         """The run, when the log is closed; writes the summary into its folder."""
         if self._folder is None:
-            return Run(self._memory.log(), digested=self._digested.digest, effort=self._effort)
+            return Run(self._memory.log(), None, self._digested.digest, self._effort, self._models)
         log = self._folder.log.absolute()
-        finished = Run(self._memory.log(stored_rows(log, self._layout)), log, self._digested.digest, self._effort)
+        finished = Run(
+            self._memory.log(stored_rows(log, self._layout)), log, self._digested.digest, self._effort, self._models
+        )
         self._folder.write_summary(finished.summary())
         return finished
 
@@ -153,6 +159,11 @@ def _header(assembly: Assembly, start_s: float, *, is_whole: bool) -> RunHeader:
     return RunHeader(
         config.name, text, assembly.row.layout, assembly.logged_files, _metadata(assembly) | start_metadata(start_s), kinds
     )
+
+
+def _models(config: Scenario, system: System, recorded: RecordedFiles) -> tuple[System, dict[str, Any]]:
+    """The models of a run, and its scenario as its log has it."""
+    return system, resolved_data(config, system, recorded)
 
 
 def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:

@@ -14,6 +14,11 @@ from ffsm_mj.scenario.source import write_yaml
 
 def resolved_yaml(scenario: Scenario, system: System, recorded: RecordedFiles) -> str:
     """YAML of a scenario that runs again from a run folder."""
+    return write_yaml(resolved_data(scenario, system, recorded))
+
+
+def resolved_data(scenario: Scenario, system: System, recorded: RecordedFiles) -> dict[str, Any]:
+    """The same as plain data."""
     data = scenario.model_dump(mode="json", by_alias=True)
     if scenario.initial.from_ is not None:
         data["initial"]["from"] = BEFORE
@@ -27,7 +32,8 @@ def resolved_yaml(scenario: Scenario, system: System, recorded: RecordedFiles) -
         for key in keys:
             section = section[key]
         section[last] = name
-    return write_yaml(_without_none(data))
+    without: dict[str, Any] = _without_none(data)
+    return without
 
 
 def _without_none(value: Any) -> Any:

@@ -22,6 +22,8 @@ from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import log_scene
 from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
+from ffsm_mj.verification.independent_checks import IndependentChecks
 from ffsm_mj.verification.replay_result import ReplayResult
 
 
@@ -42,13 +44,16 @@ def replay_log(
         scene = log_scene(log)
         replay = LogReplay(scene, log)
     except InputError as error:
-        checked = accumulate_checks(log), log.impact_records, FrictionCheck(log)
-        return ReplayResult({}, 0, 0, "", error.lines[0], *checked, _log=log)
+        checked = accumulate_checks(log), log.impact_records, FrictionCheck(log), log, IndependentChecks(log, kept_rows(log))
+        return ReplayResult({}, 0, 0, "", error.lines[0], *checked)
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
     period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
     sampling = Sampling(period_s, log.instants_s, start_s)
+    kept = KeptRows(log.header.layout, log.header.metadata)
+    kept.expect(record.time_s for record in log.impact_records)
     with collected_warnings([]):
         for block in log.blocks():
+            kept.rows(block)
             again = replay.take(block, sampling.ticks(block[:, log.header.layout.time]))
             seen.rows(again)
             if rows is not None:
@@ -56,9 +61,10 @@ def replay_log(
             if report is not None:
                 report(seen.samples, max(scene.scenario.ticks + 1, seen.samples))
         replay.finish()
+        kept.finish()
     sampling.end(log.outcome.end_s if log.outcome else None)
     found = {"motion": replay.motion, "columns": replay.columns, "impacts": replay.impacts}
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     numbers = sum(agreement.numbers for agreement in found.values())
-    impacts, friction = log.impact_records, FrictionCheck(log)
-    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", seen, impacts, friction, log)
+    checked = seen, log.impact_records, FrictionCheck(log), log, IndependentChecks(log, kept)
+    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", *checked)

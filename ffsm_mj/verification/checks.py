@@ -36,6 +36,9 @@ from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.heat_check import HeatCheck
 from ffsm_mj.verification.impact_checks import impact_checks
+from ffsm_mj.verification.independent.kept_rows import kept_rows
+from ffsm_mj.verification.independent.tolerances import TOLERANCES as INDEPENDENT_TOLERANCES
+from ffsm_mj.verification.independent_checks import IndependentChecks
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
 from ffsm_mj.verification.terminal_check import STACK_MOMENTUM, terminal_checks
 
@@ -52,16 +55,27 @@ RELATIVE_CHECKS = (
 )
 """Checks with a tolerance relative to a scale; those of impacts only in runs with impacts, the last one with friction in
 persistent contact."""
-CHECK_NAMES = (*RELATIVE_CHECKS, "no penetration", "no joint past its limit", "contact complementarity", STACK_MOMENTUM)
+CHECK_NAMES = (
+    *RELATIVE_CHECKS,
+    *("no penetration", "no joint past its limit", "contact complementarity"),
+    *INDEPENDENT_TOLERANCES,
+    STACK_MOMENTUM,
+)
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
-in runs with joint limits; ``contact complementarity`` with persistent contact; the last one where the scenario asks."""
+in runs with joint limits; ``contact complementarity`` with persistent contact; then the independent checks, in runs with
+what they check; the last one where the scenario asks."""
 
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative checks, or tolerances by check; other checks keep the default."""
 
 _OVERLAP, _RESIDUAL = f"balance.{OVERLAP}", f"balance.{FORCE_RESIDUAL}"
 _OVERRUN = {unit: f"balance.{name}" for unit, name in LIMIT_OVERRUN.items()}
-_OWN = {"no penetration": DEEPEST_M, "no joint past its limit": DEEPEST_M, "contact complementarity": FORCE_TOLERANCE}
+_OWN = {
+    "no penetration": DEEPEST_M,
+    "no joint past its limit": DEEPEST_M,
+    "contact complementarity": FORCE_TOLERANCE,
+    **INDEPENDENT_TOLERANCES,
+}
 """Tolerances of checks that are not relative."""
 _AXES = ("P_x", "P_y", "P_z", "L_x", "L_y", "L_z")
 _MEASURES = {
@@ -186,14 +200,22 @@ def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tu
         KeyError: A tolerance for an unknown check.
     """
     checks = accumulate_checks(log).checks(log.impact_records, tolerance, FrictionCheck(log))
-    return (*checks, *end_checks(log, tolerance))
+    return (*checks, *whole_log_checks(log, tolerance, IndependentChecks(log, kept_rows(log))))
 
 
-def end_checks(
-    log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE, known: Callable[[], float] | None = None
+def whole_log_checks(
+    log: RunLog, tolerance: Tolerance, independent: IndependentChecks, known: Callable[[], float] | None = None
 ) -> tuple[Check, ...]:
-    """Results of the checks of the last state that the scenario asks for; see :func:`terminal_checks`."""
-    return terminal_checks(log, tolerance if isinstance(tolerance, Mapping) else {}, known)
+    """Results of the checks that need the whole log: by other physics than the engine's, and of the last state.
+
+    Args:
+        log: A run.
+        tolerance: See :func:`evaluate_checks`.
+        independent: Independent checks of the log.
+        known: See :func:`terminal_checks`.
+    """
+    named = tolerance if isinstance(tolerance, Mapping) else {}
+    return (*independent.checks(_tolerances(tolerance)), *terminal_checks(log, named, known))
 
 
 def accumulate_checks(log: RunLog) -> CheckAccumulator:

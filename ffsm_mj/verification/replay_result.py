@@ -10,8 +10,9 @@ from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, end_checks
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, whole_log_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.independent_checks import IndependentChecks
 from ffsm_mj.verification.truncation import TruncationAnalysis
 
 
@@ -37,7 +38,8 @@ class ReplayResult:
     accumulator: CheckAccumulator
     _impacts: tuple[ImpactRecord | LimitImpactRecord, ...]
     _friction: FrictionCheck
-    _log: RunLog | None = None
+    _log: RunLog
+    _independent: IndependentChecks
     truncation: TruncationAnalysis | None = None
 
     @property
@@ -53,4 +55,4 @@ class ReplayResult:
         """
         checks = self.accumulator.checks(self._impacts, tolerance, self._friction)
         checks = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
-        return (*checks, *end_checks(self._log, tolerance)) if self._log is not None else checks
+        return (*checks, *whole_log_checks(self._log, tolerance, self._independent))

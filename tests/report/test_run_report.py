@@ -34,7 +34,7 @@ def bounces(run, pair, times):
 
 def test_a_run_that_passes_is_a_few_lines(hit):
     lines = run_report(hit, ["a note"]).splitlines()
-    assert lines[-1].startswith("all 13 checks pass; worst: ") or lines[-2].startswith("all 13 checks pass; worst: ")
+    assert lines[-1].startswith("all 14 checks pass; worst: ") or lines[-2].startswith("all 14 checks pass; worst: ")
     assert len(lines) <= 9
     assert not any("note" in line for line in lines)  # it was shown before the run
 
@@ -96,7 +96,7 @@ def test_the_table_of_checks_is_whole_at_80_columns(hit):
 
 def test_a_report_without_room_counts_its_records(hit):
     """Five lines: the outcome, the failing checks with the first note, and numbers in place of tables."""
-    impacts = tuple(replace(record, energy_change_J=1.0) for record in bounces(hit, "ball-floor", [0.1, 0.2]))
+    impacts = tuple(replace(record, energy_change_J=1.0) for record in bounces(hit, hit.impacts[0].rule, [0.1, 0.2]))
     lines = run_report(with_records(hit, impacts=impacts), ["first", "second"], 5).splitlines()
     assert len(lines) <= 5
     assert any(line.endswith("FAILED") for line in lines)

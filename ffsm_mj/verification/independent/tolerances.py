@@ -1,0 +1,42 @@
+"""Names of the independent checks, and their tolerances."""
+
+from __future__ import annotations
+
+from ffsm_mj.tolerances import CHECK_TOLERANCE
+
+RESTITUTION_USED = "restitution used"
+"""The coefficient of restitution of an impact is that of the rule that names its geoms, or 0 where the rest rule applies."""
+HEAT_OF_FRICTION = "heat of friction"
+"""The heat of friction is that of sliding at all rules plus that of the impacts, and it does not fall."""
+GRASP_LOAD = "grasp load"
+"""The load is the rate of momentum of what is grasped, at the row's own state and efforts, less its other forces."""
+SENSOR_VALUES = "sensor values"
+"""A true value is that of the sensor at the state of the row at the time of its sample."""
+SENSOR_TIMES = "sensor times"
+"""A row shows the newest sample that has arrived at its time."""
+SENSOR_NOISE = "sensor noise"
+"""A measured value is the true one with the errors that the scenario states, noise drawn again from its own channel."""
+CAPTURE_TWIST = "capture twist"
+"""After a capture the relative twist at the object's site is zero in the directions that the latch stops."""
+CAPTURE_IMPULSE = "capture impulse"
+"""The change of the velocities in a capture is that by its impulse at the object's site, and by other closed grasps."""
+
+TOLERANCES = {
+    # The coefficient is copied from the scenario: a difference is none or one of coefficients.
+    RESTITUTION_USED: 1e-12,
+    # A sum of as many terms as the run has steps: in 1e6 steps 1e-10 of the heat.
+    HEAT_OF_FRICTION: CHECK_TOLERANCE,
+    # Solutions with mass matrices of condition 1e4, known to 1e-12, at states that satisfy the rows of the latch to 1e-11.
+    GRASP_LOAD: CHECK_TOLERANCE,
+    # Rounding of kinematics, 1e-15; while a grasp is closed that of coordinates which come from those of another model, and
+    # for forces that of accelerations, as above.
+    SENSOR_VALUES: CHECK_TOLERANCE,
+    # Times are sums and products of numbers of up to 1e4 s, known to 1e-12 s.
+    SENSOR_TIMES: CHECK_TOLERANCE,
+    # A few operations on logged numbers, each with a rounding of 1e-16; walks of biases add up a thousand of them and more.
+    SENSOR_NOISE: 1e-12,
+    # An impulse is the solution of equations with the mass matrix, as a load is.
+    CAPTURE_TWIST: CHECK_TOLERANCE,
+    CAPTURE_IMPULSE: CHECK_TOLERANCE,
+}
+"""Tolerance of each check: allowed is this times (1 + scale), where the scale is that of the numbers that cancel."""

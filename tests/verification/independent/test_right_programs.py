@@ -1,0 +1,149 @@
+"""Independent checks pass by a wide margin, are the same at the end of a run and from its log, and see one wrong number."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
+from ffsm_mj.verification.independent.tolerances import TOLERANCES
+from tests.verification.independent.scenes import (
+    bouncing,
+    chain,
+    changed,
+    failing,
+    holding,
+    independent,
+    measuring,
+    sliding,
+)
+
+LATCHES = ["rigid", "ball", "hinge", "slide", "cylindrical"]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    made = {"bouncing": bouncing, "chain": chain, "sliding": sliding, "holding": holding, "measuring": measuring}
+    return {name: make(tmp_path_factory.mktemp(name)) for name, make in made.items()}
+
+
+def test_every_check_is_made_somewhere_and_passes(runs):
+    """Residuals are rounding: a thousandth of what is allowed."""
+    found = [check for run in runs.values() for check in independent(run).values()]
+    assert {check.name for check in found} == set(TOLERANCES)
+    assert max(check.residual / check.tolerance for check in found) < 1e-3
+
+
+def test_a_run_has_at_its_end_the_checks_of_its_log(runs):
+    for run in runs.values():
+        at_end = [check for check in run.checks() if check.name in TOLERANCES]
+        assert at_end == [*independent(run).values()]
+        assert run.summary()["checks"]["passed"]
+
+
+@pytest.mark.parametrize("joint", LATCHES)
+def test_the_load_of_every_latch(tmp_path, joint):
+    """Closed off its axis, it turns and slides while the arm moves it: axes in a turning link."""
+    axis = {} if joint in ("rigid", "ball") else {"axis": [0.0, 0.6, 0.8]}
+    grasp = {
+        "robot_site": "grip",
+        "object_site": "handle",
+        "when": {"touch": ["hand-target/target"]},
+        "joint": joint,
+        **axis,
+    }
+    found = independent(holding(tmp_path, captures={"grasp": grasp}))
+    for name in ("grasp load", "capture twist", "capture impulse"):
+        assert found[name].residual < 1e-3 * found[name].tolerance
+
+
+@pytest.mark.parametrize(
+    ("scene", "key", "change", "name"),
+    [
+        ("sliding", "balance.friction_heat_J", np.negative, "heat of friction"),
+        ("sliding", "balance.friction_heat_J", lambda heat: heat * (1.0 + 1e-6), "heat of friction"),
+        ("holding", "contact.capture_force_y_N", lambda force: force * (1.0 + 1e-6), "grasp load"),
+        ("holding", "contact.capture_torque_y_N_m", lambda torque: np.roll(torque, 1), "grasp load"),
+        ("measuring", "sensor.robot_gyro_true_x_rad_s", lambda rate: rate + 1e-6, "sensor values"),
+        ("measuring", "sensor.robot_acc_true_x_m_s2", lambda rate: rate + 1e-6, "sensor values"),
+        ("measuring", "sensor.robot_gyro_x_rad_s", lambda rate: rate + 1e-9, "sensor noise"),
+        ("measuring", "sensor.robot_attitude_sampled_s", lambda time: time + 0.02, "sensor times"),
+    ],
+)
+def test_a_changed_column_fails_its_check(runs, scene, key, change, name):
+    assert name in failing(changed(runs[scene], key, change))
+
+
+@pytest.mark.parametrize(
+    ("field", "change", "name"),
+    [
+        ("impulse_N_s", 1e-6, "capture impulse"),
+        ("angular_impulse_N_m_s", 1e-6, "capture impulse"),
+        ("qvel_after", 1e-6, "capture twist"),
+    ],
+)
+def test_a_changed_capture_fails_its_check(runs, field, change, name):
+    log = runs["holding"].log
+    (record,) = log.records["capture_impulses"]
+    value = getattr(record, field)
+    if field == "qvel_after":
+        value = value | {"robot/elbow": (value["robot/elbow"][0] + change,)}
+    else:
+        value = (value[0] + change, *value[1:])
+    records = log.records | {"capture_impulses": (replace(record, **{field: value}),)}
+    assert name in failing(ffsm_mj.Run(replace(log, records=records)))
+
+
+def test_what_a_log_lacks_is_left_out(runs):
+    """Without a column of the state no model can be put to it; rows that are missing leave what acted between them open."""
+    log = runs["holding"].log
+    for gone in ("state.q_robot_elbow_rad", "contact.capture_force_x_N"):
+        layout = log.header.layout
+        keep = [i for i, key in enumerate(layout.keys) if key != gone]
+        header = replace(log.header, layout=replace(layout, signals=tuple(layout.signals[i] for i in keep)))
+        assert "grasp load" not in independent(ffsm_mj.Run(replace(log, header=header, rows=log.rows[:, keep])))
+    damaged = ffsm_mj.Run(replace(log, rows=np.delete(log.rows, slice(60, 90), axis=0), damage="a chunk is lost"))
+    assert not failing(damaged)
+    assert "grasp load" not in independent(damaged)
+
+
+@np.errstate(all="ignore")
+def test_numbers_that_are_none_fail_or_are_left_out(runs):
+    """They never raise an exception: a log may hold anything."""
+    for run in runs.values():
+        rows = run.log.rows.copy()
+        rows[len(rows) // 2 :, 1:] = np.nan
+        independent(ffsm_mj.Run(replace(run.log, rows=rows)))
+        huge = np.where(np.abs(run.log.rows) > 0.0, 1e300, run.log.rows)
+        huge[:, run.log.header.layout.time] = run.log.rows[:, run.log.header.layout.time]
+        independent(ffsm_mj.Run(replace(run.log, rows=huge)))
+
+
+def test_kept_rows_do_not_depend_on_blocks(runs):
+    """Row by row, in blocks of 7 with impacts told as they happen, and whole: the same rows of the same kinds."""
+    log = runs["measuring"].log
+    whole = kept_rows(log)
+    for size in (1, 7):
+        told, kept = (
+            sorted(log.impact_records, key=lambda record: record.time_s),
+            KeptRows(log.header.layout, log.header.metadata),
+        )
+        times = log.column("state.time_s")
+        for first in range(0, len(times), size):
+            block = log.rows[first : first + size]
+            cut = first
+            while told and told[0].time_s <= times[min(first + size, len(times)) - 1]:
+                until = int(np.searchsorted(times, told[0].time_s))
+                if until > cut:
+                    kept.rows(log.rows[cut:until])
+                    cut = until
+                kept.event(told.pop(0))
+            if cut < first + len(block):
+                kept.rows(log.rows[cut : first + len(block)])
+        assert kept.spread.kept == whole.spread.kept
+        assert kept.before.kept == whole.before.kept
+        assert {c: s.kept for c, s in kept.samples.items()} == {c: s.kept for c, s in whole.samples.items()}
+        assert all(np.array_equal(kept[n], whole[n], equal_nan=True) for n in whole.spread.kept)
