@@ -153,7 +153,9 @@ class LogReplay:
         """Integrate through the events in a step; returns whether one was at ``until_s``. ``_left`` is what remains."""
         self._left = self._step_s
         for event in self._events.within(step):
-            left = (step + 1) * self._step_s - event.time_s
+            end_s = (step + 1) * self._step_s
+            # At the start of a step all of it is left, whatever the rounding of the time; see GridStep.
+            left = self._left if event.time_s == end_s - self._left else end_s - event.time_s
             elapsed = logged(self._left - left, self._left, event.time_s)
             self._replay_event(replace(event, in_step=elapsed > 0.0), self._advance_to_state(elapsed, event.state))
             self._left = left

@@ -51,9 +51,10 @@ class GridStep:
             progress.left_s -= elapsed_s
             if contact_model is not None:
                 progress.events_in_step += 1
+                if progress.left_s < self._step_s:
+                    # The time is logged, rounded: a log replay knows what is left of the step from it alone.
+                    progress.left_s = end_s - (end_s - progress.left_s)
                 data.time = progress.time_s = end_s - progress.left_s
-                # The time is logged, rounded: a replay knows what is left of the step from it alone.
-                progress.left_s = end_s - progress.time_s
                 effect = self._apply(contact_model)
                 if effect is not None:
                     return effect
