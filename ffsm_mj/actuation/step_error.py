@@ -107,7 +107,7 @@ class StepError:
         """
         assert self._start is not None
         change = np.subtract(self._now(), self._start)
-        moved, grasped = np.split(change, [2 * _NUMBERS])
+        moved, grasped = change[: 2 * _NUMBERS], change[2 * _NUMBERS :]
         accounts = self._balance.increments(duration_s, exchanges, grasped if grasped.size else None)
         left = self._weights.dot(np.concatenate((moved, accounts)))
         return np.asarray(left.reshape(len(SUBSYSTEMS), _NUMBERS))

@@ -62,3 +62,6 @@ def test_rows_and_reruns_do_not_depend_on_where_they_are_made(tmp_path):
     assert [row[2]["passes"] for row in loop] == [True, True, False]
     again = Campaign.load(fast_runs(tmp_path), tmp_path / "loop")
     assert [again.rerun(index).differences for index in range(3)] == [(), (), ()]
+    (message,) = again.status().messages
+    assert message.startswith("run 2: checks fail: ")
+    assert message.endswith("; truncation: not analysed")

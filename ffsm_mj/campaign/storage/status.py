@@ -102,6 +102,8 @@ def _why(row: RunRow) -> str:
     """Reason for the failure of a run."""
     if row.outcome == "completed":
         fails = [f"{name} ({excess:.3g} times its tolerance)" for name, excess in _excesses(row).items()]
-        short = " by the truncation of the step alone" if row.metrics.get("fails_by_truncation") is True else ""
-        return f"checks fail{short}: {', '.join(fails)}" if fails else f"a check fails{short}"
+        alone = row.metrics.get("fails_by_truncation", False)
+        short = " by the truncation of the step alone" if alone else ""
+        text = f"checks fail{short}: {', '.join(fails)}" if fails else f"a check fails{short}"
+        return f"{text}; truncation: not analysed" if alone is None else text
     return f"{row.outcome}: {row.message}" if row.message else row.outcome
