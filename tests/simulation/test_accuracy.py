@@ -12,6 +12,7 @@ import ffsm_mj
 from ffsm_mj.actuation.step_error import StepError
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
+from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, driven_by
 from tests.contact_models.persistent.random_pushes import LAWS, drawn
 from tests.scenes import ARM, HEAD, box, scene
@@ -92,6 +93,30 @@ def test_an_event_at_the_end_of_a_sub_step_begins_no_other_one(tmp_path, accurac
     assert again.agrees
     assert again.worst["motion"].size == 0.0
     assert again.worst["impacts"].size < 1e-13  # of speeds of 10 m/s and rad/s
+
+
+def test_a_step_is_whole_after_an_event_at_its_start(tmp_path):
+    """Arming at a tick takes nothing off the step: a replay divides the rest as the run does, bit by bit."""
+    near = {"within": {"position_m": 1e-6}}
+    captures = {name: {"robot_site": "grip", "object_site": "handle", "when": near} for name in "abcd"}
+    phases = [{"name": name, "for_s": 0.03, "arm": [name], "controller": OFF} for name in "abc"]
+    phases.append({"name": "d", "until": "end", "arm": ["d"], "controller": OFF})
+    rates = {"robot/free": [0, 0, 0, 2, -3, 4], "target/free": [-0.3, 0, 0, 4, -2, 3], "shoulder": 3.0, "elbow": -4.0}
+    path = grasping(
+        tmp_path,
+        captures=captures,
+        phases=phases,
+        initial={"joints": {"target/free": [3, 0, 0, 1, 0, 0, 0]}, "rates": rates},
+        duration_s=0.2,
+        time_step_s=0.01,
+        control_period_s=0.01,
+        accuracy=1e-9,
+    )
+    run = ffsm_mj.run(path)
+    assert [each.time_s for each in run.records["armings"]] == pytest.approx([0.0, 0.03, 0.06, 0.09])
+    again = replay_log(run.log)
+    assert again.agrees
+    assert again.worst["motion"].size == 0.0
 
 
 def test_the_work_is_told(accurate):
