@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -176,9 +175,7 @@ def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
 
 
 def _settings(config: Scenario) -> Settings:
-    told = config.told_of_impacts
-    above = (-math.inf if told else None) if isinstance(told, bool) else told.above_N_s
-    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, above)
+    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.told_above_N_s)
 
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:

@@ -13,6 +13,7 @@ from ffsm_mj.contact_models.interface import EventEffect, LoggedEvent
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
+from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.event_check import EventCheck
@@ -20,6 +21,7 @@ from ffsm_mj.replay.logged_events import LoggedEvents
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene
 from ffsm_mj.simulation.step_control import StepLimitError
+from ffsm_mj.simulation.told_records import calls_controller, told_records
 from ffsm_mj.ties import logged
 from ffsm_mj.verification.agreement import Agreement, impossible
 
@@ -44,7 +46,7 @@ class LogReplay:
         """
         scenario, self._plant = scene.scenario, scene.plant
         self._step_s, self._steps, self._last_tick = scenario.time_step_s, scenario.steps_per_tick, scenario.ticks
-        self._period_s = self._step_s * self._steps
+        self._period_s, self._told_above_N_s = self._step_s * self._steps, scenario.told_above_N_s
         self._system_motion = self._plant.integrator.motion
         self._command = Command.off(int(self._plant.system.mj.nu))
         self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
@@ -168,23 +170,30 @@ class LogReplay:
             return self._check.reproduce(event)
 
         self._events.compare_state(event, predicted)
-        self._plant.apply(reproduce, event.state_after)
+        effect = self._plant.apply(reproduce, event.state_after)
         self._at_logged_state = True
         # If the run ended at this event, the controller was not evaluated or failed: its efforts never acted.
         if self._events.pending or not self._ending:
-            self._apply_efforts(event)
+            self._apply_efforts(event, effect)
             self._plant.integrator.after_event(event.time_s)
             self._rows.add_event()
 
-    def _apply_efforts(self, event: LoggedEvent) -> None:
-        """Apply the logged efforts after an event, and check them against the actuator limits."""
+    def _apply_efforts(self, event: LoggedEvent, effect: EventEffect | None) -> None:
+        """Apply the logged efforts after an event, and check them against the actuator limits.
+
+        Efforts that still act where nothing is decided are within the limits of an earlier speed.
+        """
         actuation, data = self._plant.actuation, self._plant.data
-        # Efforts that still act were decided earlier, at other speeds: the torque-speed line there was that of their limits.
-        if not np.array_equal(event.efforts, actuation.applied):
+        if not np.array_equal(event.efforts, actuation.applied) or effect is None or self._decides(effect):
             actuation.hold(event.efforts, data, event.time_s)
         name = f"{event.name} efforts_after"
         self.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
         data.ctrl[:] = event.efforts / actuation.gear
+
+    def _decides(self, effect: EventEffect) -> bool:
+        """Whether efforts are applied anew at an event: a command arrives, or the controller is evaluated."""
+        arrives = any(isinstance(record, EffortChange) for record in effect.records)
+        return arrives or calls_controller(effect, told_records(effect.records, self._told_above_N_s))
 
     def _advance_to_state(self, duration_s: float, state: FloatArray) -> FloatArray:
         """Integrate to a logged state, which enters the balance; returns the integrated state for comparison."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -160,6 +161,12 @@ class Scenario(StrictModel):
     def has_rigid_laws(self) -> bool:
         """Whether control laws assume rigid joints where those of the plant are flexible."""
         return bool(self.robot.joint_flex) and self.controller_joints == "rigid"
+
+    @property
+    def told_above_N_s(self) -> float | None:
+        """Least impulse of an impact of which control laws are told, N s; -inf: of all events of contacts; None: of none."""
+        told = self.told_of_impacts
+        return (-math.inf if told else None) if isinstance(told, bool) else told.above_N_s
 
     @property
     def steps_per_tick(self) -> int:

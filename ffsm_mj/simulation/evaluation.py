@@ -15,7 +15,7 @@ from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue
 from ffsm_mj.simulation.task_controller import TaskController
-from ffsm_mj.simulation.told_records import told_records
+from ffsm_mj.simulation.told_records import calls_controller, told_records
 
 _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
 
@@ -62,9 +62,9 @@ class Evaluation:
             told_above_N_s: See :class:`~ffsm_mj.simulation.settings.Settings`.
         """
         told = told_records(effect.records, told_above_N_s)
-        triggers = effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
         self.pending = (*self.pending, *told)
-        return EventDue(effect.records, self.observed(time_s, at_tick=effect.is_tick), triggers, effect.end)
+        observed = self.observed(time_s, at_tick=effect.is_tick)
+        return EventDue(effect.records, observed, calls_controller(effect, told), effect.end)
 
     def evaluate(self, observation: Observation) -> None:
         """Evaluate the controller and apply its command within the actuator limits.

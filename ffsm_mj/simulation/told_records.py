@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from ffsm_mj.contact_models.event import EventEffect
 from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import ImpactRecord
@@ -28,3 +29,8 @@ def told_records(records: Sequence[Any], above_N_s: float | None) -> tuple[Any, 
     )
     kinds = (*_OF_GRASPS, ImpactRecord) if hard else _OF_GRASPS
     return tuple(record for record in records if isinstance(record, kinds))
+
+
+def calls_controller(effect: EventEffect, told: Sequence[Any]) -> bool:
+    """Whether the controller is evaluated at an event of which it is told some records."""
+    return effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))

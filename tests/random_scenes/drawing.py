@@ -40,6 +40,7 @@ class _Scene:
         self.wall = dice.chance(0.3)
         self.rough = dice.chance(0.5)
         self.accuracy = dice.chance(0.2)
+        self.aligned = Dice(seed, "alignment").chance(0.25)
         gravity = Dice(seed, "gravity")
         self.gravity = np.zeros(3)
         if gravity.chance(0.25):
@@ -56,7 +57,9 @@ class _Scene:
     def written(self) -> Path:
         frame = Rotation.from_quat(self.turn, scalar_first=True)
         gravity = frame.apply(self.gravity)
-        models = ModelDrawing(self.seed, self.step_s, gravity.tolist(), presses=self.presses, flat=self.flat)
+        models = ModelDrawing(
+            self.seed, self.step_s, gravity.tolist(), presses=self.presses, flat=self.flat, aligned=self.aligned
+        )
         self.robot = models.robot(self.base)
         dice = Dice(self.seed, "objects")
         kinds = ["planar"] if self.flat else ["free"] * 4 + (["planar"] if self.base == "planar" else [])
@@ -207,10 +210,12 @@ class _Scene:
             at = 0.1 * dice.rng.normal()
             joints[name] = float(np.clip(at, -0.01, 0.01)) if name in self.robot.limited else at
             rates[name] = dice.pick([0.0, 0.5]) * dice.rng.normal()
+            if self.aligned:
+                joints[name], rates[name] = 0.0, 0.0
         stage.set_joints({f"robot/{name}": value for name, value in joints.items()})
         stage.place("robot")
         self.tips = {tip: frame.apply(stage.site(f"robot/{tip}")).tolist() for tip in self.robot.tips}
-        spin = lambda: dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3)  # noqa: E731
+        spin = lambda: dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3) * (not self.aligned)  # noqa: E731
         motion = (np.zeros(3), 0.1 * dice.rng.normal(size=3), 0.1 * spin(), np.array([1.0, 0.0, 0.0, 0.0]))
         self._set_base("robot", self.base, motion, joints, rates)
         if dice.chance(0.25):
@@ -221,7 +226,10 @@ class _Scene:
             self._place(stage, dice, k, name, joints, rates, poses)
         for name in walls:
             place = np.array(poses[name]["position_m"])
-            poses[name] = {"position_m": frame.apply(place).tolist(), "quaternion": self.turn.tolist()}
+            # What is parallel but for 1e-3 rad lands flat within some milliseconds.
+            tilt = Rotation.from_rotvec(dice.pick([0.0, 5e-4]) * dice.rng.normal(size=3) * self.aligned)
+            quat = (frame * tilt).as_quat(scalar_first=True).tolist()
+            poses[name] = {"position_m": frame.apply(place).tolist(), "quaternion": quat}
         return {"joints": joints, "rates": rates}, poses
 
     def _place(
@@ -240,7 +248,7 @@ class _Scene:
         quat = np.array(dice.turn(0.7))
         if flat:
             quat = np.array([np.cos(a := dice.between(-3.0, 3.0)), 0.0, 0.0, np.sin(a)])
-        if model is None:
+        if model is None or self.aligned:
             quat = np.array([1.0, 0.0, 0.0, 0.0])
         keep = np.array([1.0, 1.0, 0.0]) if flat else np.ones(3)
         fly_by = model is not None and not self.presses and dice.chance(0.4)
@@ -253,7 +261,7 @@ class _Scene:
             in_plane = dict(zip(full, [0.0, 0.0, 2.0 * np.arctan2(quat[3], quat[0])], strict=False))
             stage.set_joints({full[0]: [0.0, 0.0, 0.0, *quat]} if model.base == "free" else in_plane)
         gaps = [1e-4, 3e-3, 1e-2] if self.presses else [1e-4, 3e-3, 1e-2, 3e-2, 0.1, 0.3]
-        gap = max(dice.pick([0.0, *gaps]), stage.sharpness(name))
+        gap = max(dice.pick([0.0, *gaps]), stage.sharpness(name), 5e-3 * (self.aligned and model is None))
         gone = stage.approach_from(name, start, way, gap)
         centre = start + (gone if gone is not None else 4.5) * way
         stage.move(name, centre)
@@ -261,8 +269,9 @@ class _Scene:
             poses[name] = {"position_m": centre.tolist()}
             return
         speed = dice.between(0.1, 1.5) if k == 0 or fly_by else dice.pick([0.0, 0.0, 0.5])
-        velocity = keep * (speed * way + 0.05 * dice.rng.normal(size=3) * (speed > 0.0))
-        turning = dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3)
+        sideways = (speed > 0.0) and not (self.aligned and dice.chance(0.5))
+        velocity = keep * (speed * way + 0.05 * dice.rng.normal(size=3) * sideways)
+        turning = dice.pick([0.0, 0.3, 3.0]) * dice.rng.normal(size=3) * (not self.aligned)
         self._set_base(name, model.base, (centre, velocity, turning, quat), joints, rates)
         stage.place(name)
 

@@ -62,11 +62,12 @@ class ModelDrawing:
         gravity: Gravity, m/s^2.
         presses: Whether the robot presses objects away from itself: its first joint then is a slide along x.
         flat: Everything moves in the plane z = 0.
+        aligned: Geoms and links are not turned, so that faces, edges and axes are parallel to the last bit.
     """
 
-    def __init__(self, seed: int, step_s: float, gravity: list[float], *, presses: bool, flat: bool) -> None:
+    def __init__(self, seed: int, step_s: float, gravity: list[float], *, presses: bool, flat: bool, aligned: bool) -> None:
         self.seed, self.step_s, self.presses, self.flat = seed, step_s, presses, flat
-        self.gravity = any(gravity)
+        self.aligned, self.gravity = aligned, any(gravity)
         self.head = f'<compiler angle="radian"/><option gravity="{numbers(gravity)}"/>'
         self.dice = Dice(seed, "models")
         self.elastic = Dice(seed, "elastic")
@@ -176,7 +177,7 @@ class ModelDrawing:
             made.geoms.append(f"link{i}")
             made.grips += [f"link{i}"] if last else []
             assets += asset
-            turn = self._turn(0.2 * last)
+            turn = self._turn(0.2 * last * (not self.aligned))
             body += f"""<body name="link{i}" {self._floats(i)} pos="{numbers(place)}" quat="{numbers(turn)}">
               <joint name="{name}" type="{"slide" if slides else "hinge"}" axis="{numbers(axis / np.linalg.norm(axis))}"
               {self._limits(made, name)} {self._spring(1.0 if slides else 0.05)} {self._armature()}/>
@@ -264,7 +265,7 @@ class ModelDrawing:
         dice = self.dice
         kind = dice.pick(KINDS)
         a, b, c = (size * dice.rng.uniform(0.5, 1.3, 3)).tolist()
-        place = f'name="{name}" pos="{numbers(at)}" quat="{numbers(self._turn(0.6))}" mass="0"'
+        place = f'name="{name}" pos="{numbers(at)}" quat="{numbers(self._turn(0.6 * (not self.aligned)))}" mass="0"'
         if kind == "mesh":
             points = self._vertices() * (a, b, c)
             asset = f'<mesh name="{name}" vertex="{numbers(points.ravel())}"/>'

@@ -1,6 +1,8 @@
-"""Efforts that act since a control tick are those of the torque-speed line there, whatever the speed at a later event."""
+"""Efforts and their bounds are those of the last decision, whatever the speed at a later event or row."""
 
 from __future__ import annotations
+
+import pytest
 
 import ffsm_mj
 from ffsm_mj.replay import replay_log
@@ -14,6 +16,31 @@ PADDLE = f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="free"/>
   <actuator><motor name="push" joint="slide"/></actuator></mujoco>"""
 
 
+STRONG = {"kind": "torque_speed", "stall_torque_N_m": 5.0, "no_load_speed_rad_s": 10.0}
+
+
+def test_bounds_in_a_row_are_those_of_the_last_late_tick(tmp_path):
+    """At a tick of the grid nothing is decided where the controller is late: speed and bounds have changed meanwhile."""
+    (tmp_path / "efforts.csv").write_text("time_s,push_N\n0,5\n1,5\n")
+    path = scene(
+        tmp_path,
+        PADDLE,
+        {"ball": ball("ball")},
+        duration_s=0.05,
+        control_period_s=0.01,
+        initial={"joints": {"ball/free": [2, 0, 0, 1, 0, 0, 0]}},
+        actuation={"control_jitter_s": 0.005},
+        actuators={"push": STRONG},
+        phases=[{"name": "a", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}],
+    )
+    run = ffsm_mj.run(path)
+    last = run.log.records["effort_changes"][-1]
+    bound = 5.0 * (1.0 - last.qvel_before["robot/slide"][0] / 10.0)
+    assert run["actuators.robot_push_upper_N"][-1] == pytest.approx(bound, abs=1e-12)
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+
+
 def test_a_ball_leaves_a_paddle_that_is_faster_than_at_the_last_tick(tmp_path):
     """The spring speeds both up until the ball leaves, within a tick; the motor still has the force of the tick."""
     (tmp_path / "efforts.csv").write_text("time_s,push_N\n0,5\n1,5\n")
@@ -24,7 +51,7 @@ def test_a_ball_leaves_a_paddle_that_is_faster_than_at_the_last_tick(tmp_path):
         duration_s=0.45,
         control_period_s=0.15,
         initial={"joints": {"ball/free": [0.5501, 0, 0, 1, 0, 0, 0]}},
-        actuators={"push": {"kind": "torque_speed", "stall_torque_N_m": 5.0, "no_load_speed_rad_s": 10.0}},
+        actuators={"push": STRONG},
         contacts={"rules": [{"between": ["paddle", "ball/ball"], "restitution": 0.0}]},
         phases=[{"name": "a", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}],
     )

@@ -101,8 +101,7 @@ class ImpactModel(Detector):
         self._persistent.close(touching)
         self._refuse_unmoved(touching, impact, time_s)
         self._impacts += 1
-        of_geoms = any(isinstance(record, ImpactRecord) for record in records)
-        # A joint that hits its limit is no event of the task: the control law learns of it at its next tick.
+        of_geoms = _is_of_geoms(records)
         return EventEffect(records, self.exchange(energies, impact), end=self._end(of_geoms), triggers_control=of_geoms)
 
     def record_fault(self, records: Sequence[ImpactRecord | LimitImpactRecord]) -> str:
@@ -113,7 +112,8 @@ class ImpactModel(Detector):
         """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
         logged = logged_impact(self.scene, event, self._by_name)
         exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
-        return EventEffect(self._resolved_again(event), exchange)
+        records = self._resolved_again(event)
+        return EventEffect(records, exchange, triggers_control=_is_of_geoms(records))
 
     def _resolved_again(self, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
         """Records of the impact at the state in ``data``; empty if there is none."""
@@ -228,3 +228,8 @@ class ImpactModel(Detector):
             if used == 0.0 and b > 0.0 and (why := self._persistent.refusal(pair)):
                 message = f"{pair} would stay in contact from t = {time_s:.6g} s, pressed at {b:.3g} m/s^2: {why}"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)
+
+
+def _is_of_geoms(records: Sequence[ImpactRecord | LimitImpactRecord]) -> bool:
+    """Whether the controller is evaluated at an impact: a joint that hits its limit is no event of the task."""
+    return any(isinstance(record, ImpactRecord) for record in records)
