@@ -156,12 +156,15 @@ def _motion(scene: LoggedScene, model: str, row: int) -> Iterator[str]:
 
     length = scene.times[row + 1] - scene.times[row]
     exact = solve_ivp(slope, (0.0, length), y, "DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
-    # The program's steps have an error of the same order and size as those of RK4 with the step of the scenario.
+    # The program's steps have an error of the same order and size as those of RK4 with the step of the scenario. For a turn
+    # by x in a step that is x^5 / 120, with another factor for each way to write a rotation; ten times that is a bound.
     steps = max(1, round(length / scene.said["time_step_s"]))
     rough = y.copy()
     for _ in range(steps):
         rough = _runge_kutta(slope, rough, length / steps)
-    allowed = 30.0 * float(np.abs(rough - exact).max()) + ROUNDING * (1.0 + float(np.abs(exact).max()))
+    size = 1.0 + float(np.abs(exact).max())
+    turn = length / steps * sum(float(np.linalg.norm(scene.v[k][rates])) for k in (row, row + 1)) / 2.0
+    allowed = 30.0 * float(np.abs(rough - exact).max()) + (ROUNDING + steps * turn**5 / 12.0) * size
     logged = np.concatenate([scene.q[row + 1][coordinates], scene.v[row + 1][rates]])
     yield from _beyond(
         f"motion of {'robot' if model == 'robot' else 'object'}", _apart(scene, model, exact[:-7], logged), allowed
