@@ -55,7 +55,6 @@ def pressed(folder, kind, *, limited=False, mu=0.0, restitution=0.0, gravity="0 
             "time_step_s": 2e-3,
             "control_period_s": 4e-3,
             "duration_s": 0.1,
-            "conservative": True,
             "initial": {"joints": {"object/free": [0.01, 0.37, 0.005, 1, 0, 0, 0]}},
             "contacts": {
                 "rules": [
@@ -116,6 +115,28 @@ def test_a_latched_box_is_pressed_against_a_wall(tmp_path, kind, mu):
     """Latches of every kind fix the gap of pad and box along the normal: only the wall has a force, that of the motor."""
     run = proven(ffsm_mj.run(pressed(tmp_path, kind, mu=mu, wall_mu=mu)))
     assert run["contact.object_box_wall_wall_mode"].max() > 0.0
+
+
+def test_a_ball_latch_bears_what_a_face_does_not(tmp_path):
+    """Gravity presses a finger, its box on a ball latch and the wall together: all stick, from the start to the end.
+
+    The latch takes any pressure of the pad, so the margin of the friction cones has no bound along internal forces.
+    """
+    run = proven(
+        ffsm_mj.run(
+            pressed(
+                tmp_path,
+                "ball",
+                mu=0.4,
+                wall_mu=0.4,
+                gravity="0 1 0.025",
+                conservative=False,
+                duration_s=0.4,
+                initial={"joints": {"object/free": [0.01, 0.37, 0.005, 1, 0, 0, 0]}},
+            )
+        )
+    )
+    assert run["contact.object_box_wall_wall_mode"][-1] == 3.0
 
 
 @pytest.mark.parametrize(

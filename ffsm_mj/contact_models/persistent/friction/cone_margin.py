@@ -20,6 +20,10 @@ _MIRROR = np.array((1.0, -1.0, -1.0))
 _ACCURACY = 1e-14
 """Duality gap and residual at which iterations end, in units of the largest force."""
 _ITERATIONS = 60
+_CONVERGED, _DIVERGED = 1e-10, 10.0
+"""Once below the first, the error falls until rounding stops it: iterations end where it is the second times its least."""
+_LARGEST = 1e12
+"""Unknowns, in units of the largest force given, beside which rounding leaves 1e-4 of it: they have no solution of use."""
 _STEP = 0.99
 """Share of the step to the boundary of the cones that is taken."""
 _CAP = 10.0
@@ -67,10 +71,17 @@ def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
     s = _interior(h - (A @ x).reshape(h.shape))
     dual = np.asarray(np.linalg.lstsq(A.T, -c, rcond=None)[0], dtype=np.float64)
     z = _interior(dual.reshape(h.shape))
+    best, least = x, math.inf
     for _ in range(_ITERATIONS):
         r_x, r_z = c + A.T @ z.ravel(), s + (A @ x).reshape(h.shape) - h
         gap = float(np.sum(s * z)) / len(s)
-        if max(gap, float(np.abs(r_z).max())) < _ACCURACY:
+        error = max(gap, float(np.abs(r_z).max()))
+        if error < least:
+            best, least = x, error
+        # Rounding of the unknowns bounds the error from below. Where internal forces of any size are inside the cones, the
+        # iteration then goes on along them, and leaves the solution again.
+        lost = max(float(np.abs(s).max()), float(np.abs(z).max())) > _LARGEST
+        if error < _ACCURACY or lost or (least < _CONVERGED and error > _DIVERGED * least):
             break
         W, W_inverse = _scaling(s, z)
         scaled = _ScaledRows(A, W_inverse)
@@ -88,7 +99,7 @@ def _largest(A: FloatArray, h: FloatArray) -> FloatArray:
         if _depth(s + step * ds) <= 0.0 or _depth(z + step * dz) <= 0.0:  # the last digits
             break
         x, s, z = x + step * dx, s + step * ds, z + step * dz
-    return x
+    return best
 
 
 class _ScaledRows:

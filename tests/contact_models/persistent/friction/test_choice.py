@@ -7,6 +7,7 @@ import pytest
 
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
+from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, wedged
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, UNKNOWN
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
@@ -79,3 +80,23 @@ def test_the_margin_of_two_points_of_a_pad_is_shared():
     given = np.array([[3.0, 0.2, 0.0], [1.0, 0.6, 0.0]])
     freedom = np.array([[1, 0, 0, -1, 0, 0], [0, 1, 0, 0, -1, 0], [0, 0, 1, 0, 0, -1]]).T / np.sqrt(2.0)
     assert cone_margin(given, freedom, np.array([0.5, 0.5])) == pytest.approx(0.5 * (0.5 * 4.0 - 0.8), abs=1e-12)
+
+
+def test_the_use_of_friction_of_a_guided_point_is_that_of_its_internal_forces(rng):
+    """One relative motion is left: forces across it have no effect, and any load is small beside large ones.
+
+    Of a . lambda = c with c a_n > 0 the normal force alone is a solution. Otherwise |lambda_t| > lambda_n a_n / |a_t|, and
+    the use falls to a_n / (mu |a_t|) as lambda_n grows, whatever was found before.
+    """
+    for _ in range(100):
+        a, mu, c = rng.normal(size=3), np.array([rng.uniform(0.1, 3.0)]), rng.choice((-1.0, 1.0))
+        problem = FrictionProblem(np.outer(a, a), -c * a, mu)
+        forces = problem.forces(np.array([STICK]), np.zeros((1, 2)))
+        internal = abs(a[0]) / (mu[0] * np.hypot(*a[1:]))
+        assert wedged(problem, np.array([0]), 0) == (internal < 1.0)
+        use = 0.0 if c * a[0] > 0.0 else internal
+        if use > 1.0:  # it does not stick
+            continue
+        for estimate in (None, forces, forces + 1e3 * np.cross(a, (0.0, a[2], -a[1])), rng.normal(size=(1, 3))):
+            # Iterations end at reductions of 1e-12.
+            assert least_use(problem, forces, np.array([0]), estimate)[0] == pytest.approx(use, abs=1e-11)
