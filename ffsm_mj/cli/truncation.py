@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ffsm_mj.cli.progress import Report
+from ffsm_mj.errors import described, raised_at
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation, usual_seconds
 from ffsm_mj.verification.check_result import Check
@@ -40,3 +41,5 @@ def truncation_analysis(
         return analyze_truncation(log, checks, AnalysisLimits(seconds, stopped=stopped, report=report))
     except KeyboardInterrupt:  # hit again and again while a step does not end
         return TruncationAnalysis(None, "interrupted")
+    except Exception as error:  # noqa: BLE001 (whatever it raises, the run is over and its report is not lost)
+        return TruncationAnalysis(None, described(error) + raised_at(error))

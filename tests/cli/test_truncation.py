@@ -106,6 +106,19 @@ def test_without_a_verdict_a_run_counts_as_failed(tmp_path, capsys, recorded, bu
     )
 
 
+def test_an_error_in_the_analysis_loses_no_report(tmp_path, monkeypatch, capsys, recorded):
+    def broken(*_):
+        raise ZeroDivisionError("a step of none")
+
+    monkeypatch.setattr("ffsm_mj.replay.truncation._Refining._refine", broken)
+    out = tmp_path / "again"
+    assert main(["run", str(recorded.path.parent), "--out", str(out), "--no-rerun"]) == 1
+    said = capsys.readouterr().out
+    assert "truncation: not analysed (ZeroDivisionError: a step of none" in said
+    assert f"files in {out}" in said
+    assert not_analysed(out)
+
+
 @pytest.mark.parametrize("value", ["0", "-1", "nan", "on"])
 def test_a_wrong_budget_is_refused(capsys, value):
     assert main(["analyze", "--truncation", value]) == 2
