@@ -110,12 +110,15 @@ class Latch:
         """Largest ratio of a value to its bound; the condition holds at 1 or below."""
         return self._bounds.ratio(near) if self._bounds is not None else 0.0
 
-    def is_within(self, *, to_rounding: bool = False) -> bool:
-        """Whether its bounds hold at the state in ``data``, at the start of a step; or are exceeded by rounding at most."""
+    def is_within(self) -> bool:
+        """Whether its bounds hold at the state in ``data``, at the start of a step, or are exceeded by rounding at most.
+
+        Sites may come to rest at a bound, and several grasps reach theirs at one instant: rounding closes none or all.
+        """
         if self._step_start is None:
             self._step_start = self.sites.vectors(self._data)
-        slack = self.ratio(self.sites.rounding(self._data)) if to_rounding else 0.0
-        return self.ratio(Nearness.of(self._step_start)) <= 1.0 + slack
+        ratio = self.ratio(Nearness.of(self._step_start))
+        return ratio <= 1.0 or (ratio < 2.0 and ratio <= 1.0 + self.ratio(self.sites.rounding(self._data)))
 
     def was_clear(self, longest_s: float) -> bool:
         """Whether its bounds were certainly violated throughout the last step, of at most ``longest_s``."""

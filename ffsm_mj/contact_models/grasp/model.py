@@ -122,10 +122,7 @@ class GraspModel(EventSource, Replayable):
 
     def _within(self) -> list[Latch]:
         """The armed grasps whose bounds hold at the state in ``data``, at the start of a step."""
-        if not [latch for latch in self._watching if latch.is_within()]:
-            return []
-        # Bounds that are exceeded by rounding hold with those of another grasp: neither closes before the other.
-        return _one_per_sites([latch for latch in self._watching if latch.is_within(to_rounding=True)])
+        return _one_per_sites([latch for latch in self._watching if latch.is_within()])
 
     def _overloaded(self) -> Latch | None:
         """A closed grasp whose load limit is reached at the state in ``data``, at the start of a step."""

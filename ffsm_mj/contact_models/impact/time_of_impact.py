@@ -166,7 +166,8 @@ class Detector(EventSource, Replayable):
         if self.motion.flight.motion_bound > 0.0:
             self._evaluated.clear()  # of an earlier step
         near = (self._proximity(i, 0.0) for i in (*self._clearances.near().tolist(), *self._limits.near().tolist()))
-        return any(pair.gap <= 0.0 and pair.approaches for pair in near)
+        # To rounding, as roots are located: another model may have an event that is due here.
+        return any(pair.gap <= pair.rounding and pair.approaches for pair in near)
 
     def _touch_of(self, i: int, start: float, end: float) -> float | None:
         """First touch of one pair in an interval where its gap has at most one extremum."""
