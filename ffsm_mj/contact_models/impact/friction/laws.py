@@ -166,6 +166,8 @@ def _result(
     u.append((impact.A @ w).reshape(-1, 3))
     compression = 0.5 * plastic * (u[0] + u[1])
     works = compression + 0.5 * (impulses - plastic) * (u[1] + u[2])
+    # Whether a contact that only touches gets an impulse of rounding depends on the order of sums.
+    pushed = np.diag(impact.G)[::3] * impulses[:, 0] > SOLVED * impact.speed
     return FrictionResult(
         impulses=impulses,
         w=w,
@@ -173,7 +175,7 @@ def _result(
         status=_status(impact, w, theta, jammed),
         theta=theta,
         residual=impact.residual,
-        paths=tuple(_path(impulses[i], impact.mu[i], [v[i, 1:] for v in u], impact.speed) for i in range(len(impulses))),
+        paths=tuple(_path(bool(pushed[i]), impact.mu[i], [v[i, 1:] for v in u], impact.speed) for i in range(len(impulses))),
         normal_work=works[:, 0],
         friction_work=works[:, 1] + works[:, 2],
         compression_work=compression[:, 0],
@@ -194,9 +196,9 @@ def _status(impact: _SeveralContacts, w: FloatArray, theta: float, jammed: bool)
     return "jammed" if jammed else "ok"
 
 
-def _path(impulse: FloatArray, mu: float, slips: list[FloatArray], speed: float) -> str:
+def _path(pushed: bool, mu: float, slips: list[FloatArray], speed: float) -> str:
     """Contact modes before, after compression and at the end; empty for a contact without impulse or without friction."""
-    if not impulse.any() or mu == 0.0:
+    if not pushed or mu == 0.0:
         return ""
     before = slips[0]
     modes = [_mode(slip, before, speed) for slip in slips]
