@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.verification.independent.finding import Array
@@ -63,7 +64,8 @@ class KeptRows:
     Attributes:
         layout: Columns of the rows.
         count: Number of rows so far.
-        is_regular: Whether each row follows the one before by one control period or, at the end of a run, less.
+        is_regular: Whether each row follows the one before by one control period or, at the end of a run, less, and the
+            first one the start of the run.
         spread: Numbers of rows of the whole run.
         closed: Numbers of rows in which a grasp is closed.
         samples: By the column of a sensor's sample time, the numbers of the row that shows a sample first and of the row at
@@ -74,7 +76,7 @@ class KeptRows:
     def __init__(self, layout: Layout, metadata: Mapping[str, str]) -> None:
         """Find the columns."""
         self.layout, self.count, self.is_regular = layout, 0, True
-        self._period_s = float(metadata.get("control_period_s", "inf"))
+        self._period_s, self._start_s = float(metadata.get("control_period_s", "inf")), logged_start_s(metadata)
         self.spread, self.closed = Spread[int](), Spread[int]()
         self.before = Spread[tuple[float, int]]()
         index = layout.index
@@ -145,8 +147,9 @@ class KeptRows:
 
     def _judge(self, times: Array) -> None:
         """Note whether rows are missing or out of order."""
-        last = self._recent[-1][1][-1, self.layout.time] if self._recent else -np.inf
-        steps = np.diff(times, prepend=last if np.isfinite(last) else times[0] - self._period_s)
+        # A run begins with a row at its start or, from a state between two ticks, at the next tick.
+        last = self._recent[-1][1][-1, self.layout.time] if self._recent else self._start_s - 0.25 * self._period_s
+        steps = np.diff(times, prepend=last)
         self.is_regular &= bool(np.all(steps > 0.0) and np.all(steps < 1.5 * self._period_s))
 
     def _keep(self, number: int) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.verification.independent.accelerations import accelerate, forces_known, is_out_of_contact, load_on
 from ffsm_mj.verification.independent.finding import Array, Finding, Worst
 from ffsm_mj.verification.independent.logged_rows import LoggedRows
@@ -49,8 +50,9 @@ def _put(scene: LoggedScene, rows: LoggedRows, at: int, *, with_forces: bool) ->
     """Put the data to the state of a row as a sample sees it; returns whether sensors of forces are evaluated."""
     model, data, row, efforts = scene.model, scene.data, rows.kept[at], None
     if with_forces and is_out_of_contact(scene, row):
-        # Before the first command nothing is powered.
-        efforts = rows.efforts_after(scene, at - 1, rows.time_s(at)) if at else np.zeros(model.nu)
+        # At t = 0, before the first command, nothing is powered; a run that goes on from another has its efforts.
+        is_start = at == 0 and not logged_start_s(scene.log.header.metadata)
+        efforts = np.zeros(model.nu) if is_start else rows.efforts_after(scene, at - 1, rows.time_s(at))
     scene.put_row(row, np.zeros(model.nu) if efforts is None else efforts)
     mujoco.mj_sensorPos(model, data)
     mujoco.mj_sensorVel(model, data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,10 @@ import pytest
 import ffsm_mj
 from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
 from ffsm_mj.verification.independent.tolerances import TOLERANCES
+from tests.contact_models.grasp.scenes import grasping
+from tests.sensing.scenes import pushing
 from tests.verification.independent.scenes import (
+    SENSORS,
     bouncing,
     chain,
     changed,
@@ -97,6 +101,27 @@ def test_a_changed_capture_fails_its_check(runs, field, change, name):
     assert name in failing(ffsm_mj.Run(replace(log, records=records)))
 
 
+HELD = [{"name": "hold", "until": "end", "controller": {"kind": "hold", "joints": ["j1", "j2"], "bandwidth_rad_s": 3.0}}]
+
+
+@pytest.mark.parametrize(
+    ("make", "changes", "at_s", "names"),
+    [
+        (pushing, {"sensors": SENSORS, "seed": 5, "phases": HELD}, 0.2, {"sensor values", "sensor times", "sensor noise"}),
+        (grasping, {"control_period_s": 0.01}, 1.0, {"grasp load"}),
+    ],
+)
+def test_a_run_that_goes_on_from_another(tmp_path, make, changes, at_s, names):
+    """Its first row is under efforts, with samples on their way and grasps closed, of a run whose log it does not have."""
+    path = make(tmp_path, **changes)
+    ffsm_mj.run(path, out=tmp_path / "before", rerun=False)
+    scenario = json.loads(path.read_text()) | {"initial": {"from": "before", "at_s": at_s}}
+    (tmp_path / "after.yaml").write_text(json.dumps(scenario))
+    found = independent(ffsm_mj.run(tmp_path / "after.yaml"))
+    assert names <= {*found}
+    assert all(check.passes for check in found.values())
+
+
 def test_what_a_log_lacks_is_left_out(runs):
     """Without a column of the state no model can be put to it; rows that are missing leave what acted between them open."""
     log = runs["holding"].log
@@ -105,7 +130,11 @@ def test_what_a_log_lacks_is_left_out(runs):
         keep = [i for i, key in enumerate(layout.keys) if key != gone]
         header = replace(log.header, layout=replace(layout, signals=tuple(layout.signals[i] for i in keep)))
         assert "grasp load" not in independent(ffsm_mj.Run(replace(log, header=header, rows=log.rows[:, keep])))
-    damaged = ffsm_mj.Run(replace(log, rows=np.delete(log.rows, slice(60, 90), axis=0), damage="a chunk is lost"))
+    for lost in (slice(60, 90), slice(0, 90)):
+        part = ffsm_mj.Run(replace(log, rows=np.delete(log.rows, lost, axis=0)))
+        assert not failing(part)
+        assert "grasp load" not in independent(part)
+    damaged = ffsm_mj.Run(replace(log, damage="a chunk is lost"))
     assert not failing(damaged)
     assert "grasp load" not in independent(damaged)
 
