@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from ffsm_mj.errors import TwinsError, described
 
-INTERFACE = "043c72469c7f"
+INTERFACE = "7a8721c7964f"
 """Fingerprint of the public names of every class that has a twin; ``tests/test_compiled.py`` computes it.
 
 Twins state the fingerprint for which they are written. A build from other sources of the same version states another one.

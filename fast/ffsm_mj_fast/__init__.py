@@ -25,7 +25,7 @@ from ffsm_mj_fast.state_transfer import StateTransfer
 from ffsm_mj_fast.steady import SteadyContacts
 from ffsm_mj_fast.tip_kinematics import TipKinematics
 
-INTERFACE = "043c72469c7f"
+INTERFACE = "7a8721c7964f"
 """Value of ``ffsm_mj.compiled.INTERFACE`` for which these twins are written; ffsm-mj refuses twins with another value."""
 
 __all__ = [

@@ -32,7 +32,6 @@ class Active(NamedTuple):
 
     count: int
     rows: object
-    slides: tuple = ()
 
 
 @cython.no_gc  # no cycle contains it
@@ -166,7 +165,7 @@ cdef class ContactAcceleration:
         problem = self.rows.held.get(key)
         if problem is None:
             active = Active(self.own.rows, np.array(key, dtype=np.intp))
-            problem = self.rows.held[key] = of_rows(None, self.own, active)
+            problem = self.rows.held[key] = of_rows(self.own, active)
         return problem
 
     def validity(self, which):

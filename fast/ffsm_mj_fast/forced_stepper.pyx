@@ -29,7 +29,8 @@ cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
 cdef class ForcedStepper(FreeStepper):
     """Integrates steps under state-dependent applied forces."""
 
-    cdef public bint implicit, inside, repeats
+    cdef public bint implicit, inside, solved
+    cdef public int repeats
     cdef public object stage
     cdef readonly object start_rates, rotations
     cdef tuple pushes
@@ -92,8 +93,9 @@ cdef class ForcedStepper(FreeStepper):
         cdef double start_s = self.data.time
         memcpy(&self.start_qpos[0], &self.qpos[0], self.qpos.shape[0] * sizeof(double))
         memcpy(&self.start_qvel[0], &self.rates[0], self.rates.shape[0] * sizeof(double))
+        self.solved = True
         if self.implicit:
-            integrate_implicitly(self, self.data, duration_s)
+            self.solved = integrate_implicitly(self, self.data, duration_s)
         else:
             self.integrate_explicitly(start_s, duration_s)
         self.data.time = start_s + duration_s

@@ -116,7 +116,7 @@ cdef class FrictionState:
         both = self.modes.key, structure.key
         held = self.rows.held.get(both)
         if held is None:
-            held = self.rows.held[both] = of_rows(self.modes.mu, self.own, structure)
+            held = self.rows.held[both] = of_rows(self.own, structure)
         return held
 
     cdef double* stuck_forces(self) except NULL:

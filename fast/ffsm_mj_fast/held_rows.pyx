@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Forces of held rows; twin of HeldForces in ffsm_mj.contact_models.persistent.friction.held_rows.
+"""Forces of held rows where no point slides with friction; twin of HeldForces in ffsm_mj...friction.held_rows.
 
 Systems have a few rows: loops are faster than LAPACK, which the original calls for the same factors.
 """
@@ -133,23 +133,20 @@ cdef class HeldForces:
 
     def __init__(self, problem, structure):
         cdef double[:, ::1] G = problem.G
-        self.set_up(problem.mu, problem.G, &G[0, 0] if len(G) else NULL, structure)
+        self.set_up(problem.G, &G[0, 0] if len(G) else NULL, structure)
 
-    cdef int set_up(self, mu, kept, const double* G, structure) except -1:
+    cdef int set_up(self, kept, const double* G, structure) except -1:
         """Take a matrix, which an object keeps in memory, and the rows."""
         cdef Py_ssize_t n
         cdef double* start
-        self.structure, self.mu, self.kept = structure, mu, kept
+        self.structure, self.kept = structure, kept
         self.rows, self.count, n = structure.rows, structure.count, len(structure.rows)
-        self.sliding, self.held = len(structure.slides), n
-        if self.sliding:
-            self.slides, self.columns = structure.slides, structure.columns
-        size = 4 * n * n + 3 * n + 2 * self.sliding + 1
+        self.held = n
+        size = 3 * n * n + 3 * n + 1
         self.memory = bytearray(<Py_ssize_t>sizeof(double) * size + <Py_ssize_t>sizeof(Py_ssize_t) * n)
         start = <double*><char*>self.memory
-        self.square, self.basis, self.system, self.work = start, start + n * n, start + 2 * n * n, start + 3 * n * n
-        self.half = start + 4 * n * n
-        self.right, self.inner, self.friction = self.half + n, self.half + 2 * n, self.half + 3 * n
+        self.square, self.basis, self.work, self.half = start, start + n * n, start + 2 * n * n, start + 3 * n * n
+        self.right, self.inner = self.half + n, self.half + 2 * n
         self.order = <Py_ssize_t*>(start + <Py_ssize_t>size)
         self.take(G)
         return 0
@@ -164,7 +161,6 @@ cdef class HeldForces:
             row = G + self.rows[i] * count
             for j in range(n):
                 square[i * n + j] = row[self.rows[j]]
-        memcpy(self.system, square, n * n * sizeof(double))
         memcpy(self.work, square, n * n * sizeof(double))
         self.find_range()
 
@@ -174,7 +170,7 @@ cdef class HeldForces:
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return held_forces, (self.mu, self.delassus(), self.structure)
+        return held_forces, (self.delassus(), self.structure)
 
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range if it is not all."""
@@ -203,41 +199,10 @@ cdef class HeldForces:
         responses = np.linalg.lstsq(U.T @ square @ U, right, rcond=EPSILON)[0]
         return along @ responses[:, 0], np.sum(along.T * responses[:, 1:], axis=0)
 
-    def is_regular(self, slips):
-        """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
-        self.turn_to(slips)
-        self.reduce()
-        return bool(np.linalg.slogdet(self.matrix(self.work, self.rank, self.rank))[0] > 0.0)
-
-    def turn_to(self, slips):
-        """Set the directions of slip, (k, 2)."""
-        cdef double[:, ::1] given
-        if self.sliding:
-            given = np.array(slips, dtype=np.float64, order="C")
-            self.turn(&given[0, 0])
-
-    cdef int turn(self, const double* slips) except -1:
-        cdef Py_ssize_t i, j, point, n = self.held
-        cdef const double[::1] mu
-        if not self.sliding:
-            return 0
-        mu, self.factored = self.mu, False
-        memcpy(self.system, self.square, n * n * sizeof(double))
-        for j in range(self.sliding):
-            point = self.slides[j]
-            self.friction[2 * j], self.friction[2 * j + 1] = -mu[point] * slips[2 * point], -mu[point] * slips[2 * point + 1]
-            for i in range(n):
-                self.system[i * n + self.columns[j]] += (
-                    self.friction[2 * j] * self.G[self.rows[i] * self.count + 3 * point + 1]
-                    + self.friction[2 * j + 1] * self.G[self.rows[i] * self.count + 3 * point + 2]
-                )
-        return 0
-
-    def forces(self, const double[::1] b not None, slips):
-        """Forces (n, t1, t2) of each point for given directions of slip, N, (k, 3)."""
+    def forces(self, const double[::1] b not None, _):
+        """Forces (n, t1, t2) of each point, N, (k, 3)."""
         forces = np.zeros((self.count // 3, 3))
         cdef double[:, ::1] found = forces
-        self.turn_to(slips)
         if self.count:
             self.write_forces(&b[0], &found[0, 0])
         return forces
@@ -248,26 +213,17 @@ cdef class HeldForces:
         for i in range(self.held):
             self.right[i] = -b[self.rows[i]]
         self.solve()
-        self.spread(forces)
-        return 0
-
-    cdef void spread(self, double* forces) noexcept:
-        """Write the forces of the held rows, and the friction of sliding points, into those of all rows."""
-        cdef Py_ssize_t i, j, point
         for i in range(self.held):
             forces[self.rows[i]] += self.right[i]
-        for j in range(self.sliding):
-            point = self.slides[j]
-            forces[3 * point + 1] += self.friction[2 * j] * self.right[self.columns[j]]
-            forces[3 * point + 2] += self.friction[2 * j + 1] * self.right[self.columns[j]]
+        return 0
 
     cdef void reduce(self) noexcept:
         """Put the system in the range of the held rows, (rank, rank), into the work space."""
         self.factored = False
         if self.rank < self.held:
-            reduced(self.system, self.basis, self.held, self.rank, self.half, self.work)
+            reduced(self.square, self.basis, self.held, self.rank, self.half, self.work)
         else:
-            memcpy(self.work, self.system, self.held * self.held * sizeof(double))
+            memcpy(self.work, self.square, self.held * self.held * sizeof(double))
 
     cdef void project(self) noexcept:
         """Components of the right side in the range of the held rows."""
@@ -320,32 +276,13 @@ cdef class HeldForces:
             self.inner[<Py_ssize_t>j] = each
         return 0
 
-    def responses_to_turns(self, points, across, normal_forces):
-        """Changes of all forces per rad by which the directions of slip of some points turn, (3k, m)."""
-        cdef Py_ssize_t i, j, m = len(points)
-        cdef double[:, ::1] found
-        turned, columns = np.zeros((self.count, m)), np.arange(m)
-        friction = -(self.mu[points] * normal_forces)[:, None] * across
-        turned[3 * points + 1, columns], turned[3 * points + 2, columns] = friction[:, 0], friction[:, 1]
-        right = np.ascontiguousarray(self.delassus()[np.asarray(self.rows)].dot(turned).T)
-        answers = np.ascontiguousarray(turned.T)
-        found = answers
-        for j in range(m):
-            for i in range(self.held):
-                self.right[i] = -right[j, i]
-            self.solve()
-            if self.count:
-                self.spread(&found[j, 0])
-        return answers.T
-
-
-def held_forces(mu, G, structure):
+def held_forces(G, structure):
     """The problem of held rows that was saved."""
-    return HeldForces(SimpleNamespace(mu=mu, G=G), structure)
+    return HeldForces(SimpleNamespace(G=G), structure)
 
 
-cdef HeldForces of_rows(mu, RowMemory own, structure):
+cdef HeldForces of_rows(RowMemory own, structure):
     """The problem of rows in memory."""
     cdef HeldForces held = HeldForces.__new__(HeldForces)
-    held.set_up(mu, own, own.delassus(), structure)
+    held.set_up(own, own.delassus(), structure)
     return held

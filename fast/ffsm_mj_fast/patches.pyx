@@ -134,7 +134,7 @@ cdef class StuckPatches:
         """Take the matrix where the bodies themselves cannot move along some of the reduced rows."""
         if self.held is None:
             self.held = HeldForces.__new__(HeldForces)
-            self.held.set_up(None, None, self.A, Active(self.reduced, np.arange(self.reduced)))
+            self.held.set_up(None, self.A, Active(self.reduced, np.arange(self.reduced)))
         else:
             self.held.take(self.A)
         return 0

@@ -14,13 +14,9 @@ cdef class StageForces:
     cdef HeldForces held
     cdef StuckPatches patches
     cdef list states
-    cdef bint frictional, any_slides
-    cdef const unsigned char[::1] slides, straight
-    cdef const double[:, ::1] at_start
-    cdef bytearray slips
+    cdef bint frictional
     cdef double[::1] force, b, sums
 
     cdef object add_to(self, double[::1] applied)
     cdef int hold_rows(self, StageInMemory stage) except -1
-    cdef int slide(self, StageInMemory stage) except -1
     cdef int hold(self) except -1

@@ -1,8 +1,8 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Contact forces in the stages inside a step; twin of ffsm_mj.contact_models.persistent.stage_forces.
 
-Points over faces and joint limits are evaluated here, in memory that is used again from stage to stage; others by the
-original.
+Points over faces and joint limits are evaluated here, in memory that is used again from stage to stage; others, and points
+of which some slide with friction, by the original.
 """
 
 import numpy as np
@@ -11,16 +11,13 @@ from ffsm_mj.contact_models.persistent import stage_forces as plain
 
 from ffsm_mj_fast.contact_acceleration import Active
 
-from libc.math cimport sqrt
 from libc.string cimport memset
 
 from ffsm_mj_fast.friction_state cimport structure_of
 from ffsm_mj_fast.held_rows cimport HeldForces, of_rows
-from ffsm_mj_fast.memory cimport numbers, room
 from ffsm_mj_fast.patches cimport patches_of
 from ffsm_mj_fast.row_memory cimport RowMemory
 from ffsm_mj_fast.rows cimport RowEvaluator
-from ffsm_mj_fast.slip_directions cimport find_directions, find_slips
 from ffsm_mj_fast.smooth cimport Smooth
 from ffsm_mj_fast.stage_in_memory cimport StageInMemory, empty_stage, finish_stage, generalise
 
@@ -32,7 +29,7 @@ cdef class StageForces:
         self.given = smooth, evaluator, contact_points, modes
         self.contact_points, self.modes, self.frictional = contact_points, modes, modes is not None
         self.smooth, self.evaluator = smooth, evaluator
-        if self.smooth.motion.loops is None:
+        if self.smooth.motion.loops is None and not (self.frictional and modes.any_slides):
             self.states = self.evaluator.groups_in_memory()
         if self.states is None:
             self.other = plain.StageForces(smooth, evaluator, contact_points, modes)
@@ -41,9 +38,6 @@ cdef class StageForces:
         self.force, self.b, self.sums = np.empty(self.own.nv), np.empty(self.own.rows), np.empty(self.own.nv)
         if self.frictional:
             self.patches = patches_of(self.evaluator) if modes.all_stick else None
-            self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
-            self.any_slides, self.at_start = modes.any_slides, np.ascontiguousarray(modes.directions)
-            self.slips = room(4 * self.own.points + 1)
         else:
             self.structure = Active(self.own.rows, np.arange(self.own.rows))
 
@@ -68,7 +62,7 @@ cdef class StageForces:
             return self.other.add(applied.base)
         self.smooth.write_force(&applied[0], &self.force[0])
         self.evaluator.evaluate(self.states, own, self.frictional)
-        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.frictional, self.any_slides)
+        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.frictional)
         if self.patches is not None and self.patches.prepare(self.states, own):
             self.patches.solve(own, &self.force[0], stage.along, &self.sums[0])
         else:
@@ -92,27 +86,8 @@ cdef class StageForces:
             self.b[i] = total
         memset(stage.along, 0, own.rows * sizeof(double))
         self.hold()
-        if self.any_slides:
-            self.slide(stage)
-        else:
-            self.held.write_forces(&self.b[0], stage.along)
+        self.held.write_forces(&self.b[0], stage.along)
         generalise(stage.along, own, &self.sums[0])
-        return 0
-
-    cdef int slide(self, StageInMemory stage) except -1:
-        """Find the forces where points slide, along their slips at the state, with heat and slip speeds."""
-        cdef Py_ssize_t p
-        cdef double* slips = numbers(self.slips)
-        cdef double* directions = slips + 2 * self.own.points
-        cdef double* forces = stage.along
-        find_slips(self.own, slips)
-        find_directions(self.own, slips, self.at_start, self.slides, self.straight, directions)
-        self.held.turn(directions)
-        self.held.write_forces(&self.b[0], forces)
-        for p in range(self.own.points):
-            if self.slides[p]:
-                stage.heat[p] = -(forces[3 * p + 1] * slips[2 * p] + forces[3 * p + 2] * slips[2 * p + 1])
-                stage.speeds[p] = sqrt(slips[2 * p] * slips[2 * p] + slips[2 * p + 1] * slips[2 * p + 1])
         return 0
 
     cdef int hold(self) except -1:
@@ -122,7 +97,7 @@ cdef class StageForces:
             if structure is not self.structure:
                 self.structure, self.held = structure, None
         if self.held is None:
-            self.held = of_rows(self.modes.mu if self.frictional else None, self.own, self.structure)
+            self.held = of_rows(self.own, self.structure)
         else:
             self.held.take(self.own.delassus())
         return 0

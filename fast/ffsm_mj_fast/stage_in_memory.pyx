@@ -5,8 +5,6 @@ cimport cython
 
 import numpy as np
 
-from ffsm_mj.contact_models.persistent.exchange import Slide
-
 from libc.string cimport memset
 
 from ffsm_mj_fast.memory cimport numbers, zeros
@@ -15,22 +13,13 @@ from ffsm_mj_fast.row_memory cimport RowMemory
 
 @cython.no_gc  # no cycle contains it
 cdef class StageInMemory:
-    """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6).
+    """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6)."""
 
-    Where points slide with friction, heat and slip speeds of all points, (2, k).
-    """
+    slide = None
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional, self.slides)
-
-    @property
-    def slide(self):
-        """Heat and slip of the points; None where none slides with friction."""
-        if not self.slides:
-            return None
-        at = self.count + self.nv + 6 * self.groups
-        return Slide(*np.frombuffer(self.block)[at : at + 2 * self.count // 3].reshape(2, -1))
+        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional)
 
     @property
     def forces(self):
@@ -54,29 +43,22 @@ cdef class StageInMemory:
         return np.frombuffer(self.block)[self.count + self.nv : self.count + self.nv + 6 * self.groups].reshape(-1, 6)
 
 
-def stage_in_memory(rows, block, count, nv, groups, frictional, slides):
+def stage_in_memory(rows, block, count, nv, groups, frictional):
     """A stage that was saved."""
-    return new_stage(rows, bytearray(block), count, nv, groups, frictional, slides)
+    return new_stage(rows, bytearray(block), count, nv, groups, frictional)
 
 
-cdef StageInMemory new_stage(
-    rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides
-):
+cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
     stage.rows, stage.block, stage.count, stage.nv, stage.groups = rows, block, count, nv, groups
-    stage.frictional, stage.slides, stage.along = frictional, slides, numbers(block)
+    stage.frictional, stage.along = frictional, numbers(block)
     stage.powers, stage.found = stage.along + count, stage.along + count + nv
-    stage.heat = stage.found + 6 * groups
-    stage.speeds = stage.heat + count // 3
     return stage
 
 
-cdef StageInMemory empty_stage(
-    rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides=False
-):
+cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
     """A stage without forces."""
-    cdef Py_ssize_t size = count + nv + 6 * groups + (2 * count // 3 if slides else 0)
-    return new_stage(rows, zeros(size + 1), count, nv, groups, frictional, slides)
+    return new_stage(rows, zeros(count + nv + 6 * groups + 1), count, nv, groups, frictional)
 
 
 cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.free_stepper import WHOLE_STATE, FreeStepper
-from ffsm_mj.dynamics.implicit_stages import IMPLICIT_WEIGHTS, StageVelocity, integrate_implicitly
+from ffsm_mj.dynamics.implicit_stages import IMPLICIT_WEIGHTS, ImplicitStep, integrate_implicitly
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
 from ffsm_mj.dynamics.rotation_vector import rotation_vector_rate
 
@@ -33,10 +33,11 @@ class ForcedStepper(FreeStepper):
 
     Attributes:
         implicit: Whether steps are implicit. Whoever sets it keeps it for all queries of one step.
-        stage: Velocity of the current stage as a function of its accelerations; None in an explicit stage, and at the ends
-            of a step.
+        stage: The implicit step whose nodes are evaluated; None in an explicit stage, and at the ends of a step.
+        solved: Whether the equations of the last implicit step were solved; with a shorter step they may be.
         inside: Whether the state is that of an explicit stage inside a step, which is evaluated once and then left.
-        repeats: Whether the stage is evaluated again, in the iterations of an implicit one.
+        repeats: Which of the stages so far, counted from the last one, -1, is evaluated again in the iterations of an
+            implicit step; 0 for a stage that is new.
         start_rates: Generalised velocity at the start of the step, (nv,).
         rotations: Degrees of freedom of rotations in space.
     """
@@ -61,8 +62,8 @@ class ForcedStepper(FreeStepper):
             follow: Called before them: transfers the stage's state to the logged system.
         """
         super().__init__(model, data, state, momentum)
-        self.implicit, self.inside, self.repeats = False, False, False
-        self.stage: StageVelocity | None = None
+        self.implicit, self.inside, self.repeats, self.solved = False, False, 0, True
+        self.stage: ImplicitStep | None = None
         self._pushes, self._follow, self.rotations = tuple(pushes), follow, rotation_dofs(model)
         self._qpos, self._accelerations, self._applied = data.qpos, data.qacc, data.qfrc_applied
         self._start_qpos, self.start_rates = np.empty(model.nq), np.empty(model.nv)
@@ -98,8 +99,9 @@ class ForcedStepper(FreeStepper):
         """The same if forces are current at the start."""
         start_s = self._data.time
         self._start_qpos[:], self.start_rates[:] = self._qpos, self._rates
+        self.solved = True
         if self.implicit:
-            integrate_implicitly(self, self._data, duration_s)
+            self.solved = integrate_implicitly(self, self._data, duration_s)
         else:
             self._integrate_explicitly(duration_s)
         self._data.time = start_s + duration_s

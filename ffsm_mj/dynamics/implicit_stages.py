@@ -1,17 +1,19 @@
-"""Singly diagonally implicit Runge-Kutta method of order four, for forces that are stiff in the velocities.
+"""Implicit Runge-Kutta method Radau IIA of order five, for forces that are stiff in the velocities.
 
-The method is L-stable and stiffly accurate: the last stage is the end of the step (Hairer & Wanner, *Solving Ordinary
-Differential Equations II*, sec. IV.6, table 6.5). Each stage satisfies
+The method has three nodes and is L-stable and stiffly accurate: the last node is the end of the step. Its stage order is
+three, so that it keeps most of its order where the stiffness is large, as after a point has begun to slip (Hairer & Wanner,
+*Solving Ordinary Differential Equations II*, sec. IV.5 and IV.15). The nodes satisfy
 
-    v_i = v_0 + h sum_j<i a_ij vdot_j + h gamma vdot_i(q_i, v_i)
+    v_i = v_0 + sum_j W_ij vdot_j(q_j, v_j),   W = h A
 
-Stiff forces solve their part of this equation exactly, given the first terms; the rest converges by fixed-point iteration.
+Stiff forces solve their part of these equations at all nodes at once, given the rest, which converges by fixed-point
+iteration.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from math import sqrt
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -22,87 +24,98 @@ from ffsm_mj.tolerances import EPSILON
 if TYPE_CHECKING:
     from ffsm_mj.dynamics.forced_stepper import ForcedStepper
 
-GAMMA = 0.25
-"""Diagonal coefficient."""
-COEFFICIENTS = (
-    (),
-    (1 / 2,),
-    (17 / 50, -1 / 25),
-    (371 / 1360, -137 / 2720, 15 / 544),
-    (25 / 24, -49 / 48, 125 / 16, -85 / 12),
+_ROOT = sqrt(6.0)
+_PLACES = ((4.0 - _ROOT) / 10.0, (4.0 + _ROOT) / 10.0, 1.0)
+"""Nodes, as shares of the step."""
+_COEFFICIENTS = np.array(
+    (
+        ((88 - 7 * _ROOT) / 360, (296 - 169 * _ROOT) / 1800, (-2 + 3 * _ROOT) / 225),
+        ((296 + 169 * _ROOT) / 1800, (88 + 7 * _ROOT) / 360, (-2 - 3 * _ROOT) / 225),
+        ((16 - _ROOT) / 36, (16 + _ROOT) / 36, 1 / 9),
+    )
 )
-"""Coefficients of the previous stages, by stage."""
-IMPLICIT_WEIGHTS = np.array((*COEFFICIENTS[-1], GAMMA))
-"""Quadrature weights of the five stages."""
+"""Coefficients A of the accelerations at the nodes (columns) in the velocities there (rows)."""
+IMPLICIT_WEIGHTS = _COEFFICIENTS[-1]
+"""Quadrature weights of the three nodes."""
 _PASSES = 30
-"""Largest number of iterations of a stage; 3 or 4 reach rounding."""
+"""Largest number of iterations; 3 or 4 reach rounding."""
 _SETTLED = 2.0 * EPSILON
 """Iterations end at changes of the increments below this share of 1 + the largest rate."""
 _NEARLY = 1e-10
 """The same for changes that do not get smaller."""
 
 
-@dataclass(frozen=True)
-class StageVelocity:
-    """Velocity of an implicit stage: given + step_s * acceleration.
+class StiffForces(Protocol):
+    """Forces that are stiff in the velocities, evaluated at the nodes of an implicit step."""
+
+    def corrections(self, step: ImplicitStep, accelerations: FloatArray) -> FloatArray | None:
+        """Changes of the accelerations that solve the part of these forces, (3, nv); None where there is no solution.
+
+        Args:
+            step: The step.
+            accelerations: Accelerations at the nodes under the forces evaluated there, (3, nv).
+        """
+
+
+class ImplicitStep:
+    """An implicit step, as the forces in its nodes see it.
 
     Attributes:
-        given: Terms without the acceleration of the stage, (nv,).
-        step_s: Duration of the step times the diagonal coefficient, s.
+        weights: Coefficients of the accelerations in the velocities, h A, s, (3, 3).
+        start_rates: Generalised velocity at the start, (nv,).
+        node: The node that is evaluated now.
+        stiff: Stiff forces, set by whoever evaluates them; None without any.
     """
 
-    given: FloatArray
-    step_s: float
+    def __init__(self, duration_s: float, start_rates: FloatArray) -> None:
+        """Begin a step."""
+        self.weights, self.start_rates, self.node = duration_s * _COEFFICIENTS, start_rates, 0
+        self.stiff: StiffForces | None = None
 
 
-def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -> None:
-    """Set the state at the end of a step.
+def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -> bool:
+    """Set the state at the end of a step; returns whether its equations were solved.
 
     Args:
         stepper: Evaluates the forces; at the start of the step.
         data: MuJoCo data.
         duration_s: Duration of the step.
     """
-    h, start_s = duration_s, data.time
-    slopes: list[FloatArray] = []
-    guess = np.stack((data.qvel, data.qacc))
-    for coefficients in COEFFICIENTS:
-        given = np.zeros_like(guess)
-        for coefficient, slope in zip(coefficients, slopes, strict=True):
-            given += h * coefficient * slope
-        data.time = start_s + h * (GAMMA + sum(coefficients))
-        guess = _stage(stepper, data, h * GAMMA, given, guess)
-        slopes.append(guess)
-    stepper.move_by(given + h * GAMMA * guess)
-
-
-def _stage(stepper: ForcedStepper, data: Any, step_s: float, given: FloatArray, slope: FloatArray) -> FloatArray:
-    """Rates and accelerations of a stage, (2, nv), at the increments ``given`` + ``step_s`` times themselves.
-
-    Args:
-        stepper: Evaluates the forces.
-        data: MuJoCo data.
-        step_s: Duration of the step times the diagonal coefficient, s.
-        given: Increments of (rotation vectors and other coordinates, rates) by the previous stages, (2, nv).
-        slope: First estimate.
-    """
-    rates, accelerations, before_it = data.qvel, data.qacc, stepper.start_rates + given[1]
-    stepper.stage = StageVelocity(before_it, step_s)
+    step = stepper.stage = ImplicitStep(duration_s, stepper.start_rates)
+    start_s, nodes = data.time, len(_PLACES)
+    slopes, change, solved = np.array((np.stack((data.qvel, data.qacc)),) * nodes), np.inf, True
     try:
-        change = np.inf
-        for _ in range(_PASSES):
-            increment = given + step_s * slope
-            stepper.move_by(increment)
-            stepper.refresh()
-            stepper.repeats = True
-            before, slope = slope, np.stack((before_it + step_s * accelerations, accelerations))
-            turned, spins = increment[0].tolist(), slope[0].tolist()
-            for part in stepper.rotations:
-                spins[part] = rotation_vector_rate(turned[part], spins[part])
-            slope[0] = spins
-            last, change = change, step_s * np.abs(slope - before).max() / (1.0 + np.abs(rates).max())
+        for again in range(_PASSES):
+            before, increments = slopes, np.tensordot(step.weights, slopes, 1)
+            slopes = np.empty_like(before)
+            for step.node in range(nodes):
+                stepper.repeats = step.node - nodes if again else 0
+                data.time = start_s + duration_s * _PLACES[step.node]
+                stepper.move_by(increments[step.node])
+                stepper.refresh()
+                slopes[step.node, 1] = data.qacc
+            found = step.stiff.corrections(step, slopes[:, 1]) if step.stiff is not None else 0.0
+            solved = found is not None
+            if found is not None:
+                slopes[:, 1] += found
+            slopes[:, 0] = step.start_rates + step.weights.dot(slopes[:, 1])
+            _turn_spins(stepper, slopes, increments)
+            moved = np.tensordot(step.weights, slopes - before, 1)
+            last, change = change, float(np.abs(moved).max() / (1.0 + np.abs(slopes[:, 0]).max()))
             if change <= _SETTLED or (change <= _NEARLY and change >= 0.5 * last):  # rounding
                 break
+        else:
+            solved = False
     finally:
-        stepper.stage, stepper.repeats = None, False
-    return slope
+        stepper.stage, stepper.repeats = None, 0
+    stepper.move_by(np.tensordot(step.weights[-1], slopes, 1))
+    return solved
+
+
+def _turn_spins(stepper: ForcedStepper, slopes: FloatArray, increments: FloatArray) -> None:
+    """Replace angular velocities in the rates at the nodes by rates of rotation vectors, (3, 2, nv) each."""
+    for slope, increment in zip(slopes, increments, strict=True):
+        turned, spins = increment[0].tolist(), slope[0].tolist()
+        for part in stepper.rotations:
+            spins[part] = rotation_vector_rate(turned[part], spins[part])
+        slope[0] = spins

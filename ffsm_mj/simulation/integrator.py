@@ -23,6 +23,9 @@ from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.simulation.step_control import StepControl
 from ffsm_mj.ties import apart, instant_s, last_of_first, shortest_s
 
+_SHORTEST_S = 1e-10
+"""An implicit step this short is kept even if its stages are not solved: it hardly moves anything."""
+
 
 class EventDrivenIntegrator:
     """Integrates a motion and locates the events of contact models.
@@ -255,8 +258,21 @@ class EventDrivenIntegrator:
             reach_s = left_s
         most_s = min(most_s, reach_s)
         if control is None:
-            return most_s, self.motion.step(most_s)
+            return self._solved_step(most_s)
         return control.step(self.motion, reach_s, most_s, self.exchanged)
+
+    def _solved_step(self, step_s: float) -> tuple[float, bool]:
+        """A step of a given duration, or of a half, a quarter, ... of it: the longest one whose stages have a solution.
+
+        They have none where a sliding point stops within an implicit step that was not expected to see it stop.
+        """
+        motion = self.motion
+        clear, motion.path.at_s = motion.step(step_s), step_s
+        while motion.forced is not None and not motion.forced.solved and step_s > _SHORTEST_S:
+            motion.path.move_to(0.0)
+            step_s *= 0.5
+            clear, motion.path.at_s = motion.step(step_s), step_s
+        return step_s, clear
 
     def exchanged(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in a trial step that may be rejected."""

@@ -77,7 +77,7 @@ class LoopExchange:
             wrench[3:] += np.cross(point, wrench[:3])
         power = float(generalised[self._robot] @ data.qvel[self._robot])
         if flight.repeats:
-            self._stages[-1] = wrenches, power
+            self._stages[flight.repeats] = wrenches, power
         else:
             self._stages.append((wrenches, power))
 

@@ -20,7 +20,8 @@ from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
-from ffsm_mj.contact_models.persistent.friction.stage import stage_of, step_limit
+from ffsm_mj.contact_models.persistent.friction.stage import ImplicitSlips, stage_of
+from ffsm_mj.contact_models.persistent.friction.step_rule import step_rule
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.contact_models.persistent.point_search import points_at_rest, slow_points
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
@@ -62,6 +63,7 @@ class ActiveContactSet:
         self.solver, self.clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts = Tilts(scene.data)
         self._chosen: FrictionalDecision | None = None
+        self._slips: ImplicitSlips
         self.steady = fastest(SteadyContacts)(self, scene.system)
 
     @property
@@ -137,13 +139,18 @@ class ActiveContactSet:
             return
         if self.has_friction:
             here = solver.friction_state(self.pressing)
-            stage, generalised = stage_of(here, flight.stage)
+            if flight.stage is None:
+                stage, generalised = stage_of(here)
+            else:
+                if flight.stage.stiff is None:
+                    flight.stage.stiff = self._slips = ImplicitSlips(here)
+                stage, generalised = self._slips.stage_of(here, flight.stage.node)
             solver.stage_forces(self.pressing, friction=True).begin(here.rows.points)
         else:
             stage, generalised = solver.problem(self.pressing).stage(data.qvel)
         applied += generalised
         if flight.repeats:
-            self.stages[-1] = stage
+            self.stages[flight.repeats] = stage
         else:
             self.stages.append(stage)
 
@@ -206,7 +213,10 @@ class ActiveContactSet:
         if self._tilts.bound_steps:
             limit = min(limit, self._tilts.step_limit(left_s))
         if self._chosen is not None:
-            limit, flight.implicit = step_limit(self._chosen, limit)
+            modes = self.modes
+            limit, flight.implicit, modes.layers = step_rule(
+                self._chosen, modes.layers, limit, self.motion.data.time, self.data.ctrl.tobytes()
+            )
         return limit
 
     def witness_value(self, *, exact: bool = False) -> float:

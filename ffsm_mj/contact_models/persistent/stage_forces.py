@@ -65,7 +65,7 @@ class StageForces:
             tangential = evaluator.frictional_rows()
             if motion.loops is not None:
                 tangential.close_loops(motion.loops)
-            return stage_of(self._state_kind(self.contact_points, tangential, force, self.modes), None)
+            return stage_of(self._state_kind(self.contact_points, tangential, force, self.modes))
         rows = evaluator.rows()
         if motion.loops is not None:
             rows.close_loops(motion.loops)

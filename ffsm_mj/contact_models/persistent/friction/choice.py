@@ -21,7 +21,7 @@ from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
-from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
 from ffsm_mj.tolerances import SOLVED
 
 _SLIPS, _SATURATED = 1e-7, 1e-6
@@ -258,8 +258,8 @@ class ModeChoice:
         free = np.flatnonzero(begins & ~self._problem.lines)
         if not len(free):
             return directions
-        found = self._problem.forces_along_slip(kinds, directions, OwnVelocity(self._problem.b, 1.0, free))
-        return directions if found is None else found[1]
+        found = StageEquation([self._problem], kinds, free, np.zeros((1, len(free), 2)), np.eye(1)).solve(directions[None])
+        return directions if found is None else found[1][0]
 
     def _corrected(self, kinds: IntArray, directions: FloatArray) -> Solution | None:
         """The solution in given modes, with modes corrected where they are not valid; None if none are found."""

@@ -234,6 +234,11 @@ class FrictionalDecision:
         return self._slides
 
     @property
+    def changes_modes(self) -> bool:
+        """Whether velocities or modes are others than in the step before."""
+        return self._struck or self.here.modes.kinds.tolist() != self.kinds.tolist()
+
+    @property
     def in_present_modes(self) -> Solution:
         """Solution in the modes of the step."""
         return self._in_present_modes[0]

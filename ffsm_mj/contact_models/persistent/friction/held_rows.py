@@ -29,7 +29,7 @@ class HeldRows:
         count: Number of all rows, 3k.
         rows: Indices of those held, ascending, (r,).
         slides: Indices of sliding points with friction, (m,).
-        problem: Class of the linear problem for their forces.
+        problem: Class of the linear problem for their forces; compiled where no point slides with friction.
     """
 
     count: int
@@ -42,7 +42,7 @@ class HeldRows:
         """Determine the rows in a problem."""
         rows = problem.held_rows(kinds)
         slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else _NONE
-        return cls(3 * len(kinds), rows, slides, fastest(HeldForces))
+        return cls(3 * len(kinds), rows, slides, HeldForces if len(slides) else fastest(HeldForces))
 
     @cached_property
     def key(self) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK, TOGETHER, UNKNOWN, PointModes
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED
+
+if TYPE_CHECKING:
+    from ffsm_mj.contact_models.persistent.friction.step_rule import Layers
 
 _STOPPED = 1e-9
 """A point stops where its slip is below this share of its largest slip since it last began to slide."""
@@ -36,6 +40,7 @@ class FrictionModes:
         beginning: Points that begin to slide at the current state. The slip that they have is the drift of sticking points;
             it is projected out like that before they move.
         replacing: Points without a mode whose slip is drift: those that they replace stick.
+        layers: Layers of the points that slide, at the start of the last (sub-)step; None without any.
         estimates: Forces with the least use of friction found last, N, (m, 3), by the points that share a load.
         generation: Number of changes of the modes so far.
     """
@@ -46,6 +51,7 @@ class FrictionModes:
         self.beginning: frozenset[ContactPoint] = frozenset()
         self.replacing: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
+        self.layers: Layers | None = None
         self.estimates: dict[tuple[ContactPoint, ...], FloatArray] = {}
         self.generation = 0
         self._kinds: dict[ContactPoint, int] = {}
@@ -158,11 +164,11 @@ class FrictionModes:
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores all that decides on the modes of the next step."""
         flags, points = (self.released, self.struck, self.stops), (self.beginning, self.replacing, self._straight)
-        kept = self._kinds, self._directions, self._largest_slip
+        kept = self._kinds, self._directions, self._largest_slip, self.layers
 
         def restore() -> None:
             (self.released, self.struck, self.stops), (self.beginning, self.replacing, self._straight) = flags, points
-            self._kinds, self._directions, self._largest_slip = kept
+            self._kinds, self._directions, self._largest_slip, self.layers = kept
             self.forget_structures()
 
         return restore

@@ -22,7 +22,6 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldProblems, HeldRows, Structures
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, STICK
-from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity, StageEquation
 from ffsm_mj.tolerances import CANCELLED, RANK
 
 
@@ -88,7 +87,7 @@ class FrictionProblem:
             found = self._structures[key] = HeldRows.of(self, kinds)
         return found
 
-    def _held_in(self, kinds: IntArray) -> HeldForces:
+    def held_in(self, kinds: IntArray) -> HeldForces:
         """The linear problem in given modes."""
         structure = self.structure(kinds)
         key = kinds.tobytes(), structure.key
@@ -99,7 +98,7 @@ class FrictionProblem:
 
     def redundant(self, kinds: IntArray) -> bool:
         """Whether the rows held in given modes depend on each other."""
-        return self._held_in(kinds).redundant
+        return self.held_in(kinds).redundant
 
     def forces(self, kinds: IntArray, slips: FloatArray) -> FloatArray:
         """Forces (n, t1, t2) of each point in given modes, N, (k, 3).
@@ -111,27 +110,12 @@ class FrictionProblem:
         key = kinds.tobytes(), slips.tobytes()
         found = self._forces.get(key)
         if found is None:
-            found = self._forces[key] = self._held_in(kinds).forces(self.b, slips)
+            found = self._forces[key] = self.held_in(kinds).forces(self.b, slips)
         return found
 
     def is_regular(self, kinds: IntArray, slips: FloatArray) -> bool:
         """Whether normal forces push apart what slides: not beyond Painleve's paradox, where D = G_nn - mu G_nt s <= 0."""
-        return not len(self.structure(kinds).slides) or self._held_in(kinds).is_regular(slips)
-
-    def forces_along_slip(
-        self, kinds: IntArray, directions: FloatArray, velocity: OwnVelocity
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """The same where some directions of slip are those of velocities that the forces themselves determine.
-
-        Args:
-            kinds: Modes, (k,).
-            directions: Directions of slip, and for points that are free a first estimate, (k, 2).
-            velocity: The velocities.
-
-        Returns:
-            Forces, N, (k, 3), and directions, (k, 2); None where there are none, as a point stops.
-        """
-        return StageEquation(self, self._held_in(kinds), velocity).solve(directions)
+        return not len(self.structure(kinds).slides) or self.held_in(kinds).is_regular(slips)
 
     def responses_to_turns(self, kinds: IntArray, slips: FloatArray, points: IntArray, forces: FloatArray) -> FloatArray:
         """Changes of forces per rad by which the directions of slip of some points turn, N, (k, 3, m).
@@ -142,7 +126,7 @@ class FrictionProblem:
             points: The points that turn, (m,).
             forces: Forces in these modes, N, (k, 3).
         """
-        held = self._held_in(kinds)
+        held = self.held_in(kinds)
         held.turn_to(slips)
         across = np.stack((-slips[points, 1], slips[points, 0]), axis=1)
         return held.responses_to_turns(points, across, forces[points, 0]).reshape(-1, 3, len(points))
@@ -182,7 +166,7 @@ class FrictionProblem:
         closed, shares = np.flatnonzero(kinds == CLOSED), np.zeros(len(kinds))
         if len(closed) and len(self.structure(kinds).rows):
             rows = self.G[np.ix_(3 * closed, self.structure(kinds).rows)]
-            springs, movable = self._held_in(kinds).springs(rows, forces)
+            springs, movable = self.held_in(kinds).springs(rows, forces)
             dependent = movable >= (1.0 - RANK) * self.inverse_mass[closed]
             shares[closed] = np.where(dependent, springs, 0.0)
         return shares

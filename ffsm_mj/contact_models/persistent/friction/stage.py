@@ -1,35 +1,25 @@
-"""Contact forces with friction in one stage of a step, in modes that are frozen for the step."""
+"""Contact forces with friction in the stages of a step, in modes that are frozen for the step."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.exchange import Slide, Stage
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision, slip_directions
-from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.decision import slip_directions
+from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
 from ffsm_mj.contact_models.persistent.friction.state import FrictionState
-from ffsm_mj.dynamics.implicit_stages import StageVelocity
-
-_STIFF = 0.5
-"""Friction damps a turn of the slip at the rate k / |u|, k = mu lambda_n times the inverse mass: stages are implicit where
-the duration of the step times this rate exceeds this number. Explicit ones are unstable above 2.8."""
-_NEAR_STOP = 12.0
-"""A step is divided where a point would stop within this many durations of the step."""
-_STOP_SHARE = 0.5
-"""Such a step takes at most this share of the time to the stop."""
-_TURN_ERROR_M_S = 1e-12
-"""Error of the slip velocity in such a step."""
-_TURN = 1.5
-"""Turn of the slip, rad, at which a step of order four errs by the whole slip."""
+from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 
 
-def stage_of(here: FrictionState, implicit: StageVelocity | None) -> tuple[Stage, FloatArray]:
+def stage_of(here: FrictionState, directions: FloatArray | None = None) -> tuple[Stage, FloatArray]:
     """Contact forces in a stage.
 
     Args:
         here: The points that slide or stick, at the state of the stage.
-        implicit: Velocity of the stage as a function of its accelerations; None in an explicit method.
+        directions: Directions of slip along the tangents, (k, 2); None for those of the slips at the state.
 
     Returns:
         The stage, and the generalised contact forces, (nv,).
@@ -37,7 +27,9 @@ def stage_of(here: FrictionState, implicit: StageVelocity | None) -> tuple[Stage
     rows, modes = here.rows, here.modes
     if not modes.any_slides:
         return here.stuck_stage()
-    forces, u = _sliding_forces(here, implicit), rows.slips
+    if directions is None:
+        directions, _ = _directions_at(here)
+    forces, u = here.problem.forces(modes.kinds, directions), rows.slips
     along = forces.reshape(-1)
     generalised = along.dot(rows.J)
     heat = -np.sum(forces[:, 1:] * u, axis=1) * modes.slides
@@ -45,45 +37,59 @@ def stage_of(here: FrictionState, implicit: StageVelocity | None) -> tuple[Stage
     return Stage(rows, along, generalised * rows.qvel, Slide(heat, slip_speeds)), generalised
 
 
-def _sliding_forces(here: FrictionState, implicit: StageVelocity | None) -> FloatArray:
-    """Forces (n, t1, t2) of points some of which slide, N, (k, 3)."""
-    rows, problem, modes = here.rows, here.problem, here.modes
+def _directions_at(here: FrictionState) -> tuple[FloatArray, FloatArray]:
+    """Directions of slip at a state, and at the start of the step, along the tangents, (k, 2)."""
+    rows, modes = here.rows, here.modes
     at_start = modes.start_directions(rows.axes)
-    directions, _ = slip_directions(problem, rows.slips, at_start, modes.slides, modes.straight)
-    free = np.flatnonzero(modes.slides & ~problem.lines & ~modes.straight) if implicit is not None else ()
-    if implicit is None or not len(free):
-        return problem.forces(modes.kinds, directions)
-    without = rows.J @ implicit.given + implicit.step_s * (rows.response @ here.force)
-    if rows.loop_rates is not None:
-        without += implicit.step_s * rows.loop_rates
-    # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
-    directions[free] = at_start[free]
-    velocity = OwnVelocity(without, implicit.step_s, np.asarray(free))
-    found = problem.forces_along_slip(modes.kinds, directions, velocity)
-    # A point that stops within the stage keeps the sense of its friction.
-    return problem.forces(modes.kinds, directions) if found is None else found[0]
+    return slip_directions(here.problem, rows.slips, at_start, modes.slides, modes.straight)[0], at_start
 
 
-def step_limit(decision: FrictionalDecision, left_s: float) -> tuple[float, bool]:
-    """Longest (sub-)step for the points that slide in a plane, s, and whether its stages must be implicit.
+class _Node(NamedTuple):
+    """The points at a node, the directions of slip assumed there, (k, 2), and the forces (n, t1, t2), N, (k, 3)."""
 
-    Args:
-        decision: Choice of modes at the start of the step.
-        left_s: Remaining time of the grid step, s.
-    """
-    if decision.sticks or not (slides := decision.turning).any():
-        return left_s, False
-    problem, solution = decision.problem, decision.solution
-    u = decision.rows.slips[slides]
-    s, a = solution.directions[slides], solution.accelerations[slides, 1:]
-    speeds = np.hypot(u[:, 0], u[:, 1])
-    slowing = -np.sum(s * a, axis=1)
-    turning = np.abs(s[:, 0] * a[:, 1] - s[:, 1] * a[:, 0])
-    limit = left_s
-    for speed, brake, turn in zip(speeds.tolist(), slowing.tolist(), turning.tolist(), strict=True):
-        # A point that begins to slide has a slip of rounding: nothing that stops.
-        if brake > 0.0 and _TURN_ERROR_M_S < speed < _NEAR_STOP * left_s * brake:
-            share = (_TURN_ERROR_M_S / speed) ** 0.2
-            limit = min(limit, _STOP_SHARE * speed / brake, _TURN * share * speed / turn if turn else np.inf)
-    rates = (problem.mu * solution.forces[:, 0] * problem.tangent_inverse_mass)[slides]
-    return limit, bool(np.any(limit * rates > _STIFF * speeds))
+    here: FrictionState
+    directions: FloatArray
+    forces: FloatArray
+
+
+class ImplicitSlips:
+    """Slips of the points that slide at the nodes of an implicit step; see :class:`StiffForces`."""
+
+    def __init__(self, here: FrictionState) -> None:
+        """Begin at the first evaluation of the first node."""
+        modes = here.modes
+        self._free: IntArray = np.flatnonzero(modes.slides & ~here.problem.lines & ~modes.straight)
+        self._nodes: dict[int, _Node] = {}
+
+    def stage_of(self, here: FrictionState, node: int) -> tuple[Stage, FloatArray]:
+        """Contact forces in a node, with the directions of slip that were found last; see :func:`stage_of`."""
+        known, (directions, at_start) = self._nodes.get(node), _directions_at(here)
+        # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
+        directions[self._free] = (at_start if known is None else known.directions)[self._free]
+        stage, generalised = stage_of(here, directions)
+        self._nodes[node] = _Node(here, directions, stage.along.reshape(-1, 3))
+        return stage, generalised
+
+    def corrections(self, step: ImplicitStep, accelerations: FloatArray) -> FloatArray | None:
+        """Changes of the accelerations with the directions of slip that solve the equations of the step."""
+        nodes, free = [node for _, node in sorted(self._nodes.items())], self._free
+        if not len(free):
+            return np.zeros_like(accelerations)
+        velocities, m = step.start_rates + step.weights.dot(accelerations), len(free)
+        across = (3 * free[:, None] + np.array((1, 2))).ravel()
+        slips = np.array([node.here.rows.J[across].dot(qvel) for node, qvel in zip(nodes, velocities, strict=True)])
+        problems = [node.here.problem for node in nodes]
+        rates = [
+            problem.b[across] + problem.G[across].dot(node.forces.ravel())
+            for problem, node in zip(problems, nodes, strict=True)
+        ]
+        p = (slips - step.weights.dot(np.array(rates))).reshape(-1, m, 2)
+        equation = StageEquation(problems, nodes[0].here.modes.kinds, free, p, step.weights)
+        found = equation.solve(np.array([node.directions for node in nodes]))
+        if found is None:
+            return None
+        changes = []
+        for i, (node, forces, directions) in enumerate(zip(nodes, *found, strict=True)):
+            self._nodes[i] = node._replace(directions=directions)
+            changes.append((forces - node.forces).ravel().dot(node.here.rows.response))
+        return np.array(changes)

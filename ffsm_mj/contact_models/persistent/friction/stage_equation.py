@@ -1,14 +1,13 @@
-"""Slip velocities and friction that depend on each other, as in an implicit stage.
+"""Slip velocities and friction that depend on each other, as at the nodes of an implicit step.
 
-A stage of an implicit method ends at velocities that its own accelerations lead to, so the slips u of the points that slide
-satisfy
+The velocities at the nodes are those that the accelerations there lead to, so the slips u of the points that slide satisfy
 
-    u = p + c f(d),   d = u / |u|
+    u_i = p_i + sum_j W_ij f_j(d_j),   d = u / |u|
 
 with the slip acceleration f under friction against the directions d, normal forces N(d) and those of sticking points
 included. Onset and end of slip make it hard: friction damps a turn of the slip at the rate mu N / |u|, without bound, and
 next to the limit of friction the direction of an estimate says nothing of that of the slip: Newton's method on angles fails.
-The unknown is therefore z = u + k d, the slip and what friction takes of it, with k near c mu N G_tt: d = z / |z| stays
+The unknown is therefore z = u + k d, the slip and what friction takes of it, with k near W_ii mu N G_tt: d = z / |z| stays
 regular as the slip vanishes, and where |z| < k friction stops the point and d = z / k is the share of it that does so. This
 is the projection of Alart & Curnier (Comput. Methods Appl. Mech. Eng. 92, 1991), whose equations Newton's method solves.
 """
@@ -16,7 +15,7 @@ is the projection of Alart & Curnier (Comput. Methods Appl. Mech. Eng. 92, 1991)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +25,6 @@ from ffsm_mj.contact_models.persistent.friction.linear_systems import solved
 from ffsm_mj.tolerances import EPSILON
 
 if TYPE_CHECKING:
-    from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces
     from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 _STEPS, _HALVINGS = 40, 12
@@ -39,66 +37,54 @@ _CANCELS = 64.0
 """A residual that no longer falls is rounding within this factor: sums over the 3k forces, of which many cancel."""
 
 
-@dataclass(frozen=True)
-class OwnVelocity:
-    """Velocities at the contact points that depend on the forces sought: force_free + step_s * G lambda.
-
-    Attributes:
-        force_free: Velocity (n, t1, t2) at each point without contact forces, m/s, (3k,).
-        step_s: Time for which the contact forces act: for a stage of an implicit method its duration times the diagonal
-            coefficient of the method, s.
-        free: Sliding points whose direction of slip follows from this velocity; that of the others is given.
-    """
-
-    force_free: FloatArray
-    step_s: float
-    free: IntArray
-
-
 class StageEquation:
-    """The equation for the slips of some points, in given modes at one state."""
+    """The equations for the slips of m points at n nodes, in given modes."""
 
-    def __init__(self, problem: FrictionProblem, held: HeldForces, velocity: OwnVelocity) -> None:
-        """Bind to a problem.
+    def __init__(
+        self, problems: Sequence[FrictionProblem], kinds: IntArray, free: IntArray, p: FloatArray, weights: FloatArray
+    ) -> None:
+        """Set up the equations.
 
         Args:
-            problem: The contact problem.
-            held: The linear problem of the forces in the given modes.
-            velocity: The velocities.
+            problems: The contact problem at each node.
+            kinds: Modes, (k,).
+            free: Sliding points whose directions of slip are sought, (m,); those of others are given.
+            p: Slips without the slip accelerations, m/s, (n, m, 2).
+            weights: Coefficients W, s, (n, n).
         """
-        self._problem, self._held, self._velocity = problem, held, velocity
-        self._across = 3 * velocity.free[:, None] + np.array((1, 2))
-        terms = velocity.step_s * np.abs(problem.b).max(initial=0.0) + np.abs(velocity.force_free).max(initial=0.0)
+        self._problems, self._free, self._p, self._weights = problems, free, p, weights
+        self._held = [problem.held_in(kinds) for problem in problems]
+        self._across = 3 * free[:, None] + np.array((1, 2))
+        largest = max(float(np.abs(problem.b).max(initial=0.0)) for problem in problems)
+        terms = float(np.abs(weights).max()) * largest + float(np.abs(p).max(initial=0.0))
         self._rounding = 2.0 * EPSILON * terms + _ROUNDING_M_S
 
-    def solve(self, directions: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Forces (n, t1, t2), N, (k, 3), and directions of slip, (k, 2); None where a point stops before the stage's end.
+    def solve(self, directions: FloatArray) -> tuple[list[FloatArray], FloatArray] | None:
+        """Forces (n, t1, t2) at each node, N, (k, 3), and directions of slip, (n, k, 2); None where a point stops.
 
         Args:
-            directions: Directions of slip, a first estimate for free points, (k, 2).
+            directions: Directions of slip, a first estimate for free points, (n, k, 2).
         """
         # Where several points slow each other down a bad estimate may lead nowhere; none at all does better there.
         found = self._from(directions.copy())
         if found is not None:
             return found
         nowhere = directions.copy()
-        nowhere[self._velocity.free] = 0.0
+        nowhere[:, self._free] = 0.0
         return self._from(nowhere)
 
-    def _from(self, s: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    def _from(self, s: FloatArray) -> tuple[list[FloatArray], FloatArray] | None:
         """The same by Newton's method from an estimate, which changes."""
-        problem, velocity, free = self._problem, self._velocity, self._velocity.free
         forces, reached = self._slips(s)
-        limits = problem.mu[free] * np.maximum(forces[free, 0], _LEAST_LOAD * np.abs(forces[:, 0]).max())
-        taken = velocity.step_s * limits * problem.tangent_inverse_mass[free]
-        z, step = reached + taken[:, None] * s[free], np.zeros_like(reached)
+        taken = self._taken(forces)
+        z, step = reached + taken[:, :, None] * s[:, self._free], np.zeros_like(reached)
         before, halved = math.inf, 0
         for _ in range(_STEPS + _HALVINGS):
-            size = np.hypot(z[:, 0], z[:, 1])
-            slides, bound = size > taken, np.maximum(size, taken)[:, None]
-            along = s[free] = z / bound
+            size = np.hypot(z[..., 0], z[..., 1])
+            slides, bound = size > taken, np.maximum(size, taken)[..., None]
+            along = s[:, self._free] = z / bound
             forces, reached = self._slips(s)
-            residual = reached + taken[:, None] * along - z
+            residual = reached + taken[..., None] * along - z
             error = float(np.abs(residual).max())
             if error <= self._rounding or (error >= 0.5 * before and error <= _CANCELS * self._rounding):
                 return (forces, s) if slides.all() else None
@@ -108,23 +94,35 @@ class StageEquation:
                 continue
             halved, before = 0, error
             # Of a point that friction stops d is linear in z.
-            slope = self._slope(forces, np.where(slides[:, None], along, 0.0), bound, taken)
-            step = solved(np.eye(slope.shape[0]) - slope, residual.ravel()).reshape(-1, 2)
+            slope = self._slope(forces, np.where(slides[..., None], along, 0.0), bound, taken)
+            step = solved(np.eye(len(slope)) - slope, residual.ravel()).reshape(z.shape)
             z = z + step
         return None
 
-    def _slope(self, forces: FloatArray, unit: FloatArray, bound: FloatArray, taken: FloatArray) -> FloatArray:
-        """Derivative of u + k d by z, (2m, 2m), where that of d is (1 - unit unit^T) / bound."""
-        m, points = len(unit), np.repeat(self._velocity.free, 2)
-        changes = self._held.responses_to_turns(points, np.tile(np.eye(2), (m, 1)), forces[points, 0])
-        slope = self._velocity.step_s * self._problem.G[self._across.ravel()].dot(changes)
-        slope += np.diag(np.repeat(taken, 2))
-        slope = slope.reshape(2 * m, m, 2)
-        slope = (slope - np.sum(slope * unit, axis=2)[:, :, None] * unit) / bound
-        return np.asarray(slope.reshape(2 * m, 2 * m))
+    def _taken(self, forces: list[FloatArray]) -> FloatArray:
+        """The factors k, m/s, (n, m)."""
+        found, free = [], self._free
+        for weight, problem, at in zip(self._weights.diagonal(), self._problems, forces, strict=True):
+            normal = np.maximum(at[free, 0], _LEAST_LOAD * np.abs(at[:, 0]).max())
+            found.append(weight * problem.mu[free] * normal * problem.tangent_inverse_mass[free])
+        return np.array(found)
 
-    def _slips(self, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Forces under friction against some directions, N, (k, 3), and the slips of free points that follow, (m, 2)."""
-        forces, velocity = self._held.forces(self._problem.b, directions), self._velocity
-        found = velocity.force_free[self._across] + velocity.step_s * self._problem.G[self._across].dot(forces.ravel())
-        return forces, found
+    def _slope(self, forces: list[FloatArray], unit: FloatArray, bound: FloatArray, taken: FloatArray) -> FloatArray:
+        """Derivative of u + k d by z, (2nm, 2nm), where that of d is (1 - unit unit^T) / bound."""
+        n, m, points = len(self._problems), len(self._free), np.repeat(self._free, 2)
+        axes, size = np.tile(np.eye(2), (m, 1)), 2 * m
+        slope = np.zeros((n * size, n, m, 2))
+        for j, (problem, held, at) in enumerate(zip(self._problems, self._held, forces, strict=True)):
+            changes = problem.G[self._across.ravel()].dot(held.responses_to_turns(points, axes, at[points, 0]))
+            slope[:, j] = np.kron(self._weights[:, j : j + 1], changes).reshape(-1, m, 2)
+        slope.reshape(n * size, n * size)[np.diag_indices(n * size)] += np.repeat(taken, 2)
+        slope = (slope - np.sum(slope * unit, axis=3)[..., None] * unit) / bound
+        return np.asarray(slope.reshape(n * size, n * size))
+
+    def _slips(self, directions: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+        """Forces under friction against some directions, N, (k, 3), and the slips of free points that follow, (n, m, 2)."""
+        forces, rates = [], []
+        for problem, held, s in zip(self._problems, self._held, directions, strict=True):
+            forces.append(held.forces(problem.b, s))
+            rates.append(problem.b[self._across] + problem.G[self._across].dot(forces[-1].ravel()))
+        return forces, self._p + np.tensordot(self._weights, np.array(rates), 1)

@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.stage_equation import OwnVelocity
+from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
 
 ONE, EVERY = np.array([0]), np.arange(4)
 
@@ -33,8 +33,8 @@ def test_one_point_with_its_normal_force(seed, scale):
     p = speed * d - reached
     problem = FrictionProblem(G, b, np.array([mu]))
     start = rng.normal(size=2)
-    kinds, estimate = np.array([SLIDE]), (start / np.linalg.norm(start))[None]
-    forces, found = problem.forces_along_slip(kinds, estimate, OwnVelocity(np.array((0.0, *(p + c * b[1:]))), c, ONE))
+    equation = StageEquation([problem], np.array([SLIDE]), ONE, p[None, None], np.array([[c]]))
+    (forces,), (found,) = equation.solve((start / np.linalg.norm(start))[None, None])
 
     def turned(turn):
         s, u = slip_of_one(G, b, mu, p, c, angle + turn)
@@ -54,13 +54,18 @@ def on_four_corners(pull):
     return FrictionProblem(rows @ inverse @ rows.T, rows @ np.array((*pull, -10.0, 0.0, 0.0, 0.0)), np.full(4, 0.3))
 
 
+def begins(problem):
+    """The equation of points that begin to slip: for the directions of their accelerations."""
+    return StageEquation([problem], np.full(4, SLIDE), EVERY, np.zeros((1, 4, 2)), np.eye(1))
+
+
 @pytest.mark.parametrize("excess", [3e-9, 1e-6, 1e-3, 1.0])
 @pytest.mark.parametrize("off", [1e-8, 1e-3, 1.0])
 def test_points_that_share_a_load_break_away_along_the_pull(excess, off):
     """By f = pull - mu N: from an estimate of the direction that is off by more than the excess over the limit."""
     problem = on_four_corners(((3.0 + excess) * 0.6, (3.0 + excess) * 0.8))
     estimate = np.tile((0.6 * np.cos(off) - 0.8 * np.sin(off), 0.6 * np.sin(off) + 0.8 * np.cos(off)), (4, 1))
-    forces, _ = problem.forces_along_slip(np.full(4, SLIDE), estimate, OwnVelocity(problem.b, 1.0, EVERY))
+    (forces,), _ = begins(problem).solve(estimate[None])
     accelerations = (problem.b + problem.G @ forces.ravel()).reshape(4, 3)
     # Sums of twelve forces of up to 3 N, whose accelerations cancel by 200 times as much.
     np.testing.assert_allclose(accelerations[:, 1:], excess * np.tile((0.6, 0.8), (4, 1)), atol=3e-13)
@@ -70,4 +75,4 @@ def test_points_that_share_a_load_break_away_along_the_pull(excess, off):
 def test_there_is_no_slip_inside_the_limit():
     problem = on_four_corners((2.9, 0.0))
     estimate = np.tile((1.0, 0.0), (4, 1))
-    assert problem.forces_along_slip(np.full(4, SLIDE), estimate, OwnVelocity(problem.b, 1.0, EVERY)) is None
+    assert begins(problem).solve(estimate[None]) is None

@@ -1,0 +1,81 @@
+"""Slips that begin in a wrong direction, as an impact leaves them: friction turns them within a layer of |u| m / (mu N).
+
+A foot of 1 kg under 10 N and a force B, mu 0.3: with a = 3 / B and the angle psi from B to u, |u| = r,
+
+    r (a + cos psi) - B (1 - a^2) t   is constant, and r ~ tan(psi / 2)^a / sin psi
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from tests.contact_models.persistent.friction.reading import final, good, sticks
+from tests.contact_models.persistent.friction.scenes import block, load, on_slab, sphere
+from tests.scenes import ball
+
+PSI = 2.5
+
+
+def foot(folder, B, speed, *, step, duration, turned=0.0):
+    """The foot, with its velocity at PSI from the force; all turned about the vertical by an angle in rad."""
+    force = B * np.array((math.cos(turned), math.sin(turned)))
+    u = speed * np.array((math.cos(turned + PSI), math.sin(turned + PSI)))
+    return on_slab(
+        folder,
+        ball("foot", mass=1.0, joints="xyz"),
+        geom="foot",
+        mu=0.3,
+        weight=10.0,
+        step=step,
+        duration=duration,
+        initial={"joints": {"robot/z": 0.1}, "rates": {"robot/x": float(u[0]), "robot/y": float(u[1])}},
+        loads=[load("robot/foot", force_N=[[*force, 0.0]])],
+    )
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+@pytest.mark.parametrize("step", [1e-3, 1e-4])
+@pytest.mark.parametrize(
+    ("B", "speed", "along", "across", "error"),
+    [
+        (10 / 3, 1e-8, 3.33333853630094e-4, 0.0, 2e-13),
+        (6.0, 1e-8, 2.9999979923759e-3, 1.9835e-15, 2e-14),
+        (10 / 3, 1e-4, 3.38536300936126e-4, None, 1.5e-12),
+    ],
+)
+def test_a_slip_turns_to_the_force(tmp_path, B, speed, along, across, error, step, turned):
+    """Errors of 1e-12 m/s by the rule of steps, damped since; three times those of 1 ms are allowed."""
+    run = good(ffsm_mj.run(foot(tmp_path, B, speed, step=step, duration=1e-3, turned=turned)))
+    velocity = np.array([*final(run, "v_robot_x"), *final(run, "v_robot_y")])
+    c, s = math.cos(turned), math.sin(turned)
+    assert velocity @ (c, s) == pytest.approx(along, abs=3 * error)
+    if across is not None:
+        assert velocity @ (-s, c) == pytest.approx(across, abs=3 * error)
+
+
+def test_a_slip_that_turns_stops(tmp_path):
+    """Where r = 0: after r0 (a + cos psi) / (B (a^2 - 1)) = 2.795e-4 s."""
+    run = good(ffsm_mj.run(foot(tmp_path, 2.0, 1e-3, step=1e-3, duration=1e-3)))
+    assert sticks(run) == [pytest.approx(2.79542553781e-4, abs=4e-12)]
+    assert np.abs([*final(run, "v_robot_x"), *final(run, "v_robot_y")]).max() < 1e-11
+
+
+def test_a_ball_begins_to_slip_under_spin(tmp_path):
+    """By order 8 at 3e-14 on the whole state; steps of 10 ms, of which the layer takes 3e-8 s."""
+    rates = (-3.71390676e-9, 9.28476691e-9, 0.0)
+    push = load("robot/ball", force_N=[[0.5, 0.2, 0.0]])
+    scene = sphere(tmp_path, mu=0.1, velocity=rates, spin=(0, 0, 3), step=1e-2, duration=1e-2, loads=[push])
+    velocity = final(good(ffsm_mj.run(scene)), "v_robot_free")[:2]
+    np.testing.assert_allclose(velocity, (4.0715217013e-3, 1.6286163736e-3), rtol=0, atol=2e-11)
+
+
+def test_a_corner_of_a_sliding_block_that_hardly_slips(tmp_path):
+    """Three corners slip at 1 m/s, one at 1e-8 m/s; by order 8 on the whole state."""
+    start = (0.4 + 6e-9, -0.8 - 8e-9, 0.0)
+    run = good(ffsm_mj.run(block(tmp_path, mu=0.3, velocity=start, spin=4.0, step=4e-3, duration=4e-3)))
+    found = final(run, "v_robot_free")[[0, 1, 5]]
+    np.testing.assert_allclose(found, (0.39975831707643, -0.79929679214237, 3.9908078978074), rtol=0, atol=3e-12)
