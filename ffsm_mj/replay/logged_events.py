@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from itertools import groupby, product
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import LoggedEvent
 from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.model.system import System
+from ffsm_mj.records.event_order import merged
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
@@ -35,36 +36,8 @@ def _in_order(events: Sequence[LoggedEvent], own_numbers: Collection[str]) -> li
     for _, group in groupby(sorted(events, key=_order), key=lambda event: (event.step, event.time_s)):
         at_once = list(group)
         apart = [event for event in at_once if event.kind in own_numbers]
-        out += _merged(apart, [event for event in at_once if event.kind not in own_numbers])
+        out += merged(apart, [event for event in at_once if event.kind not in own_numbers], _jump)
     return out
-
-
-def _merged(first: Sequence[LoggedEvent], second: Sequence[LoggedEvent]) -> list[LoggedEvent]:
-    """Merge two sequences so that the state after each event is nearest to that before the next.
-
-    The two states need not be equal, as a drift projection may lie between them. Dynamic programming over the numbers of
-    events taken from each sequence minimises the sum of all jumps; in a tie, those of the first sequence come first.
-    """
-    if not first or not second:
-        return [*first, *second]
-    both = first, second
-    sums: dict[tuple[int, int, int], float] = {}
-    before: dict[tuple[int, int, int], tuple[int, int, int]] = {}
-    counts = len(first), len(second)
-    for i, j, which in product(range(counts[0] + 1), range(counts[1] + 1), (0, 1)):
-        if (i, j)[which]:
-            event, rest = (first[i - 1], (i - 1, j)) if which == 0 else (second[j - 1], (i, j - 1))
-            previous = [(*rest, last) for last in (1, 0) if rest[last]]
-            found = [sums[each] + _jump(both[each[2]][rest[each[2]] - 1], event) for each in previous]
-            sums[i, j, which] = min(found, default=0.0)
-            if found:
-                before[i, j, which] = previous[found.index(min(found))]
-    place: tuple[int, int, int] | None = min(((*counts, last) for last in (1, 0)), key=lambda end: sums[end])
-    out = []
-    while place is not None:
-        out.append(both[place[2]][place[place[2]] - 1])
-        place = before.get(place)
-    return out[::-1]
 
 
 def _jump(event: LoggedEvent, after: LoggedEvent) -> float:

@@ -14,6 +14,7 @@ from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.model.system import System
+from ffsm_mj.records.event_order import merged
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import identifier
 
@@ -32,7 +33,7 @@ def closed_grasps(log: RunLog, impact: Any) -> list[str]:
     records = [each for kind in (CAPTURE, RELEASE) for each in log.records.get(kind.plural, ())]
     records.sort(key=lambda each: each.event)
     closed = [*_since_start(records), *_in_first_row(log, records)]
-    for record in [each for each in records if _precedes(each, impact)]:
+    for record in _before(log, records, impact):
         if isinstance(record, CaptureRecord):
             closed = [each for each in closed if each != record.replaces] + [record.grasp]
         else:
@@ -96,12 +97,22 @@ def stopped_rows(log: RunLog, models: tuple[System, Any], grasp: str) -> FloatAr
     return stopped_components(joint.kind, axis) @ rows
 
 
-def _precedes(event: Any, impact: Any) -> bool:
-    """Whether a capture or release precedes an impact; if simultaneous, the order follows from their velocities."""
-    place, other = (event.step, event.time_s), (impact.step, impact.time_s)
-    if place != other:
-        return place < other
-    return _apart(event.qvel_after, impact.qvel_before) < _apart(impact.qvel_after, event.qvel_before)
+def _before(log: RunLog, grasps: Sequence[CaptureRecord | ReleaseRecord], impact: Any) -> list[Any]:
+    """Captures and releases before an impact, in their order."""
+    place = impact.step, impact.time_s
+    earlier = [each for each in grasps if (each.step, each.time_s) < place]
+    at_once: list[Any] = [each for each in grasps if (each.step, each.time_s) == place]
+    if not at_once:
+        return earlier
+    impacts = {each.event: each for each in log.impact_records if (each.step, each.time_s) == place}
+    order = merged([impacts[event] for event in sorted(impacts)], at_once, _jump)
+    until = next(i for i, each in enumerate(order) if each is impacts[impact.event])
+    return [*earlier, *(each for each in order[:until] if each in at_once)]
+
+
+def _jump(event: Any, after: Any) -> float:
+    """Distance between the velocities after one event and those before another."""
+    return _apart(event.qvel_after, after.qvel_before)
 
 
 def _apart(rates: Mapping[str, Any], others: Mapping[str, Any]) -> float:

@@ -6,7 +6,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.replay import replay_log
-from tests.contact_models.grasp.scenes import OFF, grasping
+from tests.contact_models.grasp.scenes import ARM, OFF, grasping
 
 
 def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
@@ -33,3 +33,34 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
     again = replay_log(run.log)
     assert [str(check) for check in (*run.checks(), *again.checks()) if not check.passes] == []
     assert again.agrees, again.worst
+
+
+def test_two_grasps_that_close_at_one_impact_with_friction(tmp_path):
+    """The impact is the first of the three: neither latch is closed at it, whatever their impulses do to the velocities."""
+    touch = {"touch": ["hand-target/target"]}
+    robot = ARM.replace("</body></body></body>", '<site name="pin" pos="0.2 0.08 0"/></body></body></body>', 1)
+    path = grasping(
+        tmp_path,
+        robot=robot,
+        duration_s=0.6,
+        initial={
+            "joints": {"target/free": [1.08, 0.03, 0.02, 1, 0, 0, 0]},
+            "rates": {"target/free": [-0.3, 0.2, 0, 4.0, -2.0, 3.0]},
+        },
+        contacts={"rules": [{"between": ["hand", "target/target"], "restitution": 0.0, "mu": 0.5}]},
+        captures={
+            "ball": {"robot_site": "grip", "object_site": "target/handle", "when": touch, "joint": "ball"},
+            "hinge": {
+                "robot_site": "pin",
+                "object_site": "target/handle",
+                "when": touch,
+                "joint": "hinge",
+                "axis": [1, 2, 3],
+            },
+        },
+        phases=[{"name": "meet", "until": "end", "arm": ["ball", "hinge"], "controller": OFF}],
+    )
+    run = ffsm_mj.run(path)
+    first, second = run.log.records["capture_impulses"]
+    assert run.impacts[0].time_s == first.time_s == second.time_s
+    assert [str(check) for check in (*run.checks(), *replay_log(run.log).checks()) if not check.passes] == []
