@@ -26,6 +26,10 @@ _APART_M = 1e-4
 _DISTANCE_M = 1e-9
 """What a distance may be wrong by: 1e-12 m for round geoms, a few 1e-10 m for ellipsoids and meshes."""
 
+_SMOOTH = 0.2
+"""Share by which second differences over a step and over half of it may differ: at most 1e-3 m is moved, and curvatures of
+smooth surfaces of 1e-2 m and more change by a tenth."""
+
 
 class Pressing(NamedTuple):
     """Bounds on the acceleration that presses a contact, m/s^2."""
@@ -35,7 +39,7 @@ class Pressing(NamedTuple):
 
 
 def pressing(scene: LoggedScene, rows: LoggedRows, record: Any, unsure: float) -> Pressing | None:
-    """Bounds on the acceleration that presses the contact of a record; None if efforts or forces are not known.
+    """Bounds on the acceleration that presses the contact of a record; None if it is not known.
 
     Args:
         scene: Models of the log; no grasp is closed.
@@ -59,12 +63,16 @@ def pressing(scene: LoggedScene, rows: LoggedRows, record: Any, unsure: float) -
     acceleration = np.linalg.solve(scene.mass_matrix(), scene.free_force())
     speed = max(float(np.linalg.norm(way @ plastic)) for way in ways) + float(np.abs(plastic).max(initial=0.0))
     step = min(_LONGEST_S, _TRAVEL_M / max(speed, 1e-12))
-    behind, here, ahead = (
+    here, *away = (
         _distance(scene, np.array(record.qpos), plastic * t + 0.5 * acceleration * t * t, geoms, normal)
-        for t in (-step, 0.0, step)
+        for t in (0.0, -step, step, -0.5 * step, 0.5 * step)
     )
-    found = -(ahead - 2.0 * here + behind) / step**2
+    found, nearer = -(away[0] - 2.0 * here + away[1]) / step**2, -4.0 * (away[2] - 2.0 * here + away[3]) / step**2
     error = unsure * abs(found) + 4.0 * _DISTANCE_M / step**2
+    # Where another vertex or edge is the nearest one on the way, the distance has a kink: its second difference grows as the
+    # step shrinks, or is there at one of the steps only.
+    if abs(found - nearer) > _SMOOTH * abs(found) + 5.0 * error:
+        return None
     return Pressing(found - error, found + error)
 
 
