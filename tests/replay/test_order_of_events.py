@@ -64,3 +64,19 @@ def test_two_grasps_that_close_at_one_impact_with_friction(tmp_path):
     first, second = run.log.records["capture_impulses"]
     assert run.impacts[0].time_s == first.time_s == second.time_s
     assert [str(check) for check in (*run.checks(), *replay_log(run.log).checks()) if not check.passes] == []
+
+
+def test_a_grasp_by_touch_that_is_armed_twice(tmp_path):
+    """No record says that it was disarmed without a touch: that of the second arming does."""
+    path = grasping(
+        tmp_path,
+        duration_s=0.3,
+        phases=[
+            {"name": "meet", "for_s": 0.1, "arm": ["grasp"], "controller": OFF},
+            {"name": "wait", "for_s": 0.1, "controller": OFF},
+            {"name": "again", "until": "end", "arm": ["grasp"], "controller": OFF},
+        ],
+    )
+    run = ffsm_mj.run(path)
+    assert [record.time_s for record in run.log.records["armings"]] == pytest.approx([0.0, 0.2])
+    assert replay_log(run.log).agrees

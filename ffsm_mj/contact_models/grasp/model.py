@@ -245,6 +245,7 @@ class GraspModel(EventSource, Replayable):
             elif isinstance(record, ReleaseRecord):
                 self._requests.add(f"{record.grasp}.{RELEASE}")
             elif isinstance(record, ArmingRecord):
+                latch.disarm()  # one that waits for a touch was disarmed without a record
                 self._requests.add(f"{record.grasp}.{ARM}")
             else:
                 # The part of the log in which it was armed may be lost: the closest approach is then taken from the record.
