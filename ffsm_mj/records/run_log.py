@@ -49,6 +49,9 @@ class RunLog:
         outcome: How the run ended; None if the log is incomplete.
         damage: What of the log could not be read, as text; empty if it is intact up to its end.
         note: What of the log was skipped because its schema is unknown, as text; empty if nothing was.
+        lost: Times between which a part of the file is lost, s, in order: of the last message before it and of the first one
+            after it, or infinite. Events at these times may lack records, and are left out. (-inf, -inf): every message was
+            read, but what the log says of itself may be damaged.
     """
 
     header: RunHeader
@@ -57,6 +60,7 @@ class RunLog:
     outcome: OutcomeRecord | None = None
     damage: str = ""
     note: str = ""
+    lost: tuple[tuple[float, float], ...] = ()
 
     @property
     def impacts(self) -> tuple[ImpactRecord, ...]:
@@ -93,6 +97,17 @@ class RunLog:
     def instants_s(self) -> list[float]:
         """Times of all events: a run that ends at an event has a sample there, between two ticks."""
         return [kind.time(record) for kind in self.event_kinds for record in self.records.get(kind.plural, ())]
+
+    def whole_events(self) -> dict[str, tuple[Any, ...]]:
+        """Records by plural without those of events at times at which a part of the log is lost: some may be missing."""
+        found = dict(self.records)
+        for kind in self.event_kinds if self.lost else ():
+            found[kind.plural] = tuple(
+                each
+                for each in found.get(kind.plural, ())
+                if not any(start <= kind.time(each) <= end for start, end in self.lost)
+            )
+        return found
 
     def events(self) -> list[Event]:
         """All records in order of time."""

@@ -63,8 +63,8 @@ def replay_log(
         replay.finish()
         kept.finish()
     sampling.end(log.outcome.end_s if log.outcome else None)
-    found = {"motion": replay.motion, "columns": replay.columns, "impacts": replay.impacts}
+    found, verified_to_s = replay.agreements()
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     numbers = sum(agreement.numbers for agreement in found.values())
     checked = seen, log.impact_records, FrictionCheck(log), log, IndependentChecks(log, kept)
-    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", *checked)
+    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", *checked, verified_to_s=verified_to_s)

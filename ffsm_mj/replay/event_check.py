@@ -14,11 +14,15 @@ from ffsm_mj.verification.agreement import Agreement, impossible
 
 
 class EventCheck:
-    """Reproduces logged events, and compares their records with the logged ones."""
+    """Reproduces logged events, and compares their records with the logged ones.
+
+    Attributes:
+        found: Collects differences.
+    """
 
     def __init__(self, contact_models: Sequence[EventSource], found: Agreement) -> None:
         """Find the contact model of each kind of record; differences are added to ``found``."""
-        self._found = found
+        self.found = found
         self._models = {kind.name: contact_model for contact_model in contact_models for kind in contact_model.records}
 
     def fault_of(self, kind: RecordKind, records: Sequence[Any]) -> str:
@@ -29,11 +33,11 @@ class EventCheck:
         """Reproduce the event at the state in ``data``, and compare its records; None if the models do not allow it."""
         effect = self._effect(event)
         if effect is None or [*map(type, effect.records)] != [*map(type, event.records)]:
-            self._found.keep(impossible(f"{event.name} records", event.time_s))
+            self.found.keep(impossible(f"{event.name} records", event.time_s))
             return effect
         for mine, theirs in zip(effect.records, event.records, strict=True):
             again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
-            self._found.record(event.name, theirs, again, effect.accuracy)
+            self.found.record(event.name, theirs, again, effect.accuracy)
         return effect
 
     def _effect(self, event: LoggedEvent) -> EventEffect | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +31,15 @@ _HUGE = 1e10
 """MuJoCo rejects states with larger values."""
 
 
+class Whole(NamedTuple):
+    """Agreement before the first part of a log that is lost, and the time of the first row after it, s."""
+
+    until_s: float
+    motion: Agreement
+    columns: Agreement
+    impacts: Agreement
+
+
 class LogReplay:
     """Integrates from each sample to the next, and recomputes all columns that follow from states and efforts.
 
@@ -36,6 +47,8 @@ class LogReplay:
         motion: Agreement of each sample with the state integrated from the previous one.
         columns: Agreement of each recomputed column with the logged one.
         impacts: Agreement of each field of the events, and of the states before them.
+        whole: The three of the rows before the first part of the log that is lost, once the replay is past it: an event
+            that is lost may have closed a contact or a grasp, of which later rows do not say enough to recompute them.
     """
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
@@ -54,6 +67,9 @@ class LogReplay:
         self._events = LoggedEvents(self._plant.system, log, self._step_s, self.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
         self._logged: LoggedRows
+        self._lost, self._time = log.lost, log.header.layout.time
+        self.whole: Whole | None = None
+        self._last_s = -math.inf
         self._tick: int | None = None
         self._left = 0.0
         self._ending = False
@@ -67,10 +83,27 @@ class LogReplay:
             ticks: Control tick of each row, from :class:`ffsm_mj.log.sampling.Sampling`.
 
         Returns:
-            Recomputed rows, (n, columns); controller columns are copied, a row without a valid state is NaN.
+            Recomputed rows, (n, columns); controller columns are copied, a row without a valid state is NaN. Rows after a
+            lost part of the log are those of the log, as contacts and grasps there may not be known.
         """
-        parts = [slice(i, i + BLOCK_ROWS) for i in range(0, len(block), BLOCK_ROWS)]
-        return np.concatenate([self._take(block[part], ticks[part]) for part in parts]) if parts else block.copy()
+        times, edges = block[:, self._time], {*range(0, len(block), BLOCK_ROWS), len(block)}
+        edges |= {int(np.searchsorted(times, start, side="right")) for start, _ in self._lost}
+        parts = []
+        for first, end in pairwise(sorted(edges)):
+            self._pass_lost(float(times[first]))
+            again = self._take(block[first:end], ticks[first:end])
+            parts.append(again if self.whole is None else block[first:end])
+            self._last_s = float(times[end - 1])
+        return np.concatenate(parts) if parts else block.copy()
+
+    def _pass_lost(self, time_s: float) -> None:
+        """Start anew at a row after a part of the log that is lost."""
+        if any(self._last_s <= start < time_s for start, _ in self._lost):
+            self._tick = None
+            if self.whole is None:
+                self.whole = Whole(time_s, self.motion, self.columns, self.impacts)
+                self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
+                self._check.found = self._events.found = self.impacts
 
     def finish(self) -> None:
         """Integrate from the last sample to the events after it, one of which may have ended the run."""
@@ -82,6 +115,23 @@ class LogReplay:
                 if not self._events.pending:
                     return
                 self._enter(self._integrate(self._left))
+
+    def agreements(self) -> tuple[dict[str, Agreement], float]:
+        """The three agreements by name, and the time from which nothing could be verified; infinite if everything was.
+
+        What follows a lost part counts if it agrees, and else says nothing.
+        """
+        last = {"motion": self.motion, "columns": self.columns, "impacts": self.impacts}
+        if self.whole is None:
+            return last, math.inf
+        first = {"motion": self.whole.motion, "columns": self.whole.columns, "impacts": self.whole.impacts}
+        if not all(each.worst is None or each.worst.passes for each in last.values()):
+            return first, self.whole.until_s
+        for name, each in last.items():
+            first[name].numbers += each.numbers
+            if each.worst is not None:
+                first[name].keep(each.worst)
+        return first, math.inf
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._logged = self._rows.begin(block)

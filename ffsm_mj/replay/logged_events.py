@@ -58,6 +58,7 @@ class LoggedEvents:
 
     Attributes:
         pending: Events not yet replayed, in order.
+        found: Collects differences.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class LoggedEvents:
             found: Collects differences.
             fault_of: Returns why records of one event do not fit the models, in one word; empty if they do.
         """
-        self._system, self._step_s, self._found, self._fault_of = system, step_s, found, fault_of
+        self._system, self._step_s, self.found, self._fault_of = system, step_s, found, fault_of
         met = [event for kinds in _by_group(log.event_kinds) for event in self._of_group(kinds, log)]
         self._all = _in_order(met, {kind.name for kind in log.event_kinds if kind.own_numbers})
         self.pending = list(self._all)
@@ -92,8 +93,9 @@ class LoggedEvents:
             found = list(group)
             kind, records = found[0][0], tuple(record for *_, record in found)
             series = kind.event_group if kind.own_numbers else kind.name
-            if goes_on and series not in counts:  # events before the start of the log have numbers too
-                counts[series] = int(getattr(records[0], "event", 0))
+            # Events before the start of the log and lost ones have numbers too.
+            if (goes_on and series not in counts) or log.lost:
+                counts[series] = int(getattr(records[0], "event", counts[series]))
             number, counts[series] = counts[series], counts[series] + 1
             event = self._event_of(kind, number, records)
             fault = self._fault_of(kind, event.records) if event is not None else "state"
@@ -125,7 +127,7 @@ class LoggedEvents:
 
     def refuse(self, what: str, time_s: float) -> None:
         """Add an infinite difference: part of an event is invalid as a whole."""
-        self._found.keep(impossible(what, time_s))
+        self.found.keep(impossible(what, time_s))
 
     def before(self, step: int) -> Sequence[LoggedEvent]:
         """All events before a step."""
@@ -153,4 +155,4 @@ class LoggedEvents:
         logged, again = (np.split(state, [self._system.mj.nq]) for state in (event.state, predicted))
         again[0] = with_signs_of(self._system.mj, again[0], logged[0])
         for what, given, found in zip(("qpos", "qvel_before"), logged, again, strict=True):
-            self._found.vector(f"{event.name} {what}", given, found, found, "", event.time_s)
+            self.found.vector(f"{event.name} {what}", given, found, found, "", event.time_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from ffsm_mj.analysis.run import Run
@@ -55,6 +56,8 @@ def agreement(again: ReplayResult) -> str:
         why = f"nothing can be recomputed ({one_line(again.obstacle)})"
         return wrapped(f"NOT VERIFIED: {why}; the checks use the logged balances", 2)
     worst = sorted(again.worst.values(), key=lambda one: -one.excess)
+    if not worst:
+        return "NOT VERIFIED: nothing of the log could be replayed; see its damage below"
     if again.agrees:
         of = f"{again.numbers} numbers of {again.samples} samples"
         return wrapped(f"columns agree with states ({of}); worst difference: {_difference(worst[0])}", 2)
@@ -67,8 +70,15 @@ def _difference(worst: Discrepancy) -> str:
 
 
 def damage_of(run: Run, again: ReplayResult) -> str:
-    """Damage of the log: unreadable bytes, and gaps in the times of its samples."""
-    return run.damage if again.gaps in run.damage else "; ".join(part for part in (run.damage, again.gaps) if part)
+    """Damage of the log: unreadable bytes, gaps in the times of its samples, and what cannot be verified for it."""
+    gaps = "" if again.gaps in run.damage else again.gaps
+    to_s = again.verified_to_s
+    left = (
+        "" if math.isinf(to_s) else f"not replayed from {to_s:.9g} s on, as lost events may have changed contacts or grasps"
+    )
+    if run.log.lost[:1] == ((-math.inf, -math.inf),) and (not math.isinf(to_s) or not again.numbers):
+        left = "not replayed, as the models or settings in it may be damaged"
+    return "; ".join(part for part in (run.damage, gaps, left) if part)
 
 
 def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> dict[str, Any]:

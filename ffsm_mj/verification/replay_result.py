@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -28,6 +29,7 @@ class ReplayResult:
         obstacle: Why the log could not be replayed; empty if it was.
         accumulator: Checks from the recomputed values.
         truncation: Result of the analysis of the truncation; None if there was none.
+        verified_to_s: Time from which a damaged log does not say enough to be replayed, s; infinite if all of it was.
     """
 
     worst: Mapping[str, Discrepancy]
@@ -41,6 +43,7 @@ class ReplayResult:
     _log: RunLog
     _independent: IndependentChecks
     truncation: TruncationAnalysis | None = None
+    verified_to_s: float = math.inf
 
     @property
     def agrees(self) -> bool:
@@ -55,4 +58,6 @@ class ReplayResult:
         """
         checks = self.accumulator.checks(self._impacts, tolerance, self._friction)
         checks = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
-        return (*checks, *whole_log_checks(self._log, tolerance, self._independent))
+        checks = (*checks, *whole_log_checks(self._log, tolerance, self._independent))
+        # If what the log says of itself may be damaged, a check that fails says nothing of the run.
+        return checks if self._log.lost[:1] != ((-math.inf, -math.inf),) else tuple(each for each in checks if each.passes)

@@ -36,6 +36,7 @@ class Batch:
         at: Position of the first record in the content of the chunk.
         size: Size of a record including its header, bytes.
         count: Number of messages.
+        times_ns: Times of the first and of the last message.
     """
 
     chunk: tuple[int, int]
@@ -43,6 +44,7 @@ class Batch:
     at: int
     size: int
     count: int
+    times_ns: tuple[int, int]
 
     def messages(self, content: bytes) -> npt.NDArray[np.uint8]:
         """The messages, (count, bytes of one), given the content of the chunk."""
@@ -103,9 +105,10 @@ def records_of(content: bytes, chunk: tuple[int, int]) -> Iterator[Batch | Chann
             raise ValueError("a record extends beyond the chunk")
         count = 1
         if opcode == Opcode.MESSAGE:
-            channel = _MESSAGE.unpack_from(content, at + RECORD.size)[0]
+            channel, _, first_ns, _ = _MESSAGE.unpack_from(content, at + RECORD.size)
             count = _equal_records(content, at, size)
-            yield Batch(chunk, channel, at, size, count)
+            last_ns = _MESSAGE.unpack_from(content, at + size * (count - 1) + RECORD.size)[2]
+            yield Batch(chunk, channel, at, size, count, (first_ns, last_ns))
         elif opcode in {Opcode.CHANNEL, Opcode.SCHEMA}:
             body = ReadDataStream(BytesIO(content[at + RECORD.size : at + size]))
             yield Channel.read(body) if opcode == Opcode.CHANNEL else Schema.read(body)

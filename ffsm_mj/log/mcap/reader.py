@@ -185,8 +185,22 @@ class _Contents:
         declared = tuple(by_topic[topic] for topic in channels if topic in by_topic)  # in the order of the run
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
+        log = replace(log, lost=self._lost(salvage))
+        log = replace(log, records=log.whole_events())
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
         return replace(log, damage=damage, note=_note(channels, known))
+
+    def _lost(self, salvage: Salvage) -> tuple[tuple[float, float], ...]:
+        """Times between which a part of the file is lost; see :class:`ffsm_mj.records.run_log.RunLog`."""
+        ours = {channel.id for channel in self.channels.values() if channel.topic.startswith("/ffsm/")}
+        batches = [batch for number in ours for batch in self.batches.get(number, [])]
+        lost = []
+        for hole in salvage.holes:
+            before = [batch.times_ns[1] for batch in batches if batch.chunk[0] < hole]
+            after = [batch.times_ns[0] for batch in batches if batch.chunk[0] >= hole]
+            # Half a nanosecond: times of messages are rounded to whole ones.
+            lost.append((max(before, default=-math.inf) * 1e-9 - 5e-10, min(after, default=math.inf) * 1e-9 + 5e-10))
+        return tuple(lost) if lost or salvage.data_match else ((-math.inf, -math.inf),)
 
 
 def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:

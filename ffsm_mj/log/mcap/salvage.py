@@ -38,6 +38,7 @@ class Salvage:
 
     Attributes:
         lost_bytes: Number of unreadable bytes that are followed by readable ones.
+        holes: Positions in the file of what is lost, its end included where it breaks off.
         ended: Whether the data section was read to its end.
         data_match: Whether the checksum of the data section matches; True before its end.
         index_match: Whether the index after the data section is intact.
@@ -47,6 +48,7 @@ class Salvage:
         """Start before the first record."""
         self._data = data
         self.lost_bytes = self._unpacked = 0
+        self.holes: list[int] = []
         self.ended, self.data_match, self.index_match = False, True, False
 
     def records(self) -> Iterator[Any]:
@@ -70,6 +72,7 @@ class Salvage:
                 # A valid record after this one shows that its length is right: skip it. Otherwise the length may be damaged
                 # too, and only the signature of a chunk gives the next position.
                 following = end if end is not None and self._end(end) is not None else self._next_chunk(at + 1)
+                self.holes.append(at)
                 if following is None:
                     return
                 self.lost_bytes += following - at
@@ -80,6 +83,7 @@ class Salvage:
                 yield from self._summary(at, int(end or 0))
                 return
             at = int(end or 0)
+        self.holes.append(at)
 
     def _opcode(self, at: int) -> int:
         return self._data.take(at, at + 1)[0]
