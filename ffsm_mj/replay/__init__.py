@@ -22,7 +22,7 @@ from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import log_scene
 from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
 from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
+from ffsm_mj.verification.independent.kept_rows import KeptRows, before_loss, kept_rows
 from ffsm_mj.verification.independent_checks import IndependentChecks
 from ffsm_mj.verification.replay_result import ReplayResult
 
@@ -53,7 +53,7 @@ def replay_log(
     kept.expect(record.time_s for record in log.impact_records)
     with collected_warnings([]):
         for block in log.blocks():
-            kept.rows(block)
+            kept.rows(before_loss(log, block))
             again = replay.take(block, sampling.ticks(block[:, log.header.layout.time]))
             seen.rows(again)
             if rows is not None:

@@ -120,7 +120,7 @@ class KeptRows:
             self.closed.add(len(closed), lambda place: self._keep(first + int(closed[place])))
         for column, spread in self.samples.items():
             self._samples(column, spread, first, block[:, column])
-        while self._expected and self._expected[0] - SAME_TIME_S <= times[-1]:
+        while self._expected and len(times) and self._expected[0] - SAME_TIME_S <= times[-1]:
             self._meet(self._expected.popleft())
         self._forget()
 
@@ -199,6 +199,11 @@ def kept_rows(log: RunLog) -> KeptRows:
     kept = KeptRows(log.header.layout, log.header.metadata)
     kept.expect(record.time_s for record in log.impact_records)
     for block in log.blocks():
-        kept.rows(block)
+        kept.rows(before_loss(log, block))
     kept.finish()
     return kept
+
+
+def before_loss(log: RunLog, block: Array) -> Array:
+    """Those of some rows that precede the first lost part of a log: of later ones it may not say which grasps are closed."""
+    return block[block[:, log.header.layout.time] <= log.lost[0][0]] if log.lost else block
