@@ -35,7 +35,7 @@ def test_a_users_tests(pytester):
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(
         [
-            "*AssertionError: scene: 1 of 14 checks failed in 1 s*",
+            "*AssertionError: scene: 1 of 15 checks failed in 1 s*",
             "*energy of robot: residual 1.000e-06 J in T at 0.200 s, allowed *e-*",
         ]
     )

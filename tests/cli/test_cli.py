@@ -27,14 +27,14 @@ def test_run_writes_the_folder_and_links_latest(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "scene: completed; 0.5 s simulated" in out
     assert "ball-target/target" in out
-    assert "all 14 checks pass; worst: " in out
+    assert "all 15 checks pass; worst: " in out
     assert "FAILED" not in out
     latest = tmp_path / "cwd" / "logs" / "latest"
     assert latest.is_symlink()
     assert {p.name for p in latest.iterdir()} == {"run.mcap", "run.rrd", "scenario.yaml", "summary.json", "mjcf"}
     assert json.loads((latest / "summary.json").read_text())["scenario"] == "scene"
     assert main(["analyze"]) == 0
-    assert "all 14 checks pass over 0.5 s (501 samples)" in capsys.readouterr().out
+    assert "all 15 checks pass over 0.5 s (501 samples)" in capsys.readouterr().out
 
 
 def test_a_folder_that_holds_a_run_is_not_overwritten(tmp_path, capsys):
@@ -68,7 +68,7 @@ def test_analyze_several_runs(tmp_path, capsys):
     assert "contacts.rules.0.restitution: 1.0 -> 0.5" in out
     assert "the motions differ from 0.082 s on" in out  # 0.3 m at 3.7 m/s
     assert main(["analyze", "a", "b", "--json"]) == 0
-    assert [len(report["checks"]) for report in json.loads(capsys.readouterr().out)] == [14, 14]
+    assert [len(report["checks"]) for report in json.loads(capsys.readouterr().out)] == [15, 15]
     assert main(["analyze", "a", "b", "--tolerance", "impact_restitution=1e-30", "--tolerance", "1e-6"]) == 1
     assert "of 2 runs verified; FAILED in" in capsys.readouterr().out
     for wrong in (["--tolerance", "charm=1e-9"], ["--compare", "--json"]):

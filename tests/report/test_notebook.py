@@ -50,7 +50,7 @@ class Tags(HTMLParser):
 
 def test_the_representation_of_a_run_shows_its_results(hit):
     said = repr(hit)
-    assert said.startswith("<Run scene: completed after 0.5 s; 1 impact; all 14 checks pass; worst: ")
+    assert said.startswith("<Run scene: completed after 0.5 s; 1 impact; all 15 checks pass; worst: ")
     assert len(said.splitlines()) == 1
     page = Tags(hit._repr_html_())
     assert "completed after 0.5 s" in page.text
@@ -72,7 +72,7 @@ def test_the_representation_shows_a_failed_check(hit):
     record = hit.impacts[0]
     wrong = replace(record, energy_change_J=record.energy_change_J + 1e-3)
     run = ffsm_mj.Run(replace(hit.log, records=hit.log.records | {"impacts": (wrong,)}))
-    assert "1 of 14 checks FAILED; worst: impact energy of total, 1.0e-03 J of " in repr(run)
+    assert "1 of 15 checks FAILED; worst: impact energy of total, 1.0e-03 J of " in repr(run)
 
 
 def test_a_residual_that_is_not_finite_is_the_worst(hit):
@@ -115,7 +115,7 @@ def test_the_representation_does_not_read_a_long_log(hit, monkeypatch):
     assert "1 impact; checks not evaluated yet: checks() reads the whole log>" in repr(fresh)
     assert "checks not evaluated yet" in fresh._repr_html_()
     told = ffsm_mj.Run(fresh.log, fresh.path, known)
-    assert "all 14 checks pass" in repr(told)
+    assert "all 15 checks pass" in repr(told)
 
 
 def test_the_representation_uses_the_digest(baseline):

@@ -10,8 +10,10 @@ import numpy as np
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.independent.captures import captures
+from ffsm_mj.verification.independent.contact_geometry import contact_geometry
 from ffsm_mj.verification.independent.finding import Finding
 from ffsm_mj.verification.independent.friction_heat import friction_heat
+from ffsm_mj.verification.independent.grasp_bounds import grasp_bounds
 from ffsm_mj.verification.independent.grasp_load import grasp_load
 from ffsm_mj.verification.independent.kept_rows import KeptRows
 from ffsm_mj.verification.independent.logged_rows import LoggedRows
@@ -21,6 +23,7 @@ from ffsm_mj.verification.independent.sensor_errors import sensor_noise
 from ffsm_mj.verification.independent.sensor_settings import SensorSettings, sensor_settings
 from ffsm_mj.verification.independent.sensor_times import sensor_times
 from ffsm_mj.verification.independent.sensor_values import sensor_values
+from ffsm_mj.verification.independent.several_contacts import several_contacts
 
 
 def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: Mapping[str, Any]) -> list[Finding]:
@@ -45,6 +48,9 @@ def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: 
         lambda: sensor_times(rows, sensors),
         lambda: sensor_noise(rows, sensors),
         lambda: captures(scene, rows),
+        lambda: grasp_bounds(scene, rows),
+        lambda: contact_geometry(scene),
+        lambda: several_contacts(scene),
     )
     return [finding for check in checks for finding in _or_none(check) or []]
 

@@ -20,7 +20,7 @@ from ffsm_mj.verification.independent.finding import Array
 
 SAME_TIME_S = 1e-9
 """Times within this are one: a row's time is a product of steps, that of an event or a sample a sum of sub-steps."""
-_MOST = 64
+MOST = 64
 """Greatest number that is kept of each kind."""
 _RECENT = 1024
 """Rows that are remembered until the samples taken at them are shown; samples with longer delays are not checked."""
@@ -47,7 +47,7 @@ class Spread(Generic[_Kept]):
         number = -(-first // self._stride) * self._stride
         while number < self._count:
             self._things.append((number, thing_at(number - first)))
-            if len(self._things) > _MOST:
+            if len(self._things) > MOST:
                 self._stride *= 2
                 self._things = [each for each in self._things if each[0] % self._stride == 0]
             number += self._stride - number % self._stride
@@ -92,7 +92,7 @@ class KeptRows:
         self._rows: dict[int, Array] = {}
         self._expected: deque[float] = deque()
         self._met_s = -np.inf
-        self._prune_at = _MOST
+        self._prune_at = MOST
 
     def expect(self, times: Iterable[float]) -> None:
         """Give the times of all impacts before the rows, where they are known; otherwise see :meth:`event`."""
@@ -183,7 +183,7 @@ class KeptRows:
             for spread in self.samples.values():
                 wanted |= {n for shown, at in spread.kept for n in (shown, at, at - 1)}
             self._rows = {number: row for number, row in self._rows.items() if number in wanted}
-            self._prune_at = 2 * len(self._rows) + _MOST
+            self._prune_at = 2 * len(self._rows) + MOST
 
     def __getitem__(self, number: int) -> Array:
         """A kept row."""

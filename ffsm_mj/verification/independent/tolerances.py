@@ -20,6 +20,12 @@ CAPTURE_TWIST = "capture twist"
 """After a capture the relative twist at the object's site is zero in the directions that the latch stops."""
 CAPTURE_IMPULSE = "capture impulse"
 """The change of the velocities in a capture is that by its impulse at the object's site, and by other closed grasps."""
+GRASP_BOUNDS = "grasp bounds"
+"""A grasp closes as soon as its bounds hold; no row is nearer than the closest approach of a near miss."""
+CONTACT_GEOMETRY = "contact geometry"
+"""Normal and point of an impact are those of the nearest points of both geoms, moved apart along the normal."""
+SEVERAL_CONTACTS = "restitution of several contacts"
+"""Contacts that meet at one instant, with equal e and without further reflections, separate by (1 + e) plastic impulses."""
 
 TOLERANCES = {
     # The coefficient is copied from the scenario: a difference is none or one of coefficients.
@@ -38,5 +44,12 @@ TOLERANCES = {
     # An impulse is the solution of equations with the mass matrix, as a load is.
     CAPTURE_TWIST: CHECK_TOLERANCE,
     CAPTURE_IMPULSE: CHECK_TOLERANCE,
+    # The instant is a root, known to 1e-14 s, and ratios to bounds change by up to 1e4 a second.
+    GRASP_BOUNDS: CHECK_TOLERANCE,
+    # Nearest points of ellipsoids and meshes are found to a distance of a few 1e-10 m, which is a few 1e-6 m along a surface
+    # with a radius of 0.1 m: over the 0.1 m by which geoms are moved apart an angle of some 1e-5.
+    CONTACT_GEOMETRY: 1e-4,
+    # As the check "impact restitution": speeds are known to some 1e-13.
+    SEVERAL_CONTACTS: CHECK_TOLERANCE,
 }
 """Tolerance of each check: allowed is this times (1 + scale), where the scale is that of the numbers that cancel."""
