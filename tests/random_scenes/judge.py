@@ -16,12 +16,13 @@ import numpy as np
 
 import ffsm_mj
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.random_scenes.drawing import draw
 from tests.random_scenes.oracle import oracle_differences
 
-STEPS_OF_A_STEP, STEPS_OF_AN_EVENT = 40, 60
+STEPS_OF_A_STEP, STEPS_OF_AN_EVENT = 40, 120
 """Most integrations of (sub-)steps for each step of ``time_step_s`` and for each record of an event; trials and those of
 event localisation count. A scene that needs more has stalled, on any machine."""
 STATED = ("completed", "event_limit", "step_limit", "unsupported_contact", "diverged")
@@ -119,14 +120,18 @@ def _judge(seed: int, path: Path) -> Verdict:
 
 @contextmanager
 def _integrations() -> Iterator[Callable[[], int]]:
-    """Count the (sub-)steps that a run makes, trials included."""
-    made, step = [0], Motion.step
+    """Count the (sub-)steps that a run makes, trials and those of event localisation included."""
+    made, step, move_to = [0], Motion.step, StepPath.move_to
 
-    def counted(self: Motion, duration_s: float) -> bool:
+    def counted_step(self: Motion, duration_s: float) -> bool:
         made[0] += 1
         return step(self, duration_s)
 
-    with mock.patch.object(Motion, "step", counted):
+    def counted_move(self: StepPath, at_s: float) -> None:
+        made[0] += 1
+        move_to(self, at_s)
+
+    with mock.patch.object(Motion, "step", counted_step), mock.patch.object(StepPath, "move_to", counted_move):
         yield lambda: made[0]
 
 
