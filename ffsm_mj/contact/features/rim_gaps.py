@@ -194,7 +194,10 @@ class RimOnEllipsoid(GapFunction):
 
 
 def level_crossings(one: Circle, other: Circle, data: Any) -> Iterator[tuple[Circle, Circle]]:
-    """Copies of the rims of two caps that lie on each other, with angle 0 where the rims cross; none if they do not."""
+    """Copies of the rims of two caps that lie on each other, with angle 0 where the rims cross; none if they do not.
+
+    Rims that nearly coincide cross nowhere: the direction from centre to centre may be rounding.
+    """
     first, second = one.body.motion(data), other.body.motion(data)
     axis, centre, other_centre = first.turned(one.axis), first.place(one.centre), second.place(other.centre)
     offset = minus(other_centre, centre)
@@ -206,6 +209,8 @@ def level_crossings(one: Circle, other: Circle, data: Any) -> Iterator[tuple[Cir
     towards = scaled(1.0 / distance, offset)
     along = 0.5 * (distance + (one.size**2 - other.size**2) / distance)
     height = math.sqrt(max(one.size**2 - along**2, 0.0))
+    if height * distance <= CROSSING * one.size * other.size:  # the sine of the angle between the rims, as for caps
+        return
     for side in (height, -height):
         crossing = shifted(shifted(centre, along, towards), side, cross(axis, towards))
         yield (

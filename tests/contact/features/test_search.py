@@ -203,6 +203,17 @@ def test_rims_that_hardly_cross_have_no_crossings(tmp_path, rng):
         assert sum(feature.name == "rim on cap" for feature in found) >= 7
 
 
+def test_rims_that_coincide_have_no_crossings(tmp_path):
+    """Centre to centre is rounding along the axis: its direction is none, in which no rim can have its angle 0."""
+    across = 'quat="0.7071067811865476 0.7071067811865476 0 0"'
+    geom = f'type="cylinder" size="0.08 0.05" {across}'
+    pair, model, data = pair_of(tmp_path, body(geom), body(geom))
+    data.qpos[[1, 8]] = 0.37, 0.47
+    mujoco.mj_forward(model, data)
+    found = features(pair, model, data, pair.proximity(model, data))
+    assert Counter(feature.name for feature in found) == {"rim on cap": 16}
+
+
 def over_edge(folder, offset, corner):
     """A ball on a box, its centre beyond an edge (or a corner) of the top by an offset: (pair, model, data)."""
     radius, half = 0.05, np.array([0.1, 0.15, 0.2])
