@@ -132,7 +132,7 @@ def _solve(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, flo
 def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
     """Newton's method with a non-monotone line search."""
     impulses, share = start, contacts.share.ravel()
-    violation, slopes = _violation(contacts, impulses)
+    violation, slopes = violation_of(contacts, impulses)
     best, least = impulses, float(np.abs(violation).max())
     sizes = deque([float(np.linalg.norm(violation))], maxlen=_MEMORY)
     for _ in range(_STEPS):
@@ -142,7 +142,7 @@ def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
         for halving in range(_HALVINGS):
             part = 0.5**halving
             trial = impulses + part * step.reshape(-1, 3)
-            violation, slopes = _violation(contacts, trial)
+            violation, slopes = violation_of(contacts, trial)
             size = float(np.linalg.norm(violation))
             if size <= (1.0 - _SUFFICIENT * part) * max(sizes):
                 break
@@ -158,7 +158,7 @@ def _newton(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
 def _damped(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, float]:
     """The method of Levenberg and Marquardt: slower, but each step lowers the residual."""
     impulses, share, damping = start, contacts.share.ravel(), _FIRST_DAMPING
-    violation, slopes = _violation(contacts, impulses)
+    violation, slopes = violation_of(contacts, impulses)
     for _ in range(_DAMPED_STEPS):
         size = float(np.linalg.norm(violation))
         if np.abs(violation).max() < _AIM or damping > _MAX_DAMPING:
@@ -166,7 +166,7 @@ def _damped(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
         stacked = np.vstack((slopes * (share[:, None] / share), np.sqrt(damping * size) * np.eye(len(share))))
         step = np.linalg.lstsq(stacked, np.append(-violation, np.zeros(len(share))), rcond=None)[0] / share
         trial = impulses + step.reshape(-1, 3)
-        there, slopes_there = _violation(contacts, trial)
+        there, slopes_there = violation_of(contacts, trial)
         if np.linalg.norm(there) < size:
             impulses, violation, slopes, damping = trial, there, slopes_there, max(damping / 5.0, CANCELLED)
         else:
@@ -174,7 +174,7 @@ def _damped(contacts: CoulombProblem, start: FloatArray) -> tuple[FloatArray, fl
     return impulses, float(np.abs(violation).max())
 
 
-def _violation(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, FloatArray]:
+def violation_of(contacts: CoulombProblem, impulses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """F in units of ``speed``, (3k,), and one element of its generalised Jacobian dF/dlambda, (3k, 3k), unscaled."""
     count = len(contacts.mu)
     whole, normal = _split(contacts, impulses)

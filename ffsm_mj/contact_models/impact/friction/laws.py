@@ -18,6 +18,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
 from ffsm_mj.contact_models.impact.friction.routh import stronge
+from ffsm_mj.contact_models.impact.friction.shares import shared
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.tolerances import APPROACHING, CANCELLED, ENERGY_GAIN, SOLVED
@@ -94,7 +95,8 @@ class _SeveralContacts:
         rows = (3 * which[:, None] + np.arange(3)).ravel()
         contacts = CoulombProblem(self.G[np.ix_(rows, rows)], u[rows], self.mu[which], least, self.speed)
         impulses = np.zeros((len(self.mu), 3))
-        impulses[which], residual = coulomb(contacts)
+        found, residual = coulomb(contacts)
+        impulses[which] = shared(contacts, self.A[rows], found) if residual <= SOLVED else found
         self.residual = max(self.residual, residual)
         return impulses
 

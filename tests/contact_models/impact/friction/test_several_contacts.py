@@ -197,3 +197,18 @@ def test_no_solution_is_reported(monkeypatch):
     result = impact_with_friction(A, w, np.full(2, 0.2), np.ones(2), "poisson")
     assert result.status == "unconverged"
     assert result.residual > 1e-3
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_contact_with_one_relative_motion_gets_the_impulse_of_least_norm(law):
+    """All three rows of one contact are multiples d of one row a: any p with p . d = -s / |a|^2, s = a . w, stops it.
+
+    Of these the shortest is along d, inside the cone as |d_t| < mu d_n. Known to 1e-9, as the conditions are to 1e-10.
+    """
+    d, a = np.array([1.0, -0.1, 0.05]), np.array([0.3, -0.4, 1.2])
+    A = np.zeros((6, 6))
+    A[:3, :3], A[3:, 3:] = np.outer(d, a), np.diag([1.0, 0.8, 0.9])
+    w = np.array([-0.5, 0.2, -0.7, -1.0, 2.0, 0.5])
+    result = impact_with_friction(A, w, np.array([0.3, 0.2]), np.zeros(2), law)
+    np.testing.assert_allclose(result.impulses[0], -(a @ w[:3]) / (a @ a) * d / (d @ d), atol=1e-9)
+    np.testing.assert_allclose(A[:3] @ result.w, 0.0, atol=1e-12)
