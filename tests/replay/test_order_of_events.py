@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import ffsm_mj
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
+from tests.scenes import HEAD, ball, box, scene
 
 
 def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
@@ -80,3 +83,28 @@ def test_a_grasp_by_touch_that_is_armed_twice(tmp_path):
     run = ffsm_mj.run(path)
     assert [record.time_s for record in run.log.records["armings"]] == pytest.approx([0.0, 0.2])
     assert replay_log(run.log).agrees
+
+
+def test_points_of_an_impact_in_another_order(tmp_path):
+    """Rounding decides which corner of a face is its first: the records of a pair are compared point by point."""
+    slab = '<geom name="slab" type="box" size="2 2 0.5" pos="0 0 -0.5" mass="0"/>'
+    path = scene(
+        tmp_path,
+        ball("ball"),
+        {"box": box(), "slab": f"<mujoco>{HEAD}<worldbody>{slab}</worldbody></mujoco>"},
+        fixed={"slab": {}},
+        duration_s=0.02,
+        initial={
+            "joints": {"robot/free": [9, 0, 0, 1, 0, 0, 0], "box/free": [0.1, 0.2, 0.501, 1, 0, 0, 0]},
+            "rates": {"box/free": [0.3, 0.1, -1, 0, 0, 0.5]},
+        },
+        contacts={"rules": [{"between": ["box/box", "slab/slab"], "restitution": 0.5}]},
+    )
+    log = ffsm_mj.run(path).log
+    impacts = log.records["impacts"]
+    assert len(impacts) == 4
+    assert len({impact.event for impact in impacts}) == 1
+    turned = (*impacts[1:], impacts[0])
+    assert replay_log(replace(log, records=log.records | {"impacts": turned})).agrees
+    wrong = (replace(turned[0], point_m=turned[1].point_m), *turned[1:])
+    assert not replay_log(replace(log, records=log.records | {"impacts": wrong})).agrees

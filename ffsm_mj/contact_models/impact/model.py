@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -112,7 +114,7 @@ class ImpactModel(Detector):
         """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
         logged = logged_impact(self.scene, event, self._by_name)
         exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
-        records = self._resolved_again(event)
+        records = _in_order_of(event.records, self._resolved_again(event))
         return EventEffect(records, exchange, triggers_control=_is_of_geoms(records))
 
     def _resolved_again(self, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
@@ -233,3 +235,18 @@ class ImpactModel(Detector):
 def _is_of_geoms(records: Sequence[ImpactRecord | LimitImpactRecord]) -> bool:
     """Whether the controller is evaluated at an impact: a joint that hits its limit is no event of the task."""
     return any(isinstance(record, ImpactRecord) for record in records)
+
+
+def _in_order_of(
+    logged: Sequence[Any], records: Sequence[ImpactRecord | LimitImpactRecord]
+) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
+    """Records of an impact in the order of logged ones: of the points of a pair, rounding decides which is the first."""
+    left, ordered = list(records), []
+    for theirs in logged:
+        what = "joint" if isinstance(theirs, LimitImpactRecord) else "pair"
+        alike = [each for each in left if getattr(each, what, None) == getattr(theirs, what)]
+        if not alike:
+            break
+        ordered.append(min(alike, key=lambda each: math.dist(each.point_m, theirs.point_m)))
+        left = [each for each in left if each is not ordered[-1]]
+    return (*ordered, *left)
