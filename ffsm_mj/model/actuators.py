@@ -17,6 +17,7 @@ from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
 
 _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
+_TENDON = mujoco.mjtTrn.mjTRN_TENDON
 _ADHESION = mujoco.mjtTrn.mjTRN_BODY
 _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 _SERVOS = "use 'strip: [servos]' in the scenario"
@@ -104,6 +105,13 @@ def effort_limits(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> tu
                 "supported for a single motor; remove it, and write a 'forcerange' for each of them"
             )
         limits[motors] = model.jnt_actfrcrange[j]
+    # MuJoCo would clamp the sum of the motors of a tendon after their own limits, and the log would state more than acts.
+    faults += [
+        f"{places.of('tendon', model.tendon(t).name)} has actuatorfrcrange, which is supported for joints only; "
+        "remove it, and write a 'forcerange' for each motor of the tendon"
+        for t in np.flatnonzero(model.tendon_actfrclimited).tolist()
+        if t in model.actuator_trnid[model.actuator_trntype == _TENDON, 0]
+    ]
     return limits, faults
 
 

@@ -12,7 +12,7 @@ from ffsm_mj.model.flex import add_flex
 from ffsm_mj.model.joint_limits import empty_ranges
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.sensors import Sensors, sensors_of_model
-from ffsm_mj.model.settings import setting_faults, setting_notes, total_mass_faults
+from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
 from ffsm_mj.model.sites import add_sites
 from ffsm_mj.model.source import load_with_timing
 from ffsm_mj.model.strip import strip
@@ -54,8 +54,12 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     """
     spec, timing = load_with_timing(files, vfs)
     notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
-    notes += setting_notes(spec, files)
-    if faults := [*empty_ranges(spec, name, files), *setting_faults(spec, files), *total_mass_faults(files)]:
+    notes += setting_notes(spec, name, files)
+    notes += [
+        f"{files.place}: interp of {what} has no effect: delayed values are those of the last sample"
+        for what in timing.interpolated
+    ]
+    if faults := [*empty_ranges(spec, name, files), *setting_faults(spec, files), *outermost_faults(spec, files)]:
         raise InputError(faults)
     overridden = override(spec, name, files, vfs) if files.overrides else None
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)

@@ -61,6 +61,7 @@ _ELEMENTS = {
     "geomfromto": "fromto",
 }
 """Elements of MJCF whose names differ from those of MuJoCo's types."""
+_DISTANCE_ONLY = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
 _DIRECTIONS = ("framexaxis", "frameyaxis", "framezaxis")
 _ROTATIONS = ("framequat", "ballquat")
 
@@ -134,6 +135,12 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Mapping[s
                 f"remove it, or use 'strip: [sensors]'; known are {', '.join(_UNITS)}"
             )
             continue
+        if kind == "rangefinder" and (what := _of_an_image(sensor)):
+            faults.append(
+                f"{_place(files, kind, sensor)}: rangefinder {sensor.name!r} has {what}: only the distance from a site is "
+                "measured; remove it, or use 'strip: [sensors]'"
+            )
+            continue
         own = timing[sensor.name]
         first = own.phase_s % own.interval_s if own.interval_s > 0.0 else 0.0
         settings = float(sensor.noise), own.cutoff, own.interval_s, first, own.delay_s
@@ -148,6 +155,13 @@ def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Mapping[s
             "MuJoCo ignores or refuses them without nsample"
         )
     return found
+
+
+def _of_an_image(rangefinder: Any) -> str:
+    """Attributes by which a rangefinder measures more than a distance: rays of a camera, and other ``data``."""
+    if rangefinder.objtype == mujoco.mjtObj.mjOBJ_CAMERA:
+        return "a camera"
+    return "data" if rangefinder.intprm[0] != _DISTANCE_ONLY else ""
 
 
 def _place(files: ModelFiles, kind: str, sensor: Any) -> str:

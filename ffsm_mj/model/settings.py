@@ -7,14 +7,16 @@ memory have no effect in it, and are not mentioned. An attached model's options 
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.model.conservative import is_disabled
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.joint_limits import is_limited
+from ffsm_mj.model.places import Places
 from ffsm_mj.model.xml import Element, elements
 
 _PLANT_OPTIONS = ("gravity", "wind", "density", "viscosity", "magnetic", "actuatorgroupdisable")
@@ -72,7 +74,25 @@ def setting_faults(spec: Any, files: ModelFiles) -> list[str]:
         faults.append(
             f"{where}: <option actuatorgroupdisable> has no effect in a scene; remove {', '.join(off)}, or the option"
         )
-    return faults
+    return [*faults, *_merging(files), *(_deformable(files) if spec.flexes else ())]
+
+
+def _merging(files: ModelFiles) -> Iterator[str]:
+    """Options of attached files that MuJoCo would adopt; the specification does not say which of its options these are."""
+    if any(_written(files, ("<attach",))):
+        for each in _written(files, ("conflict",)):
+            if each.tag == "compiler" and each.attributes.get("conflict") == "merge":
+                yield (
+                    f'{each.place}: <compiler conflict="merge"> would adopt options of attached files; remove it, and write '
+                    f"them in {files.place}"
+                )
+
+
+def _deformable(files: ModelFiles) -> Iterator[str]:
+    """Flexes, also rigid ones: their elastic and contact forces would be MuJoCo's."""
+    for each in _written(files):
+        if each.tag in ("flexcomp", "flex") and "equality" not in each.parents:
+            yield f"{each.place}: <{each.tag}>: deformable bodies are not modelled; remove it, or use a mesh geom"
 
 
 _OF_CONSTRAINT = ("frictionloss", "equality")
@@ -83,23 +103,31 @@ def _any(listed: Any, name: str) -> bool:
     return any(getattr(each, name).any() for each in listed)
 
 
-def total_mass_faults(files: ModelFiles) -> list[str]:
-    """``settotalmass`` of any file of a model: MuJoCo applies that of the outermost model only, which is the scene."""
-    return [
-        f"{each.place}: <compiler settotalmass={each.attributes['settotalmass']!r}> would have no effect in a scene; "
-        "scale the masses and densities in the file, or give masses under 'model' in the scenario, and remove it"
-        for name, xml in files.files.items()
-        if b"settotalmass" in xml and name.lower().endswith(".xml")
-        for each in elements(xml, files.label + name)
-        if each.tag == "compiler" and not each.attributes.get("settotalmass", "-1").lstrip().startswith("-")
-    ]
+def outermost_faults(spec: Any, files: ModelFiles) -> Iterator[str]:
+    """``settotalmass`` and ``fitaabb`` of any file of a model: MuJoCo applies those of the outermost model, the scene."""
+    fitted = any(geom.meshname and geom.type != mujoco.mjtGeom.mjGEOM_MESH for geom in spec.geoms)
+    for each in _written(files, ("settotalmass", "fitaabb")):
+        if each.tag != "compiler":
+            continue
+        if not each.attributes.get("settotalmass", "-1").lstrip().startswith("-"):
+            mass = each.attributes["settotalmass"]
+            yield (
+                f"{each.place}: <compiler settotalmass={mass!r}> would have no effect in a scene; "
+                "scale the masses and densities in the file, or give masses under 'model' in the scenario, and remove it"
+            )
+        if fitted and each.attributes.get("fitaabb") == "true":
+            yield (
+                f'{each.place}: <compiler fitaabb="true"> would have no effect in a scene; '
+                "write sizes in place of meshes for the geoms that fit one, and remove it"
+            )
 
 
-def setting_notes(spec: Any, files: ModelFiles) -> Iterator[str]:
-    """Settings of a model file that a scene replaces, and settings of the files that it attaches.
+def setting_notes(spec: Any, name: str, files: ModelFiles) -> Iterator[str]:
+    """Settings and contact attributes of a model file that a scene replaces, and settings of the files that it attaches.
 
     Args:
-        spec: Specification of the model.
+        spec: Specification of the model; all its elements have names.
+        name: Name of the model in the scene.
         files: Its files.
     """
     for flag in ("limit", "constraint"):
@@ -108,18 +136,32 @@ def setting_notes(spec: Any, files: ModelFiles) -> Iterator[str]:
                 f'{_place(files, "flag", flag)}: <flag {flag}="disable"> has no effect in a scene: joints stop at their '
                 "limits; write 'limits: ignore' in the scenario to remove them"
             )
-    for flag in ("contact", "constraint"):
+    for flag in ("contact", "constraint", "filterparent"):
         if is_disabled(spec, flag):
             where = _place(files, "flag", flag)
             yield f'{where}: <flag {flag}="disable"> has no effect in a scene: contact rules say what meets'
+    places = Places(spec, {name: files})
+    for kind, element, attribute in _contact_forces(spec):
+        place = places.of(kind, f"{name}/{element}")
+        yield f"{place} has {attribute}, which has no effect: contact models replace MuJoCo's contact forces"
     for each in _of_attached_files(files):
         known = _PLANT_OPTIONS if each.tag == "option" else _PLANT_FLAGS if each.tag == "flag" else ()
-        for name in known:
-            if name in each.attributes and not _holds(spec, each.tag, name, each.attributes[name]):
+        for key in known:
+            if key in each.attributes and not _holds(spec, each.tag, key, each.attributes[key]):
                 yield (
-                    f"{each.place}: <{each.tag} {name}={each.attributes[name]!r}> of an attached file has no effect, "
+                    f"{each.place}: <{each.tag} {key}={each.attributes[key]!r}> of an attached file has no effect, "
                     f"as in MuJoCo: write it in {files.place}"
                 )
+
+
+def _contact_forces(spec: Any) -> Iterator[tuple[str, str, str]]:
+    """Attributes by which MuJoCo's contacts pull or drive, unlike a material property: kind and name of the element."""
+    for geom in spec.geoms:
+        if geom.adhesion:
+            yield "geom", geom.name, "adhesion"
+        if np.any(geom.surfacevel):
+            yield "geom", geom.name, "surfacevel"
+    yield from (("pair", pair.name, "adhesion") for pair in spec.pairs if pair.adhesion)
 
 
 def _holds(spec: Any, tag: str, name: str, value: str) -> bool:
@@ -155,9 +197,10 @@ def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
             yield from elements(files.files[name], files.label + name)
 
 
-def _written(files: ModelFiles) -> Iterator[Element]:
+def _written(files: ModelFiles, words: Iterable[str] = ("",)) -> Iterator[Element]:
+    """Elements of the MJCF files in which one of some words stands: parsing a large file takes as long as compiling it."""
     for name, xml in files.files.items():
-        if name.lower().endswith(".xml"):
+        if name.lower().endswith(".xml") and any(word.encode() in xml for word in words):
             yield from elements(xml, files.label + name)
 
 

@@ -32,10 +32,12 @@ class Timing:
     Attributes:
         sensors: Of each sensor, by its name in the file.
         actuator_delays_s: Delay of each actuator that has one, by its name in the file, s.
+        interpolated: Actuators and sensors between whose delayed values MuJoCo would interpolate, as text.
     """
 
     sensors: dict[str, SensorTiming]
     actuator_delays_s: dict[str, float]
+    interpolated: tuple[str, ...]
 
 
 def take_timing(spec: Any) -> Timing:
@@ -44,6 +46,12 @@ def take_timing(spec: Any) -> Timing:
     MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it.
     """
     sensors, delays = {}, {}
+    interpolated = [
+        f"{kind} {each.name!r}"
+        for kind, listed in (("sensor", spec.sensors), ("actuator", spec.actuators))
+        for each in listed
+        if each.interp and each.nsample
+    ]
     for each in spec.sensors:
         every, phase = map(float, each.interval)
         sensors[each.name] = SensorTiming(every, phase, float(each.delay), bool(each.nsample), float(each.cutoff))
@@ -52,4 +60,4 @@ def take_timing(spec: Any) -> Timing:
         if each.delay > 0.0:
             delays[each.name] = float(each.delay)
         each.delay, each.nsample = 0.0, 0
-    return Timing(sensors, delays)
+    return Timing(sensors, delays, tuple(interpolated))
