@@ -102,6 +102,16 @@ class ModeChoice:
                 return self._without_idle(found)
         return self._solved()
 
+    @property
+    def locked(self) -> IntArray:
+        """Points whose gap closes by curvature although no force along the normal can change its rate, ascending.
+
+        So where latches hold bodies by an axis through the contact point: they would roll over each other, in place.
+        """
+        problem = self._problem
+        closes = problem.b[::3] < -_OPENS * self._states.rounding
+        return np.flatnonzero(closes & ~problem.movable_normals)
+
     def _movable(self, kinds: IntArray) -> IntArray:
         """Modes with points that no normal force can move closed."""
         return np.where(self._problem.movable_normals, kinds, CLOSED)

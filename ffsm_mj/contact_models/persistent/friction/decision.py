@@ -115,9 +115,20 @@ class FrictionalDecision:
         try:
             return self._choice.choose()
         except NoModesError:
-            names = "; ".join(dict.fromkeys(str(contact.pair) for contact in self.contact_points))
-            why = f"painleve: no friction modes satisfy Coulomb's conditions ({names}){self._worst_slide()}"
-            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, why) from None
+            raise RunEnded(Outcome.UNSUPPORTED_CONTACT, self._locked() or self._without_modes()) from None
+
+    def _locked(self) -> str:
+        """Which point closes although nothing moves it along its normal; empty if none does."""
+        if not len(locked := self._choice.locked):
+            return ""
+        which = int(locked[np.argmin(self.problem.b[3 * locked])])
+        name, falls = self.contact_points[which].pair, self.problem.b[3 * which]
+        why = "and no force along its normal moves it: latches hold it there"
+        return f"locked: {name} closes, gap'' = {falls:.3g} m/s^2, {why}"
+
+    def _without_modes(self) -> str:
+        names = "; ".join(dict.fromkeys(str(contact.pair) for contact in self.contact_points))
+        return f"painleve: no friction modes satisfy Coulomb's conditions ({names}){self._worst_slide()}"
 
     def _worst_slide(self) -> str:
         """What pushes the sliding point apart whose own normal force does so least; empty where none slides."""

@@ -94,3 +94,30 @@ def test_the_log_stands_until_there(tmp_path, capsys):
     capsys.readouterr()
     assert main(["analyze", str(out)]) == 0
     assert "painleve" in capsys.readouterr().out
+
+
+def test_a_ball_that_a_hinge_rolls_in_place_is_no_paradox(tmp_path):
+    """The axis (1, 1, 0) passes through the contact point, so no force along the normal y moves the ball and the box.
+
+    Turned at w, the normal tilts at w / sqrt(2), and the face falls towards the centre of the ball: gap'' = -R w^2 / 2.
+    It turns about the axis before already, so the latch takes no impulse.
+    """
+    inertial = '<inertial pos="0 0 0" mass="2" diaginertia="0.01 0.011 0.012"/>'
+    robot = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="base"/>{inertial}
+      <geom name="pad" type="sphere" size="0.02" mass="0"/><site name="tip" pos="0 0.02 0"/></body></worldbody></mujoco>"""
+    box = f"""<mujoco>{HEAD}<worldbody><body name="box"><freejoint name="free"/>{inertial}
+      <geom name="box" type="box" size="0.1 0.05 0.1" mass="0"/>
+      <site name="handle" pos="0 -0.05 0"/></body></worldbody></mujoco>"""
+    hinge = {"robot_site": "tip", "object_site": "box/handle", "joint": "hinge", "axis": [1, 1, 0]}
+    path = scene(
+        tmp_path,
+        robot,
+        {"box": box},
+        initial={"joints": {"box/free": [0, 0.07, 0, 1, 0, 0, 0]}, "rates": {"box/free": [0, 0, 0.005, 0.1, 0.1, 0]}},
+        contacts={"rules": [{"between": ["pad", "box/box"], "restitution": 0, "mu": 0.3}]},
+        captures={"c": hinge | {"when": {"within": {"position_m": 0.01}}}},
+        phases=[{"name": "hold", "until": "end", "arm": ["c"], "controller": {"kind": "off"}}],
+    )
+    run = ffsm_mj.run(path)
+    assert run.outcome == "unsupported_contact"
+    assert run.message.startswith("locked: robot/pad - box/box closes, gap'' = -0.0002 m/s^2")
