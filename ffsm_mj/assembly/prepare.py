@@ -25,6 +25,7 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import load_scenario, validated
 from ffsm_mj.scenario.scenario import Scenario
@@ -67,12 +68,24 @@ def run(
     Raises:
         InputError: The scenario or a model is wrong, or the folder holds a run.
         Exception: With ``raise_errors``, whatever a control law or a contact model raised.
+        KeyboardInterrupt: Ctrl-C or SIGTERM, when the log is closed: a loop over runs ends.
     """
     folder = RunFolder(Path(out), force=force) if out is not None else None
     if folder is not None:
         folder.refuse_earlier_run()
     made = prepare(scenario, overrides, controllers=controllers, estimators=estimators, raise_errors=raise_errors)
-    return made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors)
+    return uninterrupted(made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors))
+
+
+def uninterrupted(finished: Run) -> Run:
+    """The run, if it was not interrupted.
+
+    Raises:
+        KeyboardInterrupt: It was.
+    """
+    if finished.outcome == Outcome.INTERRUPTED:
+        raise KeyboardInterrupt
+    return finished
 
 
 def prepare(

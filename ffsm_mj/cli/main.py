@@ -53,6 +53,9 @@ def _main(arguments: Sequence[str]) -> int:
     try:
         code = _perform(arguments, output)
     except Exception as error:
+        if _is_interrupt(error):
+            complain("interrupted")
+            return INTERRUPTED
         if os.environ.get(_SHOW_TRACEBACK):
             raise
         code = _internal_error(error)
@@ -60,6 +63,13 @@ def _main(arguments: Sequence[str]) -> int:
         complain(f"stdout: output is lost ({output.lost})")
         return code or OUTPUT_LOST
     return code
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an exception: where a class is made, as during imports, Python raises another one for it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _internal_error(error: Exception) -> int:

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.records.events import Outcome
+from ffsm_mj.assembly.prepare import prepare, uninterrupted
 from ffsm_mj.report.run import Run
 
 FAR = 1e12
@@ -64,17 +63,6 @@ def run_scene(
         path = folder / "scene.yaml"
         path.write_text(json.dumps(data | scenario), encoding="utf-8")  # JSON is YAML
         return uninterrupted(prepare(path).run())
-
-
-def uninterrupted(run: Run) -> Run:
-    """The run, if it was not interrupted: what came of it until then is no result.
-
-    Raises:
-        KeyboardInterrupt: It was.
-    """
-    if run.outcome == Outcome.INTERRUPTED:
-        raise KeyboardInterrupt
-    return run
 
 
 def model(body: str, *, gravity: Sequence[float] = (0.0, 0.0, 0.0), more: str = "") -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import ExitStack, contextmanager
+from typing import Any
 
+from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.campaign.execution.engines import Engine
 from ffsm_mj.campaign.execution.run_queue import Batch, PlannedRun, RunQueue
 from ffsm_mj.campaign.execution.worker import Job, execute_runs, probe
@@ -15,6 +17,8 @@ from ffsm_mj.campaign.storage.outcomes import CRASHED, TIMEOUT
 from ffsm_mj.campaign.storage.store import RunRow
 from ffsm_mj.errors import FfsmError, InputError, described
 
+_LOOK_S = 0.2
+"""Greatest time between two looks for a signal, s."""
 _LIVES = 2
 """A run is given up after this many workers were lost with it."""
 _LOST_ENGINES = 20
@@ -45,6 +49,7 @@ class Driver:
         """
         self._engine, self._job, self._store, self._stop = engine, job, store, stop
         self._stopped = False
+        self._interrupted: Callable[[], bool] = bool
         self._killed: dict[int, int] = {}  # workers lost while a run was the only one, by its index
 
     def drive(self, runs: Sequence[PlannedRun]) -> None:
@@ -53,8 +58,14 @@ class Driver:
         Raises:
             EngineLostError: The engine is lost and cannot be reopened.
             InputError: The workers cannot execute runs of this campaign at all.
+            KeyboardInterrupt: Ctrl-C or SIGTERM; the rows so far are stored.
         """
-        queue = RunQueue(deque(runs), len(runs), self._engine.workers, self._engine.ahead)
+        # A signal is noted and looked for where no lock is held: raised inside concurrent.futures it would leave one locked,
+        # and nobody could end the workers.
+        with noted() as self._interrupted:
+            self._drive(RunQueue(deque(runs), len(runs), self._engine.workers, self._engine.ahead))
+
+    def _drive(self, queue: RunQueue) -> None:
         lost = 0
         while queue and not self._stopped:
             made = queue.made
@@ -84,7 +95,9 @@ class Driver:
     def _probe(self, executor: Executor) -> None:
         """Check that a worker can execute runs, before it gets any."""
         try:
-            executor.submit(probe, self._job).result()
+            probed = executor.submit(probe, self._job)
+            self._wait([probed])
+            probed.result()
         except FfsmError as error:
             raise InputError(str(error)) from error
         except Exception as error:
@@ -102,7 +115,7 @@ class Driver:
             while not self._stopped and (queue or pending):
                 for batch in queue.batches(list(pending.values())):
                     pending[self._submit(executor, batch, queue)] = batch
-                done, _ = wait(pending, return_when=FIRST_COMPLETED)
+                done = self._wait(pending)
                 # Finished batches first: after a loss, the batches that had begun are found among those that remain.
                 for future in sorted(done, key=lambda each: each.cancelled() or each.exception() is not None):
                     self._take(future, pending, queue)
@@ -115,6 +128,19 @@ class Driver:
             for future in pending:
                 future.cancel()
 
+    def _wait(self, futures: Iterable[Future[Any]]) -> set[Future[Any]]:
+        """Wait until some of these are done; returns them.
+
+        Raises:
+            KeyboardInterrupt: A signal was received.
+        """
+        while True:
+            done, _ = wait(futures, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+            if self._interrupted():
+                raise KeyboardInterrupt
+            if done:
+                return done
+
     def _submit(self, executor: Executor, batch: Batch, queue: RunQueue) -> Future[list[RunRow]]:
         """Hand out a batch; an executor that is lost already refuses it, and its runs go back into the queue."""
         try:
@@ -126,8 +152,8 @@ class Driver:
     def _store_running(self, pending: dict[Future[list[RunRow]], Batch]) -> None:
         """Store the rows of batches that began before a stop: the executor completes these before it closes."""
         running = [future for future in pending if not future.cancel()]
-        wait(running)
         for future in running:
+            self._wait([future])
             if future.exception() is None:
                 self._store(future.result())
         pending.clear()

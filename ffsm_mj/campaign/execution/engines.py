@@ -211,14 +211,18 @@ def _distributed() -> Any:
 
 @contextmanager
 def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Pool of processes; if an exception leaves the context, running processes are terminated."""
+    """Pool of processes; if an exception leaves the context, running processes are killed.
+
+    Not terminated: a run takes SIGTERM for its own end, and its worker then waits for ever for a lock that another one held
+    when it ended.
+    """
     executor = ProcessPoolExecutor(workers, mp_context=_Spawn(), initializer=_begin_worker)
     try:
         yield executor
     except BaseException:
         for process in multiprocessing.active_children():
             if isinstance(process, _Process):
-                process.terminate()
+                process.kill()
         executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown(cancel_futures=True)

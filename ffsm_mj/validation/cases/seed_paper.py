@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.prepare import prepare, uninterrupted
 from ffsm_mj.reproduction.cases import SCENARIOS, paper_case
 from ffsm_mj.reproduction.measure import measure
 from ffsm_mj.reproduction.printed import PRINTED, PrintedNumber
 from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
-from ffsm_mj.validation.scene import uninterrupted
 
 _SOURCE = (
     "Nekoo, Sharf & Ollero 2024, Free-floating space manipulator impacting a floating object: Modeling and output SDRE"
