@@ -140,6 +140,9 @@ class Simulator:
     def restore(self, state: SimulatorState) -> Observation:
         """Go on from a state, bit for bit, also from one of another process; a log begins anew, at the time of the state.
 
+        A state is trusted input: restoring it executes what its bytes say, as unpickling does. Restore only states of your
+        own; no command reads a state from a file.
+
         Returns:
             What a control law sees at the state.
 

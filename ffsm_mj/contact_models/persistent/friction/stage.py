@@ -53,7 +53,10 @@ class _Node(NamedTuple):
 
 
 class ImplicitSlips:
-    """Slips of the points that slide at the nodes of an implicit step; see :class:`StiffForces`."""
+    """Slips of the points that slide at the nodes of an implicit step.
+
+    See :class:`~ffsm_mj.dynamics.implicit_stages.StiffForces`.
+    """
 
     def __init__(self, here: FrictionState) -> None:
         """Begin at the first evaluation of the first node."""
