@@ -74,11 +74,12 @@ class Recorder:
         if self._by_clock and time.monotonic() >= self._next_flush:
             self.flush()
 
-    def event(self, event: Event) -> None:
-        """Pass on all rows so far and then an event, and flush."""
+    def event(self, *records: Event) -> None:
+        """Pass on all rows so far and then all records of an event, and flush: a log that breaks off has all or none."""
         self.pass_on()
-        for sink in self._sinks:
-            sink.event(event)
+        for record in records:
+            for sink in self._sinks:
+                sink.event(record)
         self.flush()
 
     def flush(self) -> None:

@@ -32,8 +32,7 @@ class LogWriter:
     def event(self, due: EventDue) -> None:
         """Write the records of an event, with the efforts that follow it."""
         efforts = self._plant.actuation.by_name()
-        for record in due.records:
-            self._recorder.event(replace(record, efforts_after=efforts))
+        self._recorder.event(*(replace(record, efforts_after=efforts) for record in due.records))
 
     def phases(self) -> None:
         """Write the phases begun since the last call."""

@@ -37,7 +37,7 @@ def test_impact_is_exact(baseline):
 def test_every_law_holds_with_the_control_on(baseline):
     """RK4 at 1 ms leaves about 4e-11 in 30 s of these torques (speed of the truncation: h^4)."""
     assert_conserved(baseline)
-    assert len(baseline.checks()) == 13
+    assert len(baseline.checks()) == 15
     assert max(check.residual for check in baseline.checks()) < 1e-9
 
 

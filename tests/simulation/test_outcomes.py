@@ -303,7 +303,9 @@ def test_interrupted(tmp_path):
         if time_s >= 0.5:
             raise KeyboardInterrupt
 
-    run = run_and_read(two_balls(tmp_path), tmp_path, report=stop)
+    with pytest.raises(KeyboardInterrupt):
+        ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "out", rerun=False, report=stop)
+    run = ffsm_mj.load_run(tmp_path / "out")
     assert run.outcome == "interrupted"
     assert run.time[-1] == pytest.approx(0.5)
 
@@ -337,7 +339,9 @@ def test_signals_are_heard_inside_a_tick(tmp_path, monkeypatch, number, place):
         return found
 
     monkeypatch.setattr(owner, method, signalled)
-    run = run_and_read(path, tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        ffsm_mj.run(path, out=tmp_path / "out", rerun=False)
+    run = ffsm_mj.load_run(tmp_path / "out")
     assert (run.outcome, run.complete, run.damage) == ("interrupted", True, "")
     assert run.summary()["duration_s"] == pytest.approx(1e-3 if place == "step" else 0.3)
     assert run.impacts == ()

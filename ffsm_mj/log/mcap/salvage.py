@@ -38,7 +38,7 @@ class Salvage:
 
     Attributes:
         lost_bytes: Number of unreadable bytes that are followed by readable ones.
-        holes: Positions in the file of what is lost, its end included where it breaks off.
+        holes: Positions in the file of what is lost, its end included where it breaks off within a record.
         ended: Whether the data section was read to its end.
         data_match: Whether the checksum of the data section matches; True before its end.
         index_match: Whether the index after the data section is intact.
@@ -83,7 +83,6 @@ class Salvage:
                 yield from self._summary(at, int(end or 0))
                 return
             at = int(end or 0)
-        self.holes.append(at)
 
     def _opcode(self, at: int) -> int:
         return self._data.take(at, at + 1)[0]

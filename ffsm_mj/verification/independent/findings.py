@@ -50,7 +50,7 @@ def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: 
         lambda: captures(scene, rows),
         lambda: grasp_bounds(scene, rows),
         lambda: contact_geometry(scene),
-        lambda: several_contacts(scene),
+        lambda: several_contacts(scene, rows),
     )
     return [finding for check in checks for finding in _or_none(check) or []]
 

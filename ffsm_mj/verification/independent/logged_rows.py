@@ -38,6 +38,11 @@ class LoggedRows:
         near = int(np.searchsorted(self._instants, time_s - SAME_TIME_S))
         return near < len(self._instants) and self._instants[near] <= time_s + SAME_TIME_S
 
+    def has_events(self, start_s: float, end_s: float) -> bool:
+        """Whether an event is between two times."""
+        first, last = np.searchsorted(self._instants, (start_s, end_s))
+        return bool(last > first)
+
     def efforts_after(self, scene: LoggedScene, number: int, time_s: float) -> Array | None:
         """Efforts that act up to an instant after a row, (nu,): those of the last event between, or of the row; or None.
 

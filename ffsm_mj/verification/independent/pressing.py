@@ -68,12 +68,14 @@ def pressing(scene: LoggedScene, rows: LoggedRows, record: Any, unsure: float) -
         for t in (0.0, -step, step, -0.5 * step, 0.5 * step)
     )
     found, nearer = -(away[0] - 2.0 * here + away[1]) / step**2, -4.0 * (away[2] - 2.0 * here + away[3]) / step**2
-    error = unsure * abs(found) + 4.0 * _DISTANCE_M / step**2
-    # Where another vertex or edge is the nearest one on the way, the distance has a kink: its second difference grows as the
-    # step shrinks, or is there at one of the steps only.
-    if abs(found - nearer) > _SMOOTH * abs(found) + 5.0 * error:
+    error = unsure * abs(found) + 16.0 * _DISTANCE_M / step**2
+    # Where another vertex or edge is the nearest one on the way, the distance has a kink: second differences over a step and
+    # over half of it differ, or what happens before and after is not alike, as it is to third order at rest.
+    uneven = max(abs(away[1] - away[0]), 4.0 * abs(away[3] - away[2])) / step**2
+    if max(abs(found - nearer), uneven) > _SMOOTH * abs(found) + 5.0 * error:
         return None
-    return Pressing(found - error, found + error)
+    limit, error = (4.0 * nearer - found) / 3.0, error + abs(found - nearer)
+    return Pressing(limit - error, limit + error)
 
 
 def _distance(scene: LoggedScene, qpos: Array, change: Array, geoms: list[int], normal: Array) -> float:

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.verification.independent.accelerations import is_out_of_contact
 from ffsm_mj.verification.independent.finding import Array, Finding, Worst
-from ffsm_mj.verification.independent.kept_rows import MOST
+from ffsm_mj.verification.independent.kept_rows import MOST, SAME_TIME_S
+from ffsm_mj.verification.independent.logged_rows import LoggedRows
 from ffsm_mj.verification.independent.scene import LoggedScene
 from ffsm_mj.verification.independent.tolerances import SEVERAL_CONTACTS
 
@@ -16,18 +18,29 @@ _LAWS = ("blend", "newton")
 """Laws of which this is a part; others share impulses in other ways."""
 
 
-def several_contacts(scene: LoggedScene) -> list[Finding]:
+def several_contacts(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     """Worst difference of the speeds after an impact of several contacts from (1 + e) times the plastic impulse.
 
     That is the law where all e are equal and no contact approaches after it, as where a face lands flat. Impacts with closed
-    grasps, joint limits or friction are left out.
+    grasps, joint limits or friction are left out, and those in which contacts or limits that are closed already react.
     """
     worst = Worst(SEVERAL_CONTACTS)
     events = [list(event) for _, event in groupby(scene.log.impact_records, key=lambda record: record.event)]
     covered = [event for event in events if len(event) > 1 and all(_is_covered(record, event[0]) for record in event)]
     for event in covered[:: 1 + len(covered) // MOST] if not scene.grasps else ():
-        _compare(scene, event, worst)
+        if _is_alone(scene, rows, event[0].time_s):
+            _compare(scene, event, worst)
     return worst.found
+
+
+def _is_alone(scene: LoggedScene, rows: LoggedRows, time_s: float) -> bool:
+    """Whether no contact or limit was closed in the row before an impact, and no event has closed one since."""
+    number = dict(rows.kept.before.kept).get(time_s, -1)
+    if number not in rows.kept or not rows.is_whole:
+        return False
+    row = rows.kept[number]
+    closed = np.any(row[scene.mode_columns()]) or not is_out_of_contact(scene, row)
+    return not closed and not rows.has_events(rows.time_s(number) - SAME_TIME_S, time_s - SAME_TIME_S)
 
 
 def _is_covered(record: Any, first: Any) -> bool:

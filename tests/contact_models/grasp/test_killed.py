@@ -95,7 +95,9 @@ def test_an_interrupted_run_is_whole_to_its_end(tmp_path, monkeypatch, part):
     captures, releases = captures + (part == "in the capture"), releases + (part == "in the release")
     with monkeypatch.context() as patched:
         send(patched, when, signal.SIGINT)
-        run = ffsm_mj.run(grasping(tmp_path / "scene"), out=tmp_path / "out", rerun=False)
+        with pytest.raises(KeyboardInterrupt):
+            ffsm_mj.run(grasping(tmp_path / "scene"), out=tmp_path / "out", rerun=False)
+    run = ffsm_mj.load_run(tmp_path / "out")
     assert run.outcome == "interrupted"
     read = ffsm_mj.load_run(tmp_path / "out")
     assert [len(read.records[name]) for name in ("capture_impulses", "releases")] == [captures, releases]

@@ -54,11 +54,11 @@ def _moving(bodies: list[FloatingBody], belief: Belief, grasped: Mapping[str, Gr
 def _involved(event: Any, system: System, layout: Layout) -> list[FloatingBody]:
     """Floating bodies with one of the geoms, the sites or the joint of an event; all of them if it names none."""
     model = system.mj
-    if hasattr(event, "robot_site"):  # a grasp that leaves motion free: its record calls the kind of latch its joint
+    if getattr(event, "robot_site", None):  # a grasp that leaves motion free: its record calls the kind of latch its joint
         ids = [int(model.site(name).bodyid[0]) for name in (event.robot_site, event.object_site)]
     else:
         ids = [int(model.geom(name).bodyid[0]) for name in getattr(event, "geoms", ())]
-        ids += [system.joint(event.joint).body] if hasattr(event, "joint") else []
+        ids += [system.joint(event.joint).body] if getattr(event, "joint", None) else []
     if not ids:
         return list(layout.bodies)
     return [body for body in layout.bodies if any(each in body.tree.bodies for each in ids)]
