@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
+from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.log import recorder
 from ffsm_mj.replay import replay_log
@@ -23,7 +24,7 @@ PARTS = {
     "before": (0.5, 0, 0),
     "in the capture": ("_close", 0, 0),
     "held": (1.2, 1, 0),
-    "in the release": ("_release", 1, 0),
+    "in the release": ("open", 1, 0),
     "after": (1.9, 1, 1),
 }
 
@@ -31,14 +32,15 @@ PARTS = {
 def send(monkeypatch, when, number):
     """Let a signal come at a time of the simulation, or once a method of the contact model has done its work."""
     if isinstance(when, str):
-        method = getattr(GraspModel, when)
+        owner = ClosedGrasps if when == "open" else GraspModel
+        method = getattr(owner, when)
 
-        def done(self, *args):
-            found = method(self, *args)
+        def done(self, *args, **named):
+            found = method(self, *args, **named)
             os.kill(os.getpid(), number)
             return found
 
-        monkeypatch.setattr(GraspModel, when, done)
+        monkeypatch.setattr(owner, when, done)
         return
     fill = RowWriter.fill
 
