@@ -223,6 +223,7 @@ def test_actuators_of_objects_are_not_driven(tmp_path):
     simulator.step(np.zeros(1))
     ended = simulator.step(np.ones(1)).ended
     assert ended.outcome == Outcome.CONTROLLER_FAILED
+    simulator.close()
     assert "drives tug/jet: an actuator of an object" in ended.message
     (tmp_path / "jets.csv").write_text("time_s,jet_N\n0,0.2\n1,0\n")
     playback = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": "jets.csv"}}]

@@ -109,7 +109,9 @@ class KeptRows:
             self._meet(self._expected.popleft())
 
     def rows(self, block: Array) -> None:
-        """Process the next rows, (n, columns)."""
+        """Process the next rows, (n, columns); there may be none."""
+        if not len(block):
+            return
         first, times = self.count, block[:, self.layout.time]
         self._judge(times)
         self._recent.append((first, block.copy()))
@@ -120,7 +122,7 @@ class KeptRows:
             self.closed.add(len(closed), lambda place: self._keep(first + int(closed[place])))
         for column, spread in self.samples.items():
             self._samples(column, spread, first, block[:, column])
-        while self._expected and len(times) and self._expected[0] - SAME_TIME_S <= times[-1]:
+        while self._expected and self._expected[0] - SAME_TIME_S <= times[-1]:
             self._meet(self._expected.popleft())
         self._forget()
 
