@@ -8,6 +8,7 @@ forces change by the response to the turn.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,10 @@ from ffsm_mj.tolerances import ACCELERATION
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+
+
+_LEAST_M_S = 1e-300
+"""Keeps a quotient finite where a slip is exactly zero."""
 
 
 def force_changes(decision: FrictionalDecision, solution: Solution, slides: BoolArray) -> FloatArray:
@@ -40,16 +45,18 @@ def force_changes(decision: FrictionalDecision, solution: Solution, slides: Bool
     if not len(points):
         return np.zeros((len(slides), 3, 0))
     changes = decision.problem.responses_to_turns(solution.kinds, solution.directions, points, solution.forces)
-    return changes * (rows.speed_rounding[points] / known_at[points])
+    # A slip that is no more than its rounding may have any direction.
+    turns = np.minimum(rows.speed_rounding[points] / np.maximum(known_at[points], _LEAST_M_S), math.pi)
+    return changes * turns
 
 
 def force_accuracy(decision: FrictionalDecision) -> tuple[float, float]:
     """Accuracy to which the state determines the force of any pair in the modes of the step, and after the decision, N.
 
-    A point that has just stopped has no direction of slip but the one that it kept.
+    A point that has just stopped has no direction of slip but the one that it kept; a log does not have that one.
     """
     modes, slips = decision.here.modes, decision.slipping
-    before = force_changes(decision, decision.in_present_modes, modes.slides & (modes.straight | slips))
+    before = force_changes(decision, decision.in_present_modes, modes.slides)
     after = force_changes(decision, decision.solution, (decision.kinds == SLIDE) & slips)
     return float(np.linalg.norm(before, axis=1).sum()), float(np.linalg.norm(after, axis=1).sum())
 
