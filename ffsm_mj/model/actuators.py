@@ -15,6 +15,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
+from ffsm_mj.model.system import ancestors
 
 _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
@@ -120,11 +121,4 @@ def _acts_on(model: Any, actuator: int, body: int) -> bool:
     if model.actuator_trntype[actuator] != _SITE:
         return True
     ends = [int(model.site_bodyid[site]) for site in model.actuator_trnid[actuator] if site >= 0]
-    return any(body in _ancestors(model, end) for end in ends)
-
-
-def _ancestors(model: Any, body: int) -> list[int]:
-    found = [body]
-    while found[-1]:
-        found.append(int(model.body_parentid[found[-1]]))
-    return found
+    return any(body in ancestors(model, end) for end in ends)

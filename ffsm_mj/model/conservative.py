@@ -20,6 +20,7 @@ from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficie
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.mimic import Mimic, mimic_fault, mimics
 from ffsm_mj.model.places import Places
+from ffsm_mj.model.system import ancestors
 
 # Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
 _AUTHORED_GRAVITY = 1 << 7
@@ -133,11 +134,7 @@ def _has_limited_gravcomp(model: Any, body: int) -> bool:
     # With actgravcomp the compensation is part of the actuator force. Where that is limited, the compensation may be smaller
     # than the weight, and is not the external force that enters the balance.
     limited = model.jnt_actgravcomp.astype(bool) & model.jnt_actfrclimited.astype(bool)
-    while body:
-        if limited[model.jnt_bodyid == body].any():
-            return True
-        body = int(model.body_parentid[body])
-    return False
+    return any(limited[model.jnt_bodyid == each].any() for each in ancestors(model, body))
 
 
 def _coefficients(values: Iterable[float]) -> str:

@@ -21,17 +21,11 @@ from ffsm_mj.model.xml import Element, elements
 
 _PLANT_OPTIONS = ("gravity", "wind", "density", "viscosity", "magnetic", "actuatorgroupdisable")
 _PLANT_FLAGS = (
-    "spring",
-    "damper",
-    "frictionloss",
-    "equality",
-    "actuation",
-    "clampctrl",
-    "limit",
-    "gravity",
-    "contact",
-    "constraint",
+    *("spring", "damper", "frictionloss", "equality", "actuation", "clampctrl"),
+    *("limit", "gravity", "contact", "constraint"),
 )
+_OF_CONSTRAINT = ("frictionloss", "equality")
+"""Flags that ``constraint`` includes; contacts and limits are those of contact models."""
 _DISABLED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     (
         "spring",
@@ -93,10 +87,6 @@ def _deformable(files: ModelFiles) -> Iterator[str]:
     for each in _written(files):
         if each.tag in ("flexcomp", "flex") and "equality" not in each.parents:
             yield f"{each.place}: <{each.tag}>: deformable bodies are not modelled; remove it, or use a mesh geom"
-
-
-_OF_CONSTRAINT = ("frictionloss", "equality")
-"""Flags that ``constraint`` includes; contacts and limits are those of contact models."""
 
 
 def _any(listed: Any, name: str) -> bool:
@@ -177,10 +167,10 @@ def _holds(spec: Any, tag: str, name: str, value: str) -> bool:
 
 
 def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
-    """Elements of the MJCF files that are neither the main file nor included in it."""
+    """Elements of the MJCF files that are neither the main file nor included in it; none if no file has options."""
     others = [name for name in files.files if name.lower().endswith(".xml") and name != files.main]
-    if not others:
-        return
+    if not any(b"<option" in files.files[name] for name in others):
+        return  # nothing to say: parsing a large file takes as long as compiling it
     home, included = posixpath.dirname(files.main), {files.main}
     waiting = [files.main]
     while waiting:

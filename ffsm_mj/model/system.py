@@ -7,7 +7,7 @@ Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, un
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -21,6 +21,13 @@ from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.sensors import ModelSensor
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
+
+
+def ancestors(model: Any, body: int) -> Iterator[int]:
+    """A body and all bodies above it, up to the base."""
+    while body:
+        yield body
+        body = int(model.body_parentid[body])
 
 
 @dataclass(frozen=True)

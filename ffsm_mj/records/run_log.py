@@ -50,8 +50,8 @@ class RunLog:
         damage: What of the log could not be read, as text; empty if it is intact up to its end.
         note: What of the log was skipped because its schema is unknown, as text; empty if nothing was.
         lost: Times between which a part of the file is lost, s, in order: of the last message before it and of the first one
-            after it, or infinite. Events at these times may lack records, and are left out. (-inf, -inf): every message was
-            read, but what the log says of itself may be damaged.
+            after it, or infinite. Neither starts nor ends fall. Events at these times may lack records, and are left out.
+            (-inf, -inf): every message was read, but what the log says of itself may be damaged.
     """
 
     header: RunHeader
@@ -101,13 +101,20 @@ class RunLog:
     def whole_events(self) -> dict[str, tuple[Any, ...]]:
         """Records by plural without those of events at times at which a part of the log is lost: some may be missing."""
         found = dict(self.records)
+        starts, ends = np.array(self.lost).reshape(-1, 2).T
         for kind in self.event_kinds if self.lost else ():
-            found[kind.plural] = tuple(
-                each
-                for each in found.get(kind.plural, ())
-                if not any(start <= kind.time(each) <= end for start, end in self.lost)
-            )
+            records = found.get(kind.plural, ())
+            times = np.array([kind.time(each) for each in records])
+            # As neither starts nor ends fall, the last part that starts before is the one that ends last.
+            last = np.searchsorted(starts, times, side="right") - 1
+            lacks = (last >= 0) & (times <= ends[last])
+            found[kind.plural] = tuple(each for each, lack in zip(records, lacks.tolist(), strict=True) if not lack)
         return found
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether what the log says of itself may be damaged, although every message was read."""
+        return self.lost == ((-np.inf, -np.inf),)
 
     def events(self) -> list[Event]:
         """All records in order of time."""

@@ -67,7 +67,7 @@ class LogReplay:
         self._events = LoggedEvents(self._plant.system, log, self._step_s, self.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
         self._logged: LoggedRows
-        self._lost, self._time = log.lost, log.header.layout.time
+        self._lost_from, self._time = np.array([start for start, _ in log.lost]), log.header.layout.time
         self.whole: Whole | None = None
         self._last_s = -math.inf
         self._tick: int | None = None
@@ -87,7 +87,7 @@ class LogReplay:
             lost part of the log are those of the log, as contacts and grasps there may not be known.
         """
         times, edges = block[:, self._time], {*range(0, len(block), BLOCK_ROWS), len(block)}
-        edges |= {int(np.searchsorted(times, start, side="right")) for start, _ in self._lost}
+        edges |= {*np.searchsorted(times, self._lost_from, side="right").tolist()}
         parts = []
         for first, end in pairwise(sorted(edges)):
             self._pass_lost(float(times[first]))
@@ -98,7 +98,7 @@ class LogReplay:
 
     def _pass_lost(self, time_s: float) -> None:
         """Start anew at a row after a part of the log that is lost."""
-        if any(self._last_s <= start < time_s for start, _ in self._lost):
+        if np.any((self._last_s <= self._lost_from) & (self._lost_from < time_s)):
             self._tick = None
             if self.whole is None:
                 self.whole = Whole(time_s, self.motion, self.columns, self.impacts)

@@ -76,7 +76,7 @@ def damage_of(run: Run, again: ReplayResult) -> str:
     left = (
         "" if math.isinf(to_s) else f"not replayed from {to_s:.9g} s on, as lost events may have changed contacts or grasps"
     )
-    if run.log.lost[:1] == ((-math.inf, -math.inf),) and (not math.isinf(to_s) or not again.numbers):
+    if run.log.is_doubtful and (not math.isinf(to_s) or not again.numbers):
         left = "not replayed, as the models or settings in it may be damaged"
     return "; ".join(part for part in (run.damage, gaps, left) if part)
 

@@ -15,7 +15,7 @@ from ffsm_mj.assembly.initial_state import fault_of_start
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.system import System
+from ffsm_mj.model.system import System, ancestors
 
 _BEND = 0.3
 """A joint begins bent by this, rad, where its range has zero well inside: a straight arm hardly gives way."""
@@ -141,17 +141,11 @@ def _last_link(system: System) -> int:
     most = max(above.values())
     ends = [body for body, joints in above.items() if joints == most and model.body_jntnum[body]]
     if len(ends) > 1:
-        chains = [list(_ancestors(model, body)) for body in ends]
+        chains = [list(ancestors(model, body)) for body in ends]
         hand = next(body for body in chains[0] if all(body in chain for chain in chains))
         if above[hand] >= most / 2:
             return hand
     return ends[0]
-
-
-def _ancestors(model: Any, body: int) -> Iterator[int]:
-    while body:
-        yield body
-        body = int(model.body_parentid[body])
 
 
 def _end_of(model: Any, data: Any, body: int, link: list[int]) -> FloatArray:
@@ -188,8 +182,8 @@ def hand_geoms(system: System, tip: Tip) -> Iterator[list[int]]:
     """Solid geoms of the link that the tip is on and of all beyond it, then with those of each link before."""
     model, last = system.mj, 0
     solid = solid_geoms(system)
-    for body in _ancestors(model, int(model.body_weldid[tip.body])):
-        found = [g for g in solid if body in _ancestors(model, int(model.geom_bodyid[g]))]
+    for body in ancestors(model, int(model.body_weldid[tip.body])):
+        found = [g for g in solid if body in ancestors(model, int(model.geom_bodyid[g]))]
         if len(found) > last:
             yield found
         last = len(found)

@@ -60,4 +60,4 @@ class ReplayResult:
         checks = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
         checks = (*checks, *whole_log_checks(self._log, tolerance, self._independent))
         # If what the log says of itself may be damaged, a check that fails says nothing of the run.
-        return checks if self._log.lost[:1] != ((-math.inf, -math.inf),) else tuple(each for each in checks if each.passes)
+        return tuple(each for each in checks if each.passes) if self._log.is_doubtful else checks

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.assembly.prepare import uninterrupted
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution.metrics import Scalar, check_metrics, metric_values
 from ffsm_mj.campaign.execution.worker import Job, checks_with_verdict, prepared_run, processor
 from ffsm_mj.campaign.storage.outcomes import ERROR
 from ffsm_mj.campaign.storage.store import RunRow
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 
 TOLERANCE = 1e-6
@@ -65,9 +65,8 @@ def rerun(
         InputError: The run cannot be prepared.
     """
     assembly = prepared_run(job, index, overrides).assemble()
-    run = simulate(assembly, RunFolder(folder, force=True), with_rerun=False)
-    if run.outcome == Outcome.INTERRUPTED:
-        raise KeyboardInterrupt  # its log is kept; the remaining runs are not executed
+    # If it is interrupted, its log is kept, and the remaining runs are not executed.
+    run = uninterrupted(simulate(assembly, RunFolder(folder, force=True), with_rerun=False))
     if row is None:
         return Rerun(index, run, True, ())
     exact = row.cpu == processor() and same_settings

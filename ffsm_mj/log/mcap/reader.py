@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
@@ -186,7 +187,7 @@ class _Contents:
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
         log = replace(log, lost=self._lost(salvage))
-        log = replace(log, records=log.whole_events())
+        log = replace(log, records=log.whole_events()) if log.lost else log
         damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
         return replace(log, damage=damage, note=_note(channels, known))
 
@@ -194,13 +195,15 @@ class _Contents:
         """Times between which a part of the file is lost; see :class:`ffsm_mj.records.run_log.RunLog`."""
         ours = {channel.id for channel in self.channels.values() if channel.topic.startswith("/ffsm/")}
         batches = [batch for number in ours for batch in self.batches.get(number, [])]
-        lost = []
-        for hole in salvage.holes:
-            before = [batch.times_ns[1] for batch in batches if batch.chunk[0] < hole]
-            after = [batch.times_ns[0] for batch in batches if batch.chunk[0] >= hole]
-            # Half a nanosecond: times of messages are rounded to whole ones.
-            lost.append((max(before, default=-math.inf) * 1e-9 - 5e-10, min(after, default=math.inf) * 1e-9 + 5e-10))
-        return tuple(lost) if lost or salvage.data_match else ((-math.inf, -math.inf),)
+        batches.sort(key=lambda batch: batch.chunk)
+        times = np.array([batch.times_ns for batch in batches], dtype=np.float64).reshape(-1, 2)
+        before = np.maximum.accumulate(np.append(-np.inf, times[:, 1]))
+        after = np.minimum.accumulate(np.append(times[:, 0], np.inf)[::-1])[::-1]
+        places = np.searchsorted([batch.chunk[0] for batch in batches], salvage.holes)
+        # Half a nanosecond: times of messages are rounded to whole ones.
+        found = zip((before[places] * 1e-9 - 5e-10).tolist(), (after[places] * 1e-9 + 5e-10).tolist(), strict=True)
+        lost = tuple(dict.fromkeys(found)) if salvage.holes else ()
+        return lost if lost or salvage.data_match else ((-math.inf, -math.inf),)
 
 
 def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
