@@ -41,6 +41,20 @@ def box(name: str = "box", *, mass: float = 1.0, half: tuple[float, float, float
       <geom name="{name}" type="box" size="{half[0]} {half[1]} {half[2]}" mass="0"/></body></worldbody></mujoco>"""
 
 
+def falling_box(folder, pose, rates):
+    """A box of 1 m a side falls onto a fixed slab, e = 0.5, for 0.02 s; far from the robot."""
+    slab = '<geom name="slab" type="box" size="2 2 0.5" pos="0 0 -0.5" mass="0"/>'
+    return scene(
+        folder,
+        ball("ball"),
+        {"box": box(), "slab": f"<mujoco>{HEAD}<worldbody>{slab}</worldbody></mujoco>"},
+        fixed={"slab": {}},
+        duration_s=0.02,
+        initial={"joints": {"robot/free": [9, 0, 0, 1, 0, 0, 0], "box/free": pose}, "rates": {"box/free": rates}},
+        contacts={"rules": [{"between": ["box/box", "slab/slab"], "restitution": 0.5}]},
+    )
+
+
 FLOATING_BASES = {
     "free": '<freejoint name="free"/>',
     "planar": """<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>

@@ -16,23 +16,23 @@ PADDLE = f"""<mujoco>{HEAD}<worldbody><body name="bus"><freejoint name="free"/>
   <actuator><motor name="push" joint="slide"/></actuator></mujoco>"""
 
 
-STRONG = {"kind": "torque_speed", "stall_torque_N_m": 5.0, "no_load_speed_rad_s": 10.0}
+def paddle(folder, ball_at_m, **scenario):
+    """A motor with a torque-speed line plays 5 N on the paddle, before which a ball floats."""
+    (folder / "efforts.csv").write_text("time_s,push_N\n0,5\n1,5\n")
+    return scene(
+        folder,
+        PADDLE,
+        {"ball": ball("ball")},
+        initial={"joints": {"ball/free": [ball_at_m, 0, 0, 1, 0, 0, 0]}},
+        actuators={"push": {"kind": "torque_speed", "stall_torque_N_m": 5.0, "no_load_speed_rad_s": 10.0}},
+        phases=[{"name": "a", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}],
+        **scenario,
+    )
 
 
 def test_bounds_in_a_row_are_those_of_the_last_late_tick(tmp_path):
     """At a tick of the grid nothing is decided where the controller is late: speed and bounds have changed meanwhile."""
-    (tmp_path / "efforts.csv").write_text("time_s,push_N\n0,5\n1,5\n")
-    path = scene(
-        tmp_path,
-        PADDLE,
-        {"ball": ball("ball")},
-        duration_s=0.05,
-        control_period_s=0.01,
-        initial={"joints": {"ball/free": [2, 0, 0, 1, 0, 0, 0]}},
-        actuation={"control_jitter_s": 0.005},
-        actuators={"push": STRONG},
-        phases=[{"name": "a", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}],
-    )
+    path = paddle(tmp_path, 2.0, duration_s=0.05, control_period_s=0.01, actuation={"control_jitter_s": 0.005})
     run = ffsm_mj.run(path)
     last = run.log.records["effort_changes"][-1]
     bound = 5.0 * (1.0 - last.qvel_before["robot/slide"][0] / 10.0)
@@ -43,18 +43,8 @@ def test_bounds_in_a_row_are_those_of_the_last_late_tick(tmp_path):
 
 def test_a_ball_leaves_a_paddle_that_is_faster_than_at_the_last_tick(tmp_path):
     """The spring speeds both up until the ball leaves, within a tick; the motor still has the force of the tick."""
-    (tmp_path / "efforts.csv").write_text("time_s,push_N\n0,5\n1,5\n")
-    path = scene(
-        tmp_path,
-        PADDLE,
-        {"ball": ball("ball")},
-        duration_s=0.45,
-        control_period_s=0.15,
-        initial={"joints": {"ball/free": [0.5501, 0, 0, 1, 0, 0, 0]}},
-        actuators={"push": STRONG},
-        contacts={"rules": [{"between": ["paddle", "ball/ball"], "restitution": 0.0}]},
-        phases=[{"name": "a", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}],
-    )
+    rules = [{"between": ["paddle", "ball/ball"], "restitution": 0.0}]
+    path = paddle(tmp_path, 0.5501, duration_s=0.45, control_period_s=0.15, contacts={"rules": rules})
     run = ffsm_mj.run(path)
     (left,) = run.log.records["contact_endings"]
     row = int(left.time_s / 0.15)

@@ -9,7 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
-from tests.scenes import HEAD, ball, box, scene
+from tests.scenes import falling_box
 
 
 def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
@@ -87,20 +87,7 @@ def test_a_grasp_by_touch_that_is_armed_twice(tmp_path):
 
 def test_points_of_an_impact_in_another_order(tmp_path):
     """Rounding decides which corner of a face is its first: the records of a pair are compared point by point."""
-    slab = '<geom name="slab" type="box" size="2 2 0.5" pos="0 0 -0.5" mass="0"/>'
-    path = scene(
-        tmp_path,
-        ball("ball"),
-        {"box": box(), "slab": f"<mujoco>{HEAD}<worldbody>{slab}</worldbody></mujoco>"},
-        fixed={"slab": {}},
-        duration_s=0.02,
-        initial={
-            "joints": {"robot/free": [9, 0, 0, 1, 0, 0, 0], "box/free": [0.1, 0.2, 0.501, 1, 0, 0, 0]},
-            "rates": {"box/free": [0.3, 0.1, -1, 0, 0, 0.5]},
-        },
-        contacts={"rules": [{"between": ["box/box", "slab/slab"], "restitution": 0.5}]},
-    )
-    log = ffsm_mj.run(path).log
+    log = ffsm_mj.run(falling_box(tmp_path, [0.1, 0.2, 0.501, 1, 0, 0, 0], [0.3, 0.1, -1, 0, 0, 0.5])).log
     impacts = log.records["impacts"]
     assert len(impacts) == 4
     assert len({impact.event for impact in impacts}) == 1

@@ -13,7 +13,7 @@ from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
 from ffsm_mj.verification.independent.tolerances import TOLERANCES
 from tests.contact_models.grasp.scenes import grasping
 from tests.mutants import scenes
-from tests.scenes import HEAD, ball, box, scene
+from tests.scenes import falling_box
 from tests.sensing.scenes import pushing
 from tests.verification.independent.scenes import (
     SENSORS,
@@ -184,19 +184,6 @@ def test_kept_rows_do_not_depend_on_blocks(runs):
 
 def test_a_box_that_lands_all_but_flat_bounces(tmp_path):
     """Its corners hit one after another within 1e-7 s: where a distance has a kink, nothing is known of what presses it."""
-    slab = '<geom name="slab" type="box" size="2 2 0.5" pos="0 0 -0.5" mass="0"/>'
-    path = scene(
-        tmp_path,
-        ball("ball"),
-        {"box": box(), "slab": f"<mujoco>{HEAD}<worldbody>{slab}</worldbody></mujoco>"},
-        fixed={"slab": {}},
-        duration_s=0.02,
-        initial={
-            "joints": {"robot/free": [9, 0, 0, 1, 0, 0, 0], "box/free": [0, 0, 0.501, 1, 2e-8, 1e-8, 0]},
-            "rates": {"box/free": [0, 0, -1, 0, 0, 0]},
-        },
-        contacts={"rules": [{"between": ["box/box", "slab/slab"], "restitution": 0.5}]},
-    )
-    run = ffsm_mj.run(path)
+    run = ffsm_mj.run(falling_box(tmp_path, [0, 0, 0.501, 1, 2e-8, 1e-8, 0], [0, 0, -1, 0, 0, 0]))
     assert len({impact.event for impact in run.impacts}) > 1
     assert [str(check) for check in run.checks() if not check.passes] == []

@@ -38,6 +38,21 @@ def on_slab(folder, robot, *, geom, mu, weight, step, duration, loads=(), restit
     )
 
 
+def pulled(folder, step, force_N):
+    """A foot of 1 kg under 1 N, mu 0.5, on three slides, pulled for 0.6 s by a force with these coefficients in time."""
+    return on_slab(
+        folder,
+        ball("foot", mass=1.0, joints="xyz"),
+        geom="foot",
+        mu=0.5,
+        weight=1.0,
+        step=step,
+        duration=0.6,
+        initial={"joints": {"robot/z": 0.1}},
+        loads=[load("robot/foot", force_N=force_N)],
+    )
+
+
 def sphere(folder, *, mu, velocity, spin=(0.0, 0.0, 0.0), step, duration, **scenario):
     """A sphere of 1 kg and 1 m radius (inertia 0.4 kg m^2) on the slab, under 1 N: L1, L5, L6 and E1."""
     initial = {"joints": {"robot/free": [0, 0, 1, 1, 0, 0, 0]}, "rates": {"robot/free": [*velocity, *spin]}}

@@ -10,13 +10,15 @@ from scipy.integrate import solve_ivp
 
 import ffsm_mj
 from tests.contact_models.persistent.friction.reading import at, final, good, heat, slips, sticks, yaw
-from tests.contact_models.persistent.friction.scenes import block, load, on_slab, sphere
-from tests.scenes import ball
+from tests.contact_models.persistent.friction.scenes import block, pulled, sphere
 
 LONG_STEPS = [1e-3, 5e-4]
 
 U0 = np.array((1.3, 0.5))
 STOP_S = 2.0 * np.linalg.norm(U0) / (7.0 * 0.2)
+
+PULL = [[0.4, 0, 0], [0.5, 0, 0], [0, 0.6, 0]]
+"""(0.4 + 0.5 t, 0.6 t^2) N."""
 
 
 def curving(folder, step):
@@ -44,21 +46,6 @@ def test_a_sphere_slides_along_a_parabola(tmp_path, step):
     assert sticks(run) == [pytest.approx(STOP_S, abs=max(5e-9, 500 * allowed))]
 
 
-def pulled(folder, step):
-    """A foot of 1 kg under 1 N, mu 0.5, on three slides, pulled by (0.4 + 0.5 t, 0.6 t^2)."""
-    return on_slab(
-        folder,
-        ball("foot", mass=1.0, joints="xyz"),
-        geom="foot",
-        mu=0.5,
-        weight=1.0,
-        step=step,
-        duration=0.6,
-        initial={"joints": {"robot/z": 0.1}},
-        loads=[load("robot/foot", force_N=[[0.4, 0, 0], [0.5, 0, 0], [0, 0.6, 0]])],
-    )
-
-
 ERRORS = {4e-3: 1.7e-10, 2e-3: 1.2e-11, 1e-3: 1.3e-12, 5e-4: 1.7e-13}
 """Errors of the rates at 0.6 s by step, of a prototype with the same stages."""
 
@@ -67,7 +54,7 @@ ERRORS = {4e-3: 1.7e-10, 2e-3: 1.2e-11, 1e-3: 1.3e-12, 5e-4: 1.7e-13}
 @pytest.mark.parametrize("step", [4e-3, 2e-3, *LONG_STEPS])
 def test_a_foot_breaks_away_along_a_curve(tmp_path, step):
     """It slips where (0.4 + 0.5 t)^2 + 0.36 t^4 = 0.25, and then turns; reference by Radau IIA to 1e-12."""
-    run = good(ffsm_mj.run(pulled(tmp_path, step)))
+    run = good(ffsm_mj.run(pulled(tmp_path, step, PULL)))
     assert slips(run) == [pytest.approx(0.198873109993, abs=1e-11)]
     rates = [*final(run, "v_robot_x"), *final(run, "v_robot_y")]
     assert rates == pytest.approx([0.042675671986, 0.011535190635], abs=3 * ERRORS[step] + 1e-12)
@@ -137,7 +124,7 @@ def test_a_block_stops_sliding_and_spinning_at_one_instant(tmp_path, step, place
 @pytest.mark.parametrize(("step", "error"), [(8e-3, 1e-13), (4e-3, 7e-11)])
 def test_the_start_of_a_slip_is_as_accurate_as_what_follows(tmp_path, step, error):
     """The foot's rates at 0.6 s; at 8 ms all steps are implicit, at 4 ms half of them are by RK4 soon after the start."""
-    run = ffsm_mj.run(pulled(tmp_path, step))
+    run = ffsm_mj.run(pulled(tmp_path, step, PULL))
     rates = np.array([*final(run, "v_robot_x"), *final(run, "v_robot_y")])
     assert np.abs(rates - (0.04267567198641, 0.01153519063534)).max() < 3 * error
 

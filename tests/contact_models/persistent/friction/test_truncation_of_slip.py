@@ -13,25 +13,12 @@ from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.replay import replay_log
 from ffsm_mj.replay.truncation import analyze_truncation
 from tests.contact_models.persistent.friction.reading import good, sticks
-from tests.contact_models.persistent.friction.scenes import block, load, on_slab
+from tests.contact_models.persistent.friction.scenes import block, pulled
 from tests.contact_models.persistent.friction.test_random_friction import rubbed
 from tests.contact_models.persistent.random_pushes import LAWS
-from tests.scenes import ball
 
-
-def pulled_round(folder, step):
-    """A foot of 1 kg under 1 N that breaks away at once, by a force that turns by 2 rad while it slides."""
-    return on_slab(
-        folder,
-        ball("foot", mass=1.0, joints="xyz"),
-        geom="foot",
-        mu=0.5,
-        weight=1.0,
-        step=step,
-        duration=0.6,
-        initial={"joints": {"robot/z": 0.1}},
-        loads=[load("robot/foot", force_N=[[0.6, 0, 0], [0, 4.0, 0], [-3.0, 0, 0]])],
-    )
+TURNING = [[0.6, 0, 0], [0, 4.0, 0], [-3.0, 0, 0]]
+"""A force that breaks the foot away at once, and turns by 2 rad while it slides, N."""
 
 
 def shares(run):
@@ -55,7 +42,7 @@ def fall_as_order_four(found):
 @pytest.mark.parametrize("step", [4e-2, 2e-2])
 def test_steps_too_long_for_their_loads_fail_by_truncation_alone(tmp_path, step):
     """Implicit ones too: the work of the load over a step has order four."""
-    path = pulled_round(tmp_path, step)
+    path = pulled(tmp_path, step, TURNING)
     assert main(["run", str(path), "--out", str(tmp_path / "run"), "--no-rerun"]) == 5
     found = shares(ffsm_mj.load_run(tmp_path / "run"))
     assert ("energy", "total") in found
