@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from ffsm_mj.contact_models import registry
 from tests.contact_models.persistent.friction.loads import Loads
-from tests.contact_models.persistent.friction.test_slip_in_space import curving, of_three_coordinates, pulled, spinning
+from tests.contact_models.persistent.friction.scenes import pulled
+from tests.contact_models.persistent.friction.test_slip_in_space import PULL, curving, of_three_coordinates, spinning
 
 
 def reduced_block() -> tuple[float, ...]:
@@ -43,7 +45,12 @@ CASES: tuple[Case, ...] = (
         ("v_robot_free_vx_m_s", "v_robot_free_vy_m_s"),
         (0.7 - 2.0 / 7.0 * 1.3, -0.4 - 2.0 / 7.0 * 0.5),
     ),
-    ("foot, at 0.6 s: v_x, v_y, m/s", pulled, ("v_robot_x_m_s", "v_robot_y_m_s"), (0.042675671986, 0.011535190635)),
+    (
+        "foot, at 0.6 s: v_x, v_y, m/s",
+        partial(pulled, force_N=PULL),
+        ("v_robot_x_m_s", "v_robot_y_m_s"),
+        (0.042675671986, 0.011535190635),
+    ),
     (
         "block, at 0.4 s: x, y, m, spin, rad/s",
         lambda folder, step: spinning(folder, step, 0.4),
