@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.columns import load_columns_of
 from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.records.events import Event
+from ffsm_mj.records.load_columns import load_columns_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 

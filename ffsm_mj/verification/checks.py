@@ -25,9 +25,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.columns import logged_load_columns
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.metadata import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, LIMIT_FORCES, LIMIT_OVERRUN, OVERLAP, SUBSYSTEMS, Layout, momentum_keys

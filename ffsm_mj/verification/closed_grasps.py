@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.columns import logged_load_columns
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.event_order import merged
+from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import identifier
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
-from ffsm_mj.contact_models.grasp.columns import SIGNALS_PER_SET, load_columns
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.load_columns import SIGNALS_PER_SET, load_columns
 
 
 class LoadReport:

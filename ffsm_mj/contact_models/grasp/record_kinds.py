@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.contact_models.grasp.columns import load_arrows
 from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
+from ffsm_mj.records.load_columns import load_arrows
 
 NEARLY_SINGULAR = 1e-6
 """Ratio of the smallest singular value that counts to the largest below which a mechanism is nearly singular."""

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.columns import LoadColumns, logged_load_columns
+from ffsm_mj.records.load_columns import LoadColumns, logged_load_columns
 from ffsm_mj.report.plots.panels import Curve, Panel, stacked
 from ffsm_mj.report.plots.subject import Subject
 

@@ -16,7 +16,7 @@ from ffsm_mj.verification.independent.finding import Array
 from ffsm_mj.verification.independent.scene import Latched, LoggedScene
 
 _CLOSED_WITH_FORCE = 2.0
-"""Mode of a contact rule from which on it may exert a force."""
+"""Magnitude of the state of a contact rule, or of the limits of a joint, from which on it may exert a force."""
 
 
 def forces_known(scene: LoggedScene) -> bool:
@@ -27,11 +27,7 @@ def forces_known(scene: LoggedScene) -> bool:
 
 def is_out_of_contact(scene: LoggedScene, row: Array) -> bool:
     """Whether neither a contact nor a joint limit exerts a force in a row."""
-    layout = scene.layout
-    limits = [
-        i for key, i in layout.index.items() if key.startswith("contact.") and "_limit_" in key and "impulse" not in key
-    ]
-    return bool(np.all(row[scene.mode_columns()] < _CLOSED_WITH_FORCE) and not np.any(row[limits]))
+    return bool(np.all(np.abs(scene.contact_states(row)) < _CLOSED_WITH_FORCE))
 
 
 def accelerate(scene: LoggedScene, closed: Sequence[Latched]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsm_mj.records.signals import identifier
+from ffsm_mj.records.load_columns import load_columns_of
 from ffsm_mj.verification.independent.accelerations import accelerate, forces_known, is_out_of_contact, load_on
 from ffsm_mj.verification.independent.finding import Array, Finding, Worst
 from ffsm_mj.verification.independent.logged_rows import LoggedRows
@@ -56,9 +56,8 @@ def _compare(scene: LoggedScene, row: Array, closed: list[Latched], time_s: floa
 
 def _logged(scene: LoggedScene, row: Array, grasp: Latched) -> tuple[Array, Array]:
     """Force and torque that a row states for a grasp."""
-    index = scene.layout.index
-    stem = "contact.capture_" + ("" if "contact.capture_grasp" in index else f"{identifier(grasp.name)}_")
-    force, torque = (
-        [index[f"{stem}{what}_{x}_{unit}"] for x in "xyz"] for what, unit in (("force", "N"), ("torque", "N_m"))
-    )
-    return row[force], row[torque]
+    columns = load_columns_of(scene.layout, grasp.name)
+    if columns is None:  # it is closed by one of these columns
+        raise LookupError(grasp.name)
+    force, torque = np.split(row[scene.layout.places(columns.loads)], 2)
+    return force, torque

@@ -13,6 +13,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
@@ -79,13 +80,8 @@ class KeptRows:
         self._period_s, self._start_s = float(metadata.get("control_period_s", "inf")), logged_start_s(metadata)
         self.spread, self.closed = Spread[int](), Spread[int]()
         self.before = Spread[tuple[float, int]]()
-        index = layout.index
-        self._closed = [
-            i
-            for key, i in index.items()
-            if key == "contact.capture_grasp" or (key.startswith("contact.capture_") and key.endswith("_closed"))
-        ]
-        ends = [i for key, i in index.items() if key.startswith("sensor.") and key.endswith("_sampled_s")]
+        self._closed = [layout.index[each.closed] for each in logged_load_columns(layout)]
+        ends = [i for key, i in layout.index.items() if key.startswith("sensor.") and key.endswith("_sampled_s")]
         self.samples = {column: Spread[tuple[int, int]]() for column in ends}
         self._shown = dict.fromkeys(ends, np.nan)
         self._recent: deque[tuple[int, Array]] = deque()

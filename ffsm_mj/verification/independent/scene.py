@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.model.system import System
+from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, coordinate_keys, effort_key, identifier, rate_keys
 from ffsm_mj.verification.independent.finding import Array
@@ -67,6 +68,9 @@ class LoggedScene:
         self.actuators = [self.model.actuator(i).name for i in range(self.model.nu)]
         self._efforts = layout.places([effort_key(layout, name, "applied") for name in self.actuators])
         self._ctrl_per_effort = 1.0 / np.array([_effort_per_ctrl(self.model, i) for i in range(self.model.nu)])
+        self._loads = [(each, layout.index[each.closed]) for each in logged_load_columns(layout)]
+        contact = [key for key in layout.keys if key.startswith("contact.")]
+        self._states = layout.places([key for key in contact if key.endswith(("_mode", "_limit"))])
         self.grasps = {name: self._latch(name, given) for name, given in (scenario.get("captures") or {}).items()}
 
     def _latch(self, name: str, given: Mapping[str, Any]) -> Latched:
@@ -165,27 +169,17 @@ class LoggedScene:
         turning = np.concatenate((2.0 * np.cross(of_link[3:], relative[:3]), np.cross(of_link[3:], relative[3:])))
         return np.asarray(self.stopped(grasp) @ turning)
 
-    def mode_columns(self) -> list[int]:
-        """Columns with the mode of each contact rule."""
-        index = self.layout.index
-        return [i for key, i in index.items() if key.startswith("contact.") and key.endswith("_mode")]
-
-    def closed_columns(self) -> list[tuple[int, str]]:
-        """Columns that say which grasp is closed, with the name of the grasp; empty for that of all grasps."""
-        index = self.layout.index
-        if "contact.capture_grasp" in index:
-            return [(index["contact.capture_grasp"], "")]
-        own = ((index.get(f"contact.capture_{identifier(name)}_closed"), name) for name in self.grasps)
-        return [(column, name) for column, name in own if column is not None]
+    def contact_states(self, row: Array) -> Array:
+        """Modes of the contact rules and states of the limited joints in a row: 0 open, from 2 on, or to -2, with force."""
+        return row[self._states]
 
     def closed_in(self, row: Array) -> list[Latched]:
         """The grasps that are closed in a row."""
-        names = [*self.grasps]
-        found = []
-        for column, name in self.closed_columns():
-            number = int(row[column])
-            if 0 < number <= len(names) or (name and number > 0):
-                found.append(self.grasps[name or names[number - 1]])
+        grasps, found = [*self.grasps.values()], []
+        for columns, closed in self._loads:
+            if (number := int(row[closed])) > 0:
+                own = [each for each in grasps if identifier(each.name) == columns.grasp]
+                found += own if columns.grasp else grasps[number - 1 : number]
         return found
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.verification.independent.accelerations import is_out_of_contact
 from ffsm_mj.verification.independent.finding import Array, Finding, Worst
 from ffsm_mj.verification.independent.kept_rows import MOST, SAME_TIME_S
 from ffsm_mj.verification.independent.logged_rows import LoggedRows
@@ -38,8 +37,7 @@ def _is_alone(scene: LoggedScene, rows: LoggedRows, time_s: float) -> bool:
     number = dict(rows.kept.before.kept).get(time_s, -1)
     if number not in rows.kept or not rows.is_whole:
         return False
-    row = rows.kept[number]
-    closed = np.any(row[scene.mode_columns()]) or not is_out_of_contact(scene, row)
+    closed = np.any(scene.contact_states(rows.kept[number]))
     return not closed and not rows.has_events(rows.time_s(number) - SAME_TIME_S, time_s - SAME_TIME_S)
 
 
