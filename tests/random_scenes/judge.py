@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import signal
@@ -25,6 +26,9 @@ from tests.random_scenes.oracle import oracle_differences
 STEPS_OF_A_STEP, STEPS_OF_AN_EVENT = 40, 120
 """Most integrations of (sub-)steps for each step of ``time_step_s`` and for each record of an event; trials and those of
 event localisation count. A scene that needs more has stalled, on any machine."""
+STEPS_FOR_ACCURACY = 100
+"""The same for each step where ``accuracy`` divides it. A step of 10 ms at 7 rad/s errs by 7e-9, and 1e-9 for the whole run
+leaves 5e-15 of it: the fourth root of the ratio is 34 sub-steps, 1.5 times that for safety, and the trials."""
 STATED = ("completed", "event_limit", "step_limit", "unsupported_contact", "diverged")
 """Outcomes that a random scene may have; all but the first are counted apart."""
 
@@ -96,7 +100,8 @@ def _judge(seed: int, path: Path) -> Verdict:
     except InputError as error:
         return Verdict(seed, "refused", message=str(error).replace(str(path.parent), ""))
     events = sum(len(records) for records in run.records.values())
-    cost = count() / (STEPS_OF_A_STEP * (run.log.outcome.steps + 1) + STEPS_OF_AN_EVENT * events)
+    of_a_step = STEPS_FOR_ACCURACY if "accuracy" in json.loads(path.read_text()) else STEPS_OF_A_STEP
+    cost = count() / (of_a_step * (run.log.outcome.steps + 1) + STEPS_OF_AN_EVENT * events)
     found = [] if run.outcome in STATED else [f"outcome {run.outcome}: {run.log.outcome.message}"]
     again = replay_log(run.log)
     if again.obstacle:
