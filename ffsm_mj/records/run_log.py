@@ -117,9 +117,16 @@ class RunLog:
         return self.lost == ((-np.inf, -np.inf),)
 
     def events(self) -> list[Event]:
-        """All records in order of time."""
-        found = [record for kind in self.kinds for record in self.records.get(kind.plural, ())]
-        return sorted(found, key=lambda record: kind_of(record).time(record))
+        """All records in order of time; at one time those that are numbered together by number, the others by kind."""
+        kinds = self.kinds
+        series = [kind.event_group or kind.name if kind.own_numbers else "" for kind in kinds]
+        found: list[tuple[float, int, int, Event]] = []
+        for i, kind in enumerate(kinds):
+            for record in self.records.get(kind.plural, ()):
+                number = getattr(record, "event", None)
+                place = i if number is None else series.index(series[i])
+                found.append((kind.time(record), place, number or 0, record))
+        return [record for *_, record in sorted(found, key=lambda each: each[:3])]
 
     def marks(self) -> list[tuple[RecordKind, float, Mark]]:
         """Marks of its records as (kind, time in s, mark); by kind, then in order."""

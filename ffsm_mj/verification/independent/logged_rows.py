@@ -51,9 +51,13 @@ class LoggedRows:
         if number not in self.kept or not self.is_whole:
             return None
         row_s = self.time_s(number)
-        last = int(np.searchsorted(self._changed_s, time_s - SAME_TIME_S)) - 1
-        if last >= 0 and self._changed_s[last] >= row_s - SAME_TIME_S:
-            change = self._changes[last]
-            if change.step >= round(row_s / scene.model.opt.timestep):
-                return scene.efforts_after(change)
-        return scene.efforts_of(self.kept[number])
+        end = int(np.searchsorted(self._changed_s, time_s - SAME_TIME_S))
+        start = int(np.searchsorted(self._changed_s, row_s - SAME_TIME_S))
+        first_step = round(row_s / scene.model.opt.timestep)
+        changes = [change for change in self._changes[start:end] if change.step >= first_step]
+        if not changes:
+            return scene.efforts_of(self.kept[number])
+        # Records of one instant may state different efforts, and not all are numbered together: then it is not known.
+        last = scene.efforts_after(changes[-1])
+        at_once = [change for change in changes if change.time_s >= changes[-1].time_s - SAME_TIME_S]
+        return last if all(change.efforts_after == changes[-1].efforts_after for change in at_once) else None

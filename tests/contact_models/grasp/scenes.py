@@ -68,6 +68,24 @@ def grasping(folder, when=TOUCH, others=None, phases=None, robot=ARM, **changes)
     )
 
 
+def closed_as_armed(folder):
+    """A grasp that closes at the start, as it is armed; the next phase releases it at once, under other efforts."""
+    (folder / "ramp.csv").write_text("time_s,elbow_N_m\n0,0.2\n0.02,0.3\n0.04,0.1\n")
+    play = {"kind": "playback", "file": "ramp.csv", "after": "hold"}
+    return grasping(
+        folder,
+        {"within": {"position_m": 5.0}},
+        robot=ARM.replace("</mujoco>", '<sensor><actuatorfrc name="torque" actuator="elbow"/></sensor></mujoco>'),
+        control_period_s=0.01,
+        duration_s=0.1,
+        phases=[
+            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "hold", "for_s": 0.05, "release": ["grasp"], "controller": play},
+            {"name": "end", "until": "end", "controller": OFF},
+        ],
+    )
+
+
 def stone(mass=0.5):
     """A ball that is thrown at what is held."""
     return ball("stone", mass=mass)

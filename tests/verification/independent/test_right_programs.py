@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
 from ffsm_mj.verification.independent.tolerances import TOLERANCES
-from tests.contact_models.grasp.scenes import grasping
+from tests.contact_models.grasp.scenes import closed_as_armed, grasping
 from tests.mutants import scenes
 from tests.scenes import falling_box
 from tests.sensing.scenes import pushing
@@ -186,4 +186,13 @@ def test_a_box_that_lands_all_but_flat_bounces(tmp_path):
     """Its corners hit one after another within 1e-7 s: where a distance has a kink, nothing is known of what presses it."""
     run = ffsm_mj.run(falling_box(tmp_path, [0, 0, 0.501, 1, 2e-8, 1e-8, 0], [0, 0, -1, 0, 0, 0]))
     assert len({impact.event for impact in run.impacts}) > 1
+    assert [str(check) for check in run.checks() if not check.passes] == []
+
+
+def test_events_at_one_instant_that_state_different_efforts(tmp_path):
+    """A grasp closes as it is armed, and the next phase has another law: the efforts of the last record act."""
+    run = ffsm_mj.run(closed_as_armed(tmp_path))
+    stated = {str(each.efforts_after) for each in run.log.events() if getattr(each, "time_s", 1.0) == 0.0}
+    assert len(stated) > 1
+    assert "sensor values" in independent(run)
     assert [str(check) for check in run.checks() if not check.passes] == []
