@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closest_approach import ClosestApproach
 from ffsm_mj.contact_models.grasp.closing_time import At, Bounds
@@ -15,7 +17,7 @@ from ffsm_mj.contact_models.grasp.load import InterfaceLoad, LoopLoad
 from ffsm_mj.contact_models.grasp.load_limit import LoadLimit
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites, Vectors
-from ffsm_mj.contact_models.interface import ForceSource, Scene
+from ffsm_mj.contact_models.interface import ForceSource, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.model.grasp import Grasp
@@ -67,6 +69,7 @@ class Latch:
         site = scene.data.site_xpos[self.sites.object]
         self._of_child = InterfaceLoad(self.held, site, scene.data, others) if self.held is not None else None
         self._of_rows = LoopLoad(grasp.name, loops, site)
+        self._others = tuple(each for each in others if isinstance(each, Replayable))
         self.load: InterfaceLoad | LoopLoad = self._of_child or self._of_rows
         self.limit = LoadLimit(config.load_limit, self._load_now) if config.load_limit is not None else None
         self.contacts = frozenset(config.when.touch or ())
@@ -93,6 +96,13 @@ class Latch:
 
     def _load_now(self) -> FloatArray:
         return self.load.now()
+
+    def load_accuracy(self) -> dict[str, float]:
+        """How far rounding of the state in ``data`` changes its load through contact forces, by field of a record."""
+        load = self.load.now()
+        varied = [self.load.now() - load for each in self._others if each.active for _ in each.varied_forces()]
+        force, torque = np.linalg.norm(np.reshape(varied, (-1, 2, 3)), axis=2).sum(axis=0).tolist()
+        return {"force_N": force, "torque_N_m": torque}
 
     def hold_by_rows(self, by_rows: bool) -> None:
         """Tell whether rows hold it from now on, and not an object that is a child of the link."""

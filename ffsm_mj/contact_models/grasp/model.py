@@ -202,9 +202,9 @@ class GraspModel(EventSource, Replayable):
     def _break(self, latch: Latch, instant: EventTime) -> EventEffect:
         """Open a grasp at its load limit."""
         self._opening, self._closing = None, []
-        load = latch.limit.load() if latch.limit is not None else (0.0, 0.0)
+        load, accuracy = latch.limit.load() if latch.limit is not None else (0.0, 0.0), latch.load_accuracy()
         record = self._closed.open(latch, instant, "load_limit", *load)
-        return EventEffect((record,), motion=self._closed.motion)
+        return EventEffect((record,), motion=self._closed.motion, accuracy=accuracy)
 
     def _disarm(self, latch: Latch, instant: EventTime) -> list[Any]:
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""

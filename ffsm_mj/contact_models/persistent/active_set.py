@@ -160,7 +160,7 @@ class ActiveContactSet:
             return self.solver.decide_with_friction(self.contact_points)
         return self.solver.decide(self.contact_points, self.pressing)
 
-    def assume(self, decision: FrictionalDecision) -> None:
+    def assume(self, decision: Decision | FrictionalDecision) -> None:
         """Take a decision as that at the state in ``data`` under its efforts."""
         self.solver.assume(decision)
 

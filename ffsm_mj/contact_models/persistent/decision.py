@@ -63,6 +63,12 @@ class Decision:
         """Forces in the stages of a step that starts here, N, (k,): of either sign, zero outside the active set."""
         return self.problem.bilateral_forces(self.pressing)
 
+    def changed_by(self, forces: FloatArray) -> Decision:
+        """The same active set with the forces changed by (n, t1, t2), N, (k, 3)."""
+        other = Decision(self.contact_points, self.problem, self._last)
+        other._forces, other._pressing = self.forces + forces[:, 0], self.pressing
+        return other
+
     @property
     def friction(self) -> FloatArray:
         """Friction forces: none, (k, 3)."""

@@ -120,9 +120,13 @@ class ForceSolver:
             known = self._friction_decision = state, FrictionalDecision(here, self._modes)
         return known[1]
 
-    def assume(self, decision: FrictionalDecision) -> None:
+    def assume(self, decision: Decision | FrictionalDecision) -> None:
         """Keep a decision as that at the present state under the present efforts."""
-        self._friction_decision = self.smooth.state(self.other_forces), decision
+        state = self.smooth.state(self.other_forces)
+        if isinstance(decision, FrictionalDecision):
+            self._friction_decision = state, decision
+        else:
+            self._decision = state, decision
 
     def _with_loops(self, rows: _Rows) -> _Rows:
         """Rows as they are with the closed loops of the motion."""

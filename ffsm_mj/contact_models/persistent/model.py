@@ -30,7 +30,7 @@ from ffsm_mj.contact_models.persistent.changes import ContactChanges
 from ffsm_mj.contact_models.persistent.closure import closed_after_change, closed_and_still, closed_at, rate_tolerance
 from ffsm_mj.contact_models.persistent.drift import DriftProjection
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
-from ffsm_mj.contact_models.persistent.friction.slip_rounding import turned_slips
+from ffsm_mj.contact_models.persistent.force_rounding import accuracy_after, accuracy_before, varied_forces
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
@@ -266,8 +266,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         return change[0].name if change else ""
 
     def varied_forces(self) -> Iterator[None]:
-        """Turn each slip by its rounding; see :class:`Replayable`."""
-        return turned_slips(self._active_set)
+        """Turn each slip and each tilt by its rounding; see :class:`Replayable`."""
+        return varied_forces(self._active_set)
 
     def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
@@ -286,8 +286,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         news = self._changes.pending() or self._changes.during_step()
         if news is None:
             return None
-        (kind, pairs), accuracy = news, self._report.accuracy()
+        (kind, pairs), before = news, accuracy_before(self._active_set)
         records = self._records.of(kind, pairs, instant, lambda: self._apply(kind, pairs))
+        after = accuracy_after(self._active_set)
+        accuracy = {"force_before_N": before, "force_after_N": after, "friction_N": after}
         return EventEffect(records, triggers_control=False, accuracy=accuracy)
 
     def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:

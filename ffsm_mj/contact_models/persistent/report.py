@@ -18,7 +18,6 @@ from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
-from ffsm_mj.contact_models.persistent.friction.slip_rounding import force_accuracy
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.resultant import Resultant, points_of, resultant
 from ffsm_mj.contact_models.persistent.rows import point_runs
@@ -197,15 +196,6 @@ class ContactReport:
                 if isinstance(pair, ContactPair) and pair in forces:
                     forces[pair] = shifted((x, y, z), 1.0, forces[pair])
         return {pair: math.hypot(*force) for pair, force in forces.items()}
-
-    def accuracy(self) -> dict[str, float]:
-        """Accuracy of forces before and after an event at the state in ``data``, N, by field of a record."""
-        closed = self._active_set
-        decision = closed.decide() if closed.contact_points and closed.stages else None
-        if not isinstance(decision, FrictionalDecision):
-            return {}
-        before, after = force_accuracy(decision)
-        return {"force_before_N": before, "force_after_N": after, "friction_N": after}
 
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""

@@ -254,10 +254,10 @@ class FrictionalDecision:
         """Solution in the modes of the step."""
         return self._in_present_modes[0]
 
-    def with_forces(self, forces: FloatArray) -> FrictionalDecision:
-        """The same modes with other forces (n, t1, t2), N, (k, 3)."""
+    def changed_by(self, forces: FloatArray) -> FrictionalDecision:
+        """The same modes with the forces changed by (n, t1, t2), N, (k, 3)."""
         other = FrictionalDecision(self.here, self._modes)
-        other._sticking, other.solution = None, self.solution._replace(forces=forces)
+        other._sticking, other.solution = None, self.solution._replace(forces=self.solution.forces + forces)
         return other
 
     @property

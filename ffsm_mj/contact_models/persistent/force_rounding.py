@@ -1,0 +1,107 @@
+"""How far rounding of a state changes the contact forces there: what a log replay allows for in rows and records.
+
+Two evaluations of the state in a log, such as a run with a grasped object and its replay, to which that state is
+transferred, differ by rounding. It changes forces by much more than rounding in two ways: the direction of a slow slip
+turns, see :mod:`.friction.slip_rounding`, and so does the tilt q of a rim that lies almost flat. Its contact point travels
+at the rate of the tilt over the tilt, so the curvature term of gap'' goes as 1/q: it is known to the rounding of rotations
+over q.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.decision import Decision
+from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_solution
+from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
+from ffsm_mj.contact_models.persistent.friction.slip_rounding import changes_by_turns
+from ffsm_mj.tolerances import ACCELERATION, EPSILON
+
+if TYPE_CHECKING:
+    from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+
+_ROTATION_RAD = 64.0 * EPSILON
+"""Rounding of the rotation between two bodies: a transfer multiplies some ten quaternions."""
+
+
+def accuracy_before(active_set: ActiveContactSet) -> float:
+    """Accuracy to which the state in ``data`` determines the force of any pair at the end of the step, N; 0 without one."""
+    if not active_set.contact_points or not active_set.stages:
+        return 0.0
+    decision = active_set.decide()
+    changes = _changes_by_tilts(decision, active_set.data)
+    if isinstance(decision, FrictionalDecision):
+        turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
+        changes = np.concatenate((turns, changes), axis=2)
+    return float(np.linalg.norm(changes, axis=1).sum())
+
+
+def accuracy_after(active_set: ActiveContactSet) -> float:
+    """The same of the forces from the state in ``data`` on, N.
+
+    A point that has just stopped has no direction of slip but the one that it kept; a log does not have that one.
+    """
+    if not active_set.contact_points:
+        return 0.0
+    return float(np.linalg.norm(_changes(active_set.decide(), active_set.data), axis=1).sum())
+
+
+def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
+    """Turn each slip and each tilt at the state in ``data`` by its rounding, one after the other.
+
+    The closed contacts have the forces of the turned direction between one step of the iteration and the next.
+    """
+    if not active_set.contact_points:
+        return
+    decision = active_set.decide()
+    changes = _changes(decision, active_set.data)
+    if not changes.size:
+        return
+    estimates = dict(active_set.modes.estimates)
+    for change in np.moveaxis(changes, 2, 0):
+        active_set.assume(decision.changed_by(change))
+        yield
+    active_set.assume(decision)
+    active_set.modes.estimates = estimates
+
+
+def _changes(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
+    """Changes of the forces (n, t1, t2) after a decision by all turns, N, (k, 3, m)."""
+    tilts = _changes_by_tilts(decision, data)
+    if not isinstance(decision, FrictionalDecision):
+        return tilts
+    slides = (decision.kinds == SLIDE) & decision.slipping
+    return np.concatenate((changes_by_turns(decision, decision.solution, slides), tilts), axis=2)
+
+
+def _changes_by_tilts(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
+    """Changes of the forces where each tilt turns by its rounding, N, (k, 3, m).
+
+    Turns below ``ACCELERATION`` are left out: normals are not known any better.
+    """
+    count, found = len(decision.contact_points), []
+    for i in decision.pressing:
+        tilt = decision.contact_points[i].feature.tilt(data)
+        turn = _ROTATION_RAD / max(math.hypot(*tilt), _ROTATION_RAD) if tilt is not None else 0.0
+        if turn > ACCELERATION:
+            found.append(_response(decision, i, turn * decision.rows.scales[i]))
+    return np.stack(found, axis=2) if found else np.zeros((count, 3, 0))
+
+
+def _response(decision: Decision | FrictionalDecision, point: int, acceleration: float) -> FloatArray:
+    """Forces that cancel a second rate of the gap of one point in the modes of a decision, m/s^2 to N, (k, 3)."""
+    count = len(decision.contact_points)
+    if isinstance(decision, FrictionalDecision):
+        solution, more = decision.solution, np.zeros(3 * count)
+        more[3 * point] = acceleration
+        return decision.problem.held_in(solution.kinds).forces(more, solution.directions)
+    forces, pressing = np.zeros((count, 3)), np.array(decision.pressing)
+    more = np.where(pressing == point, acceleration, 0.0)
+    forces[pressing, 0] = least_norm_solution(decision.rows.G[pressing[:, None], pressing], -more)
+    return forces
