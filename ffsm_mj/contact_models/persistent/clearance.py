@@ -15,7 +15,7 @@ from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
-from ffsm_mj.tolerances import OTHER_POINT_M
+from ffsm_mj.tolerances import LANDING_DEPTH_M, OTHER_POINT_M
 
 LEVEL_M = 0.1 * OTHER_POINT_M
 """Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
@@ -79,13 +79,15 @@ class Clearance:
         """Gap of a pair, m.
 
         MuJoCo's distance is used unless it shows an overlap: then the polished gap, or zero if the pair already separates.
+        An overlap by more than a landing is one that a step has passed, although its end separates again.
         """
         data = self._scene.data
         gap = pair.gap(self._model, data, 1.0)
         if gap > -0.5 * OTHER_POINT_M:
             return gap
         near = pair.proximity(self._model, data)
-        return near.gap if near.approaches else max(near.gap, 0.0)
+        passed = near.gap < -max(LANDING_DEPTH_M, pair.position_tolerance)
+        return near.gap if near.approaches or passed else max(near.gap, 0.0)
 
     def overlapping_features(self, gaps_of: GapsOf) -> list[Feature]:
         """Features other than the contact points, by which closed pairs overlap."""
