@@ -14,6 +14,7 @@ from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, project
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
+from ffsm_mj.model.system import Tree
 
 
 def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
@@ -55,11 +56,22 @@ class StateProjection:
         elif outside[1]:
             from_outside[1] = total
             impulse = impulse - total
-        # The balance computes actuator work from joint displacements; the displacement of a projection is not work.
+        # The balance computes actuator work from joint displacements; the displacement of a projection is not work. It takes
+        # the rates of dampers from them, too: Simpson's rule gives the power at the middle, whose rate is off by 1.5 times
+        # the displacement over the step, a weight of two thirds of the step.
         displacement = np.empty(system.mj.nv)
         mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
         energy[:2] -= float(data.qfrc_actuator @ displacement)
+        if self._springs.damped:
+            heat = self._springs.dissipation_slope(data.qvel) * displacement
+            own = sum(float(heat[tree.dofs].sum()) for tree in self._own_trees(motion))
+            energy += np.array((heat.sum(), own, heat.sum() - own))
         return Exchange(energy, impulse, from_outside)
+
+    def _own_trees(self, motion: Motion) -> tuple[Tree, ...]:
+        """The robot, and a grasped object."""
+        grasped = motion.grasped_object
+        return (self._scene.system.robot, grasped) if grasped is not None else (self._scene.system.robot,)
 
     def _energy_and_momenta(self, motion: Motion) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Energy of (total, robot with grasped object, other objects), momentum of other objects, total momentum.
@@ -71,7 +83,7 @@ class StateProjection:
         momentum = np.empty(system.mj.nv)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         total = 0.5 * float(momentum @ data.qvel)
-        ours = system.robot, *([grasped] if grasped is not None else [])
+        ours = self._own_trees(motion)
         own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
         elastic, weight = self._springs.energy(data.qpos), np.einsum("ij,ij->i", self._weights, data.xipos)
         total += float(elastic.sum() - weight.sum())

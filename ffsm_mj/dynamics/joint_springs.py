@@ -97,6 +97,13 @@ class JointSprings:
         dissipation: FloatArray = qvel * qvel * (a + speed * (b + speed * c))
         return dissipation
 
+    def dissipation_slope(self, qvel: FloatArray) -> FloatArray:
+        """Slope of that power over the rate, N m or N, (nv,)."""
+        a, b, c = self._d.T
+        speed = np.abs(qvel)
+        slope: FloatArray = qvel * (2.0 * a + speed * (3.0 * b + 4.0 * speed * c))
+        return slope
+
     def damping(self, qvel: FloatArray) -> FloatArray:
         """Slope of the damper force over the rate, N m s/rad or N s/m, (nv,)."""
         a, b, c = self._d.T
