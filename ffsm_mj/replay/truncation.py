@@ -35,7 +35,11 @@ from ffsm_mj.verification.checks import CheckAccumulator
 from ffsm_mj.verification.residuals import STRETCH_STEPS, ResidualDrift, stretch_s
 from ffsm_mj.verification.truncation import ENTRIES, Refined, TruncationAnalysis
 
-_MOST_HALVINGS = 6
+_USUAL_HALVINGS, _MOST_HALVINGS = 6, 11
+"""Most halvings of a step, and of one whose last halving took off a quarter of what the one before did, or less.
+
+The motion is far too fast for such a step, but what is found converges.
+"""
 _OF_ORDER_FOUR = 16.0
 """What a halving takes off a truncation error of order four, over what the next one takes off."""
 _ROUNDING = 1e-15
@@ -45,10 +49,11 @@ _ENTRY_OF = np.append(np.add.outer(3 * np.arange(len(SUBSYSTEMS)), np.repeat((0,
 """Entry of each residual: energy, P and L of each subsystem, then the heat of sliding."""
 _LEAST_S, _STEPS_OF_A_STEP = 20.0, 8.0
 """Most steps of fast motion are known from themselves, two halves and four quarters: 7 steps."""
-_NOT_TRIED, _NOT_KNOWN = 0.05, 0.75
+_NOT_TRIED, _NOT_KNOWN = 0.05, 0.45
 """Of what a check allows: for the residuals of all steps that are not made again, and for the errors of the others' limits.
 
-Together they are below 1, so that a check that fails by truncation alone is found to do so.
+The latter stay in the residual without truncation, whose bound counts them again: the sum of the first and twice the second
+is below 1, so that a check that fails by truncation alone is found to do so.
 """
 
 
@@ -227,7 +232,7 @@ class _Refining(LogReplay):
         not_tried[~unknown] -= np.minimum(error, not_tried)[~unknown]
         divisions, extrapolated, limit, bound = [whole], whole, whole.copy(), np.zeros(len(ENTRIES))
         for halvings in range(1, _MOST_HALVINGS + 1):
-            if not unknown.any():
+            if not unknown.any() or (halvings > _USUAL_HALVINGS and not (unknown & _converges(divisions)).any()):
                 break
             self._back_to_start()
             try:
@@ -236,7 +241,7 @@ class _Refining(LogReplay):
                 break
             before, rounding = extrapolated, 2**halvings * _ROUNDING * scales
             extrapolated = divisions[-1] + (divisions[-1] - divisions[-2]) / (_OF_ORDER_FOUR - 1.0)
-            error = self._error_of_limit(divisions, extrapolated - before)
+            error = self._error_of_limit(divisions, extrapolated, before)
             known = unknown & (error <= np.maximum(not_known, rounding))
             limit[known[_ENTRY_OF]], bound[known] = extrapolated[known[_ENTRY_OF]], error[known]
             not_known[known] -= np.minimum(error, not_known)[known]
@@ -250,7 +255,7 @@ class _Refining(LogReplay):
         self._bound += bound
 
     @staticmethod
-    def _error_of_limit(divisions: Sequence[FloatArray], change: FloatArray) -> FloatArray:
+    def _error_of_limit(divisions: Sequence[FloatArray], limit: FloatArray, before: FloatArray) -> FloatArray:
         """Error of the residuals without truncation that follow from the last divisions, by entry.
 
         Richardson's extrapolation of order four is exact if a halving takes 16 times as much off as the next one. If it
@@ -258,17 +263,19 @@ class _Refining(LogReplay):
         what the extrapolation leaves by the last change of the latter over r - 1. Order four gives a change over 15, where
         the next power of the step gives one over 31. An error of another order stays in the extrapolation as it is: nothing
         of a leak at a rate is taken off, one at each step doubles with each halving and never converges. Of one halving no
-        ratio is known, and the error is bounded by its change.
+        ratio is known: the error is bounded by its change, where nothing but truncation is found, and by what is left where
+        more seems to be. One step and two may agree by chance where the motion is too fast for both.
 
         Args:
             divisions: Residuals in one step, two, four and so on; two at least.
-            change: Last change of the extrapolation.
+            limit: Their extrapolation.
+            before: That of all but the last.
         """
         second = _by_entry(divisions[-2] - divisions[-1])
         if len(divisions) == 2:
-            return second
+            return np.maximum(second, _by_entry(limit))
         ratio = np.minimum(_by_entry(divisions[-3] - divisions[-2]) / second, _OF_ORDER_FOUR)
-        size = _by_entry(change)
+        size = _by_entry(limit - before)
         return np.where(ratio > 1.0, size / (ratio - 1.0), np.where(size > 0.0, np.inf, 0.0))
 
     def _in_parts(self, duration_s: float, left_s: float, parts: int) -> FloatArray:
@@ -298,6 +305,12 @@ class _Refining(LogReplay):
         path.start[:], path.at_s = start, np.nan
         path.move_to(0.0)
         restore()
+
+
+def _converges(divisions: Sequence[FloatArray]) -> npt.NDArray[np.bool_]:
+    """Whether the last halving changed each entry by less than a quarter of what the one before did."""
+    before, last = (_by_entry(coarse - fine) for coarse, fine in zip(divisions[-3:-1], divisions[-2:], strict=True))
+    return np.asarray(4.0 * last < before)
 
 
 def _by_entry(residuals: FloatArray) -> FloatArray:

@@ -212,6 +212,24 @@ def test_what_grows_with_the_number_of_steps_is_not_known():
     assert np.all(np.abs(rate._so_far) < 1e-20)
 
 
+@np.errstate(all="ignore")
+def test_one_step_and_two_that_agree_by_chance_say_nothing():
+    """Residuals of a step of a motion that is too fast for both, as measured: the finer ones fall to zero."""
+    measured = {1.0: -2.179e-3, 2.0: -2.035e-3, 4.0: -1.549e-4, 8.0: -1.005e-5, 16.0: -6.328e-7}
+    made = refining(lambda n: np.full(22, measured[n]), share=1e-3)
+    made._refine(np.full(22, measured[1.0]), np.ones(10), 1e-3, 1e-3)
+    assert np.all(_by_entry(made._so_far[1] + measured[1.0]) < made._bound + 1e-5)
+
+
+def test_truncation_of_a_motion_that_is_far_too_fast_for_its_step_is_known(tmp_path):
+    """At 280 rad/s in steps of 10 ms, 64 parts of a step leave more than what the checks allow."""
+    run = ffsm_mj.run(whirling(tmp_path, rate=40.0, duration_s=0.04, contacts={"rules": []}))
+    energy = next(check for check in run.checks() if not check.passes)
+    assert energy.residual > 1e6 * energy.tolerance
+    analysed(run)
+    assert all(check.fails_by_truncation for check in failing(run.checks()))
+
+
 def refining(of_parts, share=1e-12):
     """An analysis of steps with given residuals at a number of divisions; a step may leave a share of them unknown."""
     made = object.__new__(_Refining)
