@@ -69,14 +69,22 @@ class GridStep:
         try:
             return self._plant.advance(left_s)
         except UnsupportedContactError as error:
+            self._back_to_start()
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error
         except StepLimitError as error:
             message = f"{Outcome.STEP_LIMIT.sentence}: at t = {end_s - left_s:.6g} s {error}"
             raise RunEnded(Outcome.STEP_LIMIT, f"{message}; use a shorter time_step_s or a larger accuracy") from error
 
+    def _back_to_start(self) -> None:
+        """Undo the last (sub-)step: what is recorded at the end of the run is of a state that has been reached."""
+        path = self._plant.integrator.motion.path
+        path.at_s = math.nan
+        path.move_to(0.0)
+
     def _check_finite(self) -> None:
         if self._warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):
             message = self._warnings[-1] if self._warnings else "the state is not finite"
+            self._back_to_start()
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {' '.join(message.split())}")
 
     def _apply(self, contact_model: EventSource) -> EventEffect | None:

@@ -50,6 +50,11 @@ class ClosestApproach:
         self._add(Nearness.of(end), duration_s)
         self._clock_s += duration_s
 
+    def add_end(self, vectors: Vectors) -> None:
+        """Add the state at which it is disarmed, which an event at the end of the last step may have changed."""
+        if self._least.first() is not None:
+            self._add(Nearness.of(vectors), 0.0)
+
     def assume(self, near: Nearness, time_s: float) -> None:
         """Take it from a log, whose part since the arming is lost."""
         self._clock_s = time_s

@@ -94,6 +94,12 @@ class Latch:
         """Disarm the latch."""
         self.armed = False
 
+    def end_approach(self) -> ClosestApproach | None:
+        """Closest approach to its bounds up to the state in ``data``; None without bounds."""
+        if self.closest is not None:
+            self.closest.add_end(self.sites.vectors(self._data))
+        return self.closest
+
     def _load_now(self) -> FloatArray:
         return self.load.now()
 

@@ -210,7 +210,8 @@ class GraspModel(EventSource, Replayable):
         """Disarm the latch; record a near miss if it was armed with bounds and never closed."""
         latch.disarm()
         self._closing = [each for each in self._closing if each is not latch]
-        missed = near_miss(self.scene, latch.grasp.name, latch.closest, instant) if latch.closest is not None else None
+        closest = latch.end_approach()
+        missed = near_miss(self.scene, latch.grasp.name, closest, instant) if closest is not None else None
         return [] if missed is None else [missed]
 
     def after_event(self, time_s: float) -> None:

@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import ffsm_mj
+from ffsm_mj.contact_models.impact import time_of_impact
 from ffsm_mj.replay import replay_log
 from tests.replays import assert_replayed
 from tests.scenes import ball, scene
@@ -103,3 +104,54 @@ def test_of_values_that_fail_alike_the_first_is_named_in_every_inertial_frame(tm
     assert miss.least_s == pytest.approx(least_s, abs=1e-12)
     assert miss.least_ratio == pytest.approx(miss.angle_rad / 0.02, abs=1e-9)
     assert miss.failed_value == miss.position_m
+
+
+def test_the_rates_after_an_impact_that_ends_the_run_count(tmp_path):
+    """Two equal balls meet at 1 m/s with e = 0.5: their relative speed is least after the impact, 0.5 m/s."""
+    path = scene(
+        tmp_path,
+        ball("hand"),
+        {"target": ball("target", extra='<site name="handle" pos="0 0 0"/>')},
+        initial={
+            "joints": {"target/free": [0.5, 0, 0, 1, 0, 0, 0]},
+            "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]},
+        },
+        captures={"grasp": {"robot_site": "robot/centre", "object_site": "handle", "when": {"within": {"speed_m_s": 0.1}}}},
+        contacts={"default": {"restitution": 0.5}},
+        phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        stop_on_impact=True,
+        duration_s=1.0,
+    )
+    run = ffsm_mj.run(path)
+    (impact,), (miss,) = run.impacts, run.records["near_misses"]
+    assert miss.time_s == impact.time_s == pytest.approx(miss.least_s, abs=1e-14)
+    assert miss.least_ratio == pytest.approx(5.0, abs=1e-12)  # exact but for some 1e-15 of rounding
+    assert [str(check) for check in run.checks() if not check.passes] == []
+    assert_replayed(run)
+
+
+def test_a_run_that_is_given_up_within_a_step_records_what_it_reached(tmp_path, monkeypatch):
+    """The search for an impact moves the state along the step; what is recorded at the end is the state at its start."""
+    monkeypatch.setattr(time_of_impact, "_MAX_EVALUATIONS", 2)
+    target = ball("target", extra='<site name="handle" pos="0 0 0"/>')
+    path = scene(
+        tmp_path,
+        ball("hand"),
+        {"target": target.replace('type="sphere" size="0.1"', 'type="box" size="0.1 0.1 0.1"')},
+        initial={
+            "joints": {"target/free": [0.5, 0, 0, 1, 0, 0, 0]},
+            "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]},
+        },
+        captures={"grasp": {"robot_site": "robot/centre", "object_site": "handle", "when": {"within": {"speed_m_s": 0.1}}}},
+        phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
+        contacts={"default": {"restitution": 0.5}},
+        time_step_s=0.02,
+        control_period_s=0.02,
+        duration_s=1.0,
+    )
+    run = ffsm_mj.run(path)
+    (miss,) = run.records["near_misses"]
+    assert run.outcome == "diverged"
+    assert miss.time_s == run.time[-1]
+    assert list(miss.qpos) == run.qpos[-1].tolist()
+    assert_replayed(run)
