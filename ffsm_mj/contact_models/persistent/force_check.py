@@ -169,7 +169,7 @@ def _points_with_normals(
     pair: UnilateralConstraint, near: Proximity, held: Sequence[FeatureState]
 ) -> list[tuple[Proximity, FloatArray]]:
     """Points of a pair that are closed, each with the proximity that has its normal."""
-    if isinstance(pair, ContactPair) and pair.flush_angle > 0.0 and max(len(held), len(near.points)) > 1:
+    if isinstance(pair, ContactPair) and pair.flush_angle > 0.0:
         ends = _ends_of_side(pair, near, held)
         if ends and near.gap >= -LANDING_DEPTH_M:
             return ends
