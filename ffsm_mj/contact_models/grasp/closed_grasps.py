@@ -153,4 +153,4 @@ class ClosedGrasps:
         closed = ", ".join(each.grasp.name for each in self.latches)
         message = f"the load limit of grasp {limited[0]!r} cannot be applied at t = {instant.time_s:.6g} s"
         reason = f"with {closed} closed, the joints do not determine the split of the load; leave out load_limit"
-        raise RunEnded(Outcome.CONTROLLER_FAILED, f"{message}: {reason}")
+        raise RunEnded(Outcome.UNSUPPORTED_CONTACT, f"{message}: {reason}")

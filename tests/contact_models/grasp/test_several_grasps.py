@@ -277,7 +277,7 @@ def test_a_load_limit_needs_a_load_that_is_determined(tmp_path):
     flat = {"joints": {"plate/free": [1.35, 0.02, 0, 1, 0, 0, 0], **JOINTS}, "rates": {}}
     captures = {"left": LEFT | limit, "right": RIGHT}
     run = ffsm_mj.run(holding(tmp_path / "flat", captures, axes=("0 0 1",) * 4, initial=flat, duration_s=0.2))
-    assert run.outcome == "controller_failed"
+    assert run.outcome == "unsupported_contact"
     assert "the load limit of grasp 'left' cannot be applied at t = 0 s: with left, right closed, the joints" in run.message
 
 
