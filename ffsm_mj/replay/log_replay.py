@@ -209,17 +209,20 @@ class LogReplay:
             # At the start of a step all of it is left, whatever the rounding of the time; see GridStep.
             left = self._left if event.time_s == end_s - self._left else end_s - event.time_s
             elapsed = logged(self._left - left, self._left, event.time_s)
-            self._replay_event(replace(event, in_step=elapsed > 0.0), self._advance_to_state(elapsed, event.state))
+            start = self._plant.state_now()
+            predicted = self._advance_to_state(elapsed, event.state)
+            change = float(np.abs(predicted - start)[self._plant.system.mj.nq :].max(initial=0.0))
+            self._events.compare_state(event, predicted, change / elapsed if elapsed > 0.0 else 0.0)
+            self._replay_event(replace(event, in_step=elapsed > 0.0))
             self._left = left
             if event.time_s == until_s:
                 return True
         return False
 
-    def _replay_event(self, event: LoggedEvent, predicted: FloatArray) -> None:
+    def _replay_event(self, event: LoggedEvent) -> None:
         def reproduce() -> EventEffect | None:
             return self._check.reproduce(event)
 
-        self._events.compare_state(event, predicted)
         effect = self._plant.apply(reproduce, event.state_after)
         self._at_logged_state = True
         # If the run ended at this event, the controller was not evaluated or failed: its efforts never acted.

@@ -19,6 +19,7 @@ from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.ties import instant_s
+from ffsm_mj.tolerances import EVENT_TIME
 from ffsm_mj.verification.agreement import Agreement, impossible
 
 
@@ -150,9 +151,17 @@ class LoggedEvents:
             else:
                 self.refuse(f"{event.name} time_s", event.time_s)
 
-    def compare_state(self, event: LoggedEvent, predicted: FloatArray) -> None:
-        """Compare the logged state before an event with the integrated one."""
+    def compare_state(self, event: LoggedEvent, predicted: FloatArray, acceleration: float) -> None:
+        """Compare the logged state before an event with the integrated one.
+
+        Args:
+            event: The event.
+            predicted: The integrated state.
+            acceleration: Largest mean acceleration since the state before: velocities are known to that times the rounding
+                of times. It counts under a force of 1e9 N, at a contact that runs along an edge.
+        """
         logged, again = (np.split(state, [self._system.mj.nq]) for state in (event.state, predicted))
         again[0] = with_signs_of(self._system.mj, again[0], logged[0])
-        for what, given, found in zip(("qpos", "qvel_before"), logged, again, strict=True):
-            self.found.vector(f"{event.name} {what}", given, found, found, "", event.time_s)
+        accuracy = 0.0, EVENT_TIME * event.time_s * acceleration
+        for what, given, found, least in zip(("qpos", "qvel_before"), logged, again, accuracy, strict=True):
+            self.found.vector(f"{event.name} {what}", given, found, found, "", event.time_s, least)

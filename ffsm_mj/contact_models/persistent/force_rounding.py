@@ -10,7 +10,7 @@ over q.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,9 @@ from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecisi
 from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_solution
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
 from ffsm_mj.contact_models.persistent.friction.slip_rounding import changes_by_turns
-from ffsm_mj.tolerances import ACCELERATION, EPSILON
+from ffsm_mj.contact_models.persistent.record import ContactRecord
+from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.tolerances import ACCELERATION, EPSILON, EVENT_TIME
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
@@ -30,26 +32,40 @@ _ROTATION_RAD = 64.0 * EPSILON
 """Rounding of the rotation between two bodies: a transfer multiplies some ten quaternions."""
 
 
-def accuracy_before(active_set: ActiveContactSet) -> float:
-    """Accuracy to which the state in ``data`` determines the force of any pair at the end of the step, N; 0 without one."""
-    if not active_set.contact_points or not active_set.stages:
-        return 0.0
-    decision = active_set.decide()
-    changes = _changes_by_tilts(decision, active_set.data)
-    if isinstance(decision, FrictionalDecision):
-        turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
-        changes = np.concatenate((turns, changes), axis=2)
+class RecordAccuracy:
+    """Accuracy to which the state determines the fields of the records of one event; created before the event is applied."""
+
+    def __init__(self, active_set: ActiveContactSet) -> None:
+        """Evaluate what goes before the event, at the state in ``data``."""
+        self._active_set, stepped = active_set, active_set.contact_points and active_set.stages
+        self._share = max((_turn(contact, active_set.data) for contact in active_set.pressing), default=0.0)
+        self._before = _size(_changes_before(active_set.decide(), active_set.data)) if stepped else 0.0
+
+    def fields(self, records: Iterable[Any]) -> dict[str, float]:
+        """Accuracy by field of the records: that of the forces after the event is of the state in ``data``.
+
+        Impulses have the rounding of tilts, and that of the time in the durations of steps. A point that has just stopped
+        has no direction of slip but the one that it kept; a log does not have that one.
+        """
+        closed, pairs = self._active_set, [each for each in records if isinstance(each, ContactRecord)]
+        after = _size(_changes(closed.decide(), closed.data)) if closed.contact_points else 0.0
+        impulses = [self._share * each.impulse_N_s + EVENT_TIME * each.time_s * each.force_before_N for each in pairs]
+        fields = {"force_before_N": self._before, "force_after_N": after, "friction_N": after}
+        return fields | {"impulse_N_s": max(impulses, default=0.0)}
+
+
+def _changes_before(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
+    """Changes of the forces in the modes of the step that ends, N, (k, 3, m)."""
+    tilts = _changes_by_tilts(decision, data)
+    if not isinstance(decision, FrictionalDecision):
+        return tilts
+    turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
+    return np.concatenate((turns, tilts), axis=2)
+
+
+def _size(changes: FloatArray) -> float:
+    """Sum of the changes of forces, (k, 3, m), N."""
     return float(np.linalg.norm(changes, axis=1).sum())
-
-
-def accuracy_after(active_set: ActiveContactSet) -> float:
-    """The same of the forces from the state in ``data`` on, N.
-
-    A point that has just stopped has no direction of slip but the one that it kept; a log does not have that one.
-    """
-    if not active_set.contact_points:
-        return 0.0
-    return float(np.linalg.norm(_changes(active_set.decide(), active_set.data), axis=1).sum())
 
 
 def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
@@ -81,17 +97,18 @@ def _changes(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
 
 
 def _changes_by_tilts(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
-    """Changes of the forces where each tilt turns by its rounding, N, (k, 3, m).
-
-    Turns below ``ACCELERATION`` are left out: normals are not known any better.
-    """
-    count, found = len(decision.contact_points), []
-    for i in decision.pressing:
-        tilt = decision.contact_points[i].feature.tilt(data)
-        turn = _ROTATION_RAD / max(math.hypot(*tilt), _ROTATION_RAD) if tilt is not None else 0.0
-        if turn > ACCELERATION:
-            found.append(_response(decision, i, turn * decision.rows.scales[i]))
+    """Changes of the forces where each tilt turns by its rounding, N, (k, 3, m)."""
+    count, scales = len(decision.contact_points), decision.rows.scales
+    turns = {i: _turn(decision.contact_points[i], data) for i in decision.pressing}
+    found = [_response(decision, i, turn * scales[i]) for i, turn in turns.items() if turn > 0.0]
     return np.stack(found, axis=2) if found else np.zeros((count, 3, 0))
+
+
+def _turn(contact: ContactPoint, data: Any) -> float:
+    """Rounding of the tilt at a point over the tilt; 0 without one, and below ``ACCELERATION``, as normals are known."""
+    tilt = contact.feature.tilt(data)
+    turn = _ROTATION_RAD / max(math.hypot(*tilt), _ROTATION_RAD) if tilt is not None else 0.0
+    return turn if turn > ACCELERATION else 0.0
 
 
 def _response(decision: Decision | FrictionalDecision, point: int, acceleration: float) -> FloatArray:

@@ -30,7 +30,7 @@ from ffsm_mj.contact_models.persistent.changes import ContactChanges
 from ffsm_mj.contact_models.persistent.closure import closed_after_change, closed_and_still, closed_at, rate_tolerance
 from ffsm_mj.contact_models.persistent.drift import DriftProjection
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
-from ffsm_mj.contact_models.persistent.force_rounding import accuracy_after, accuracy_before, varied_forces
+from ffsm_mj.contact_models.persistent.force_rounding import RecordAccuracy, varied_forces
 from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.localisation import first_change
@@ -286,11 +286,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         news = self._changes.pending() or self._changes.during_step()
         if news is None:
             return None
-        (kind, pairs), before = news, accuracy_before(self._active_set)
+        (kind, pairs), accuracy = news, RecordAccuracy(self._active_set)
         records = self._records.of(kind, pairs, instant, lambda: self._apply(kind, pairs))
-        after = accuracy_after(self._active_set)
-        accuracy = {"force_before_N": before, "force_after_N": after, "friction_N": after}
-        return EventEffect(records, triggers_control=False, accuracy=accuracy)
+        return EventEffect(records, triggers_control=False, accuracy=accuracy.fields(records))
 
     def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
         self._changes.apply(kind, pairs)
