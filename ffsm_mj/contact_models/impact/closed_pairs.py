@@ -50,8 +50,13 @@ class PersistentContacts(Protocol):
     def refusal(self, pair: UnilateralConstraint) -> str:
         """Why it cannot keep a pair closed; empty if it can."""
 
-    def close(self, touching: ClosedPairs) -> None:
-        """Take over the pairs that neither approach nor separate at the velocities in ``data``."""
+    def close(self, touching: ClosedPairs, *, struck: bool) -> None:
+        """Take over the pairs that neither approach nor separate at the velocities in ``data``.
+
+        Args:
+            touching: The pairs in contact.
+            struck: Whether an impact has just changed the velocities.
+        """
 
 
 class NoPersistentContacts:
@@ -65,5 +70,5 @@ class NoPersistentContacts:
         """Always a reason."""
         return "the scenario has no persistent contact"
 
-    def close(self, _: ClosedPairs) -> None:
+    def close(self, _: ClosedPairs, *, struck: bool) -> None:
         """Take over nothing."""

@@ -93,14 +93,14 @@ class ImpactModel(Detector):
         if not any(near.approaches for _, near in touching):
             # Nothing approaches: the root of the gap was found to rounding, or a pair at rest is pressed. There is no
             # impulse; persistent contact takes over the pairs at rest.
-            self._persistent.close(touching)
+            self._persistent.close(touching, struck=False)
             self._refuse_corners(touching, met, time_s)
             return None
         impact = self.apply(touching, met.impact)
         energies = impact_energies(system, data, impact)
         met = replace(met, impact=impact)
         records = impact_records(system, data, touching, met, energies, self._impacts, instant)
-        self._persistent.close(touching)
+        self._persistent.close(touching, struck=True)
         self._refuse_unmoved(touching, impact, time_s)
         self._impacts += 1
         of_geoms = _is_of_geoms(records)
@@ -127,7 +127,7 @@ class ImpactModel(Detector):
             energies = impact_energies(system, data, met.impact)
             instant = EventTime(event.time_s, event.step)
             records = impact_records(system, data, touching, met, energies, event.number, instant)
-            self._persistent.close(touching)
+            self._persistent.close(touching, struck=True)
         except (UnsupportedContactError, ValueError, ArithmeticError):
             return ()
         return records

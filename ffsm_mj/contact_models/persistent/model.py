@@ -27,7 +27,13 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.change_records import PAIR_KINDS, ChangeRecords, by_kind, listed_pairs, name_of
 from ffsm_mj.contact_models.persistent.changes import ContactChanges
-from ffsm_mj.contact_models.persistent.closure import closed_after_change, closed_and_still, closed_at, rate_tolerance
+from ffsm_mj.contact_models.persistent.closure import (
+    closed_after_change,
+    closed_and_still,
+    closed_at,
+    held_rate_tolerance,
+    rate_tolerance,
+)
 from ffsm_mj.contact_models.persistent.drift import DriftProjection
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.force_rounding import RecordAccuracy, varied_forces
@@ -107,13 +113,19 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Whether a pair is closed; see ``PersistentContacts`` in ``contact_models/impact``."""
         return pair in self._active_set.by_pair
 
-    def close(self, touching: ClosedPairs) -> None:
-        """Close the pairs in contact whose normal velocity is zero after an impact, at the velocities in ``data``."""
+    def close(self, touching: ClosedPairs, *, struck: bool) -> None:
+        """Close the pairs in contact whose normal velocity is zero at the velocities in ``data``.
+
+        Args:
+            touching: The pairs in contact.
+            struck: Whether an impact has just changed the velocities; without one, pairs that are closed drift as in a step.
+        """
         approach = max((-near.rate for _, near in touching), default=0.0)
         held = set(self._active_set.by_pair)
         now = [(pair, pair.at_velocities(self.scene.data, near)) for pair, near in touching]
         for pair, near in now:
-            self._update_pair(pair, near, rate_tolerance(near, max(approach, 0.0)))
+            drifts = not struck and pair in held
+            self._update_pair(pair, near, held_rate_tolerance(near) if drifts else rate_tolerance(near, max(approach, 0.0)))
         self._active_set.keep_slow_points([(pair, near) for pair, near in now if pair in held])
         self._active_set.modes.struck = True
         self._update_activity()
@@ -122,7 +134,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
         if set(map(name_of, records)) - {pair.name for pair in self._active_set.by_pair}:
-            self.close(closed_pairs(self._broad_phase, self.scene, self.motion))
+            self.close(closed_pairs(self._broad_phase, self.scene, self.motion), struck=False)
 
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event in the modes before it."""

@@ -177,3 +177,15 @@ def test_a_landing_that_a_step_passes_is_found(tmp_path):
         gaps.append(mujoco.mj_geomDistance(model, data, *pair, 1.0, None))
     assert sum(gap < 1e-7 for gap in gaps) > 30  # in contact most of the time
     assert min(gaps) > -1e-7  # vertices of meshes are known to single precision: 6e-8 m here
+
+
+def test_a_contact_that_touches_elsewhere_without_an_approach_goes_on(tmp_path):
+    """Two cylinders at an angle of 2e-4 rad: the contact runs from end to end in 20 us, and its drift is no separation."""
+    path = draw(77, tmp_path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"duration_s": 0.005}))
+    run = ffsm_mj.run(path)
+    assert_replayed(run)
+    ends = [each.time_s for each in run.records["contact_endings"]]
+    begins = [each.time_s for each in run.records["contact_beginnings"]]
+    assert len(run.records["contact_changes"]) > 10
+    assert [end for end in ends if any(0.0 <= begin - end < 1e-9 for begin in begins)] == []
