@@ -143,6 +143,11 @@ class LimitFeature:
         """Bind to a limit."""
         self._limit, self.name = limit, f"{limit.side} limit"
 
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Zeros: there is no core."""
+        return 0.0, 0.0
+
     def tilt(self, data: Any) -> Vector | None:  # noqa: ARG002
         """None: there is no rim."""
         return None

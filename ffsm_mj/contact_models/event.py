@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -102,6 +102,7 @@ class EventEffect(NamedTuple):
         leaves_to_impacts: Whether nothing was done because pairs touch, which the model that resolves impacts handles.
         accuracy: How well the state determines fields of the records that it determines worse than to rounding, by name.
         is_tick: Whether the controller is evaluated as at a control tick, only later.
+        varied: In a log replay, the records as rounding of the state may change them, each time in another way.
     """
 
     records: tuple[Any, ...]
@@ -112,3 +113,4 @@ class EventEffect(NamedTuple):
     leaves_to_impacts: bool = False
     accuracy: Mapping[str, float] = MappingProxyType({})
     is_tick: bool = False
+    varied: Sequence[tuple[Any, ...]] = ()

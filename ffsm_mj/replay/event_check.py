@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
+
+import numpy as np
 
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, LoggedEvent
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.verification.agreement import Agreement, impossible
+from ffsm_mj.verification.agreement import Agreement, impossible, is_text, numbers_of
 
 
 class EventCheck:
@@ -35,9 +37,10 @@ class EventCheck:
         if effect is None or [*map(type, effect.records)] != [*map(type, event.records)]:
             self.found.keep(impossible(f"{event.name} records", event.time_s))
             return effect
-        for mine, theirs in zip(effect.records, event.records, strict=True):
+        for i, (mine, theirs) in enumerate(zip(effect.records, event.records, strict=True)):
             again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
-            self.found.record(event.name, theirs, again, effect.accuracy)
+            accuracy = dict(effect.accuracy) | _spread(mine, [records[i] for records in effect.varied])
+            self.found.record(event.name, theirs, again, accuracy)
         return effect
 
     def _effect(self, event: LoggedEvent) -> EventEffect | None:
@@ -45,3 +48,13 @@ class EventCheck:
             return self._models[event.kind].replay(event)
         except (RunEnded, UnsupportedContactError, ValueError, ArithmeticError):
             return None
+
+
+def _spread(record: Any, varied: Sequence[Any]) -> dict[str, float]:
+    """How far the numbers of a record change in its variations together, by field."""
+    names = [each.name for each in fields(record) if not is_text(getattr(record, each.name))] if varied else []
+    numbers = {name: numbers_of(getattr(record, name)) for name in names}
+    return {
+        name: sum(float(np.abs(numbers_of(getattr(each, name)) - own).max(initial=0.0)) for each in varied)
+        for name, own in numbers.items()
+    }

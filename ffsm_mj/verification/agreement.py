@@ -122,7 +122,7 @@ class Agreement:
         for each in fields(logged):
             given, known = getattr(logged, each.name), getattr(again, each.name)
             name = f"{event} {each.name}"
-            if _is_text(known):
+            if is_text(known):
                 self.keep(Discrepancy(name, 0.0 if given == known else math.inf, AGREES, "", logged.time_s))
                 continue
             a, b = numbers_of(given), numbers_of(known)
@@ -151,7 +151,8 @@ class Agreement:
         self.keep(Discrepancy(name, math.inf if math.isnan(size) else size, max(allowed, accuracy), unit, time_s))
 
 
-def _is_text(value: Any) -> bool:
+def is_text(value: Any) -> bool:
+    """Whether a field of a record is a text or texts."""
     return isinstance(value, str) or (isinstance(value, tuple) and bool(value) and isinstance(value[0], str))
 
 

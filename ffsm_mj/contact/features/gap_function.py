@@ -10,6 +10,10 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector, shifted
+from ffsm_mj.tolerances import EPSILON
+
+_ROTATION_RAD = 64.0 * EPSILON
+"""Rounding of the rotation between two bodies: a transfer multiplies some ten quaternions."""
 
 
 class FeatureState(NamedTuple):
@@ -51,6 +55,11 @@ class Feature(Protocol):
 
     def tilt(self, data: Any) -> Vector | None:
         """Tilt of a rim over a face, or the like; None for features of bounded curvature."""
+        ...
+
+    @property
+    def radii(self) -> tuple[float, float]:
+        """Radius of the first core, and the sum of both radii, m."""
         ...
 
     def at(self, data: Any) -> FeatureState:
@@ -124,3 +133,17 @@ class GapFunction:
         if self.swapped:
             return FeatureState(gap, rate, np.array((-x, -y, -z)), point, second, first, bend, scale, inside, point_rate)
         return FeatureState(gap, rate, np.array(normal), point, first, second, bend, scale, inside, point_rate)
+
+
+def tilt_rounding(feature: Feature, data: Any) -> float:
+    """Share to which the curvature terms at a feature with a tilt are known; 0 without one.
+
+    Rotations are known to rounding, so a tilt is known to it over the tilt. The normal at round sides turns by as much, and
+    the point at which they cross moves by that over the tilt again: so do the speeds there, which enter as squares.
+    """
+    tilt = feature.tilt(data)
+    if tilt is None:
+        return 0.0
+    angle = max(math.hypot(*tilt), _ROTATION_RAD)
+    share = _ROTATION_RAD / angle
+    return min(1.0, share + (2.0 * share / angle if feature.radii[1] > 0.0 else 0.0))

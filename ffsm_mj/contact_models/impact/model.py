@@ -19,6 +19,7 @@ from ffsm_mj.contact_models.impact.contact import LimitContact
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT, LimitImpactRecord
+from ffsm_mj.contact_models.impact.point_rounding import moved_points
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact
@@ -114,23 +115,32 @@ class ImpactModel(Detector):
         """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
         logged = logged_impact(self.scene, event, self._by_name)
         exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
-        records = _in_order_of(event.records, self._resolved_again(event))
-        return EventEffect(records, exchange, triggers_control=_is_of_geoms(records))
+        records, *varied = (_in_order_of(event.records, each) for each in self._resolved_again(event))
+        return EventEffect(records, exchange, triggers_control=_is_of_geoms(records), varied=varied)
 
-    def _resolved_again(self, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
-        """Records of the impact at the state in ``data``; empty if there is none."""
-        system, data = self.scene.system, self.scene.data
+    def _resolved_again(self, event: LoggedEvent) -> list[tuple[ImpactRecord | LimitImpactRecord, ...]]:
+        """Records of the impact at the state in ``data``, then as rounding of it may change them; empty if there is none."""
+        motion, touching = self.motion, self.closed_pairs()
+        before, varied = np.array(motion.data.qvel), []
         try:
-            touching = self.closed_pairs()
-            met = self.resolve(touching)
-            met = replace(met, impact=self.apply(touching, met.impact))
-            energies = impact_energies(system, data, met.impact)
-            instant = EventTime(event.time_s, event.step)
-            records = impact_records(system, data, touching, met, energies, event.number, instant)
+            for moved in moved_points(touching, self.scene, motion):
+                varied.append(self._records_of(moved, event))
+                motion.data.qvel[:] = before
+                mujoco.mj_forward(motion.model, motion.data)
+                motion.path.on_event_located()
+            records = self._records_of(touching, event)
             self._persistent.close(touching, struck=True)
         except (UnsupportedContactError, ValueError, ArithmeticError):
-            return ()
-        return records
+            return [()]
+        return [records, *varied]
+
+    def _records_of(self, touching: ClosedPairs, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
+        """Resolve an impact at the state in ``data``, whose velocities change, and return its records."""
+        system, data = self.scene.system, self.scene.data
+        met = self.resolve(touching)
+        met = replace(met, impact=self.apply(touching, met.impact))
+        energies = impact_energies(system, data, met.impact)
+        return impact_records(system, data, touching, met, energies, event.number, EventTime(event.time_s, event.step))
 
     def after_replayed_step(self) -> None:
         """Update the deepest overlap."""

@@ -1,35 +1,31 @@
 """How far rounding of a state changes the contact forces there: what a log replay allows for in rows and records.
 
-Two evaluations of the state in a log, such as a run with a grasped object and its replay, to which that state is
-transferred, differ by rounding. It changes forces by much more than rounding in two ways: the direction of a slow slip
-turns, see :mod:`.friction.slip_rounding`, and so does the tilt q of a rim that lies almost flat. Its contact point travels
-at the rate of the tilt over the tilt, so the curvature term of gap'' goes as 1/q: it is known to the rounding of rotations
-over q.
+Two evaluations of the state in a log differ by rounding where it is transferred, as in a run with a grasped object and in
+its replay. It changes forces by much more than rounding in two ways: the direction of a slow slip turns, see
+:mod:`.friction.slip_rounding`, and so does the tilt of a rim that lies almost flat, or of two sides at a small angle, whose
+contact point travels at the rate of the tilt over the tilt.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact.features.gap_function import tilt_rounding
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_solution
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
 from ffsm_mj.contact_models.persistent.friction.slip_rounding import changes_by_turns
 from ffsm_mj.contact_models.persistent.record import ContactRecord
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
-from ffsm_mj.tolerances import ACCELERATION, EPSILON, EVENT_TIME
+from ffsm_mj.tolerances import ACCELERATION, EVENT_TIME
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-
-_ROTATION_RAD = 64.0 * EPSILON
-"""Rounding of the rotation between two bodies: a transfer multiplies some ten quaternions."""
+    from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 
 class RecordAccuracy:
@@ -38,8 +34,8 @@ class RecordAccuracy:
     def __init__(self, active_set: ActiveContactSet) -> None:
         """Evaluate what goes before the event, at the state in ``data``."""
         self._active_set, stepped = active_set, active_set.contact_points and active_set.stages
-        self._share = max((_turn(contact, active_set.data) for contact in active_set.pressing), default=0.0)
-        self._before = _size(_changes_before(active_set.decide(), active_set.data)) if stepped else 0.0
+        self._share = max((_share(contact, active_set) for contact in active_set.pressing), default=0.0)
+        self._before = _size(_changes_before(active_set)) if stepped else 0.0
 
     def fields(self, records: Iterable[Any]) -> dict[str, float]:
         """Accuracy by field of the records: that of the forces after the event is of the state in ``data``.
@@ -48,24 +44,10 @@ class RecordAccuracy:
         has no direction of slip but the one that it kept; a log does not have that one.
         """
         closed, pairs = self._active_set, [each for each in records if isinstance(each, ContactRecord)]
-        after = _size(_changes(closed.decide(), closed.data)) if closed.contact_points else 0.0
+        after = _size(_changes(closed)) if closed.contact_points else 0.0
         impulses = [self._share * each.impulse_N_s + EVENT_TIME * each.time_s * each.force_before_N for each in pairs]
         fields = {"force_before_N": self._before, "force_after_N": after, "friction_N": after}
         return fields | {"impulse_N_s": max(impulses, default=0.0)}
-
-
-def _changes_before(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
-    """Changes of the forces in the modes of the step that ends, N, (k, 3, m)."""
-    tilts = _changes_by_tilts(decision, data)
-    if not isinstance(decision, FrictionalDecision):
-        return tilts
-    turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
-    return np.concatenate((turns, tilts), axis=2)
-
-
-def _size(changes: FloatArray) -> float:
-    """Sum of the changes of forces, (k, 3, m), N."""
-    return float(np.linalg.norm(changes, axis=1).sum())
 
 
 def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
@@ -73,13 +55,10 @@ def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
 
     The closed contacts have the forces of the turned direction between one step of the iteration and the next.
     """
-    if not active_set.contact_points:
-        return
-    decision = active_set.decide()
-    changes = _changes(decision, active_set.data)
+    changes = _changes(active_set) if active_set.contact_points else np.empty(0)
     if not changes.size:
         return
-    estimates = dict(active_set.modes.estimates)
+    decision, estimates = active_set.decide(), dict(active_set.modes.estimates)
     for change in np.moveaxis(changes, 2, 0):
         active_set.assume(decision.changed_by(change))
         yield
@@ -87,28 +66,44 @@ def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
     active_set.modes.estimates = estimates
 
 
-def _changes(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
-    """Changes of the forces (n, t1, t2) after a decision by all turns, N, (k, 3, m)."""
-    tilts = _changes_by_tilts(decision, data)
+def _changes_before(active_set: ActiveContactSet) -> FloatArray:
+    """Changes of the forces in the modes of the step that ends, N, (k, 3, m)."""
+    decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
+    if not isinstance(decision, FrictionalDecision):
+        return tilts
+    turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
+    return np.concatenate((turns, tilts), axis=2)
+
+
+def _changes(active_set: ActiveContactSet) -> FloatArray:
+    """Changes of the forces (n, t1, t2) from the state in ``data`` on by all turns, N, (k, 3, m)."""
+    decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
     if not isinstance(decision, FrictionalDecision):
         return tilts
     slides = (decision.kinds == SLIDE) & decision.slipping
     return np.concatenate((changes_by_turns(decision, decision.solution, slides), tilts), axis=2)
 
 
-def _changes_by_tilts(decision: Decision | FrictionalDecision, data: Any) -> FloatArray:
+def _size(changes: FloatArray) -> float:
+    """Sum of the changes of forces, (k, 3, m), N."""
+    return float(np.linalg.norm(changes, axis=1).sum())
+
+
+def _changes_by_tilts(active_set: ActiveContactSet) -> FloatArray:
     """Changes of the forces where each tilt turns by its rounding, N, (k, 3, m)."""
-    count, scales = len(decision.contact_points), decision.rows.scales
-    turns = {i: _turn(decision.contact_points[i], data) for i in decision.pressing}
-    found = [_response(decision, i, turn * scales[i]) for i, turn in turns.items() if turn > 0.0]
-    return np.stack(found, axis=2) if found else np.zeros((count, 3, 0))
+    decision = active_set.decide()
+    scales, shares = decision.rows.scales, {i: _share(decision.contact_points[i], active_set) for i in decision.pressing}
+    found = [_response(decision, i, share * scales[i]) for i, share in shares.items() if share > 0.0]
+    return np.stack(found, axis=2) if found else np.zeros((len(decision.contact_points), 3, 0))
 
 
-def _turn(contact: ContactPoint, data: Any) -> float:
-    """Rounding of the tilt at a point over the tilt; 0 without one, and below ``ACCELERATION``, as normals are known."""
-    tilt = contact.feature.tilt(data)
-    turn = _ROTATION_RAD / max(math.hypot(*tilt), _ROTATION_RAD) if tilt is not None else 0.0
-    return turn if turn > ACCELERATION else 0.0
+def _share(contact: ContactPoint, active_set: ActiveContactSet) -> float:
+    """Share to which the curvature terms at a point are known, 0 where normals are known no better.
+
+    In the motion of the logged system itself nothing is transferred: its state is that of a log bit by bit.
+    """
+    share = tilt_rounding(contact.feature, active_set.data) if active_set.motion.data is not active_set.data else 0.0
+    return share if share > ACCELERATION else 0.0
 
 
 def _response(decision: Decision | FrictionalDecision, point: int, acceleration: float) -> FloatArray:
