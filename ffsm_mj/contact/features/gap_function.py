@@ -135,15 +135,20 @@ class GapFunction:
         return FeatureState(gap, rate, np.array(normal), point, first, second, bend, scale, inside, point_rate)
 
 
-def tilt_rounding(feature: Feature, data: Any) -> float:
+def tilt_rounding(feature: Feature, data: Any, *, moves: bool) -> float:
     """Share to which the curvature terms at a feature with a tilt are known; 0 without one.
 
     Rotations are known to rounding, so a tilt is known to it over the tilt. The normal at round sides turns by as much, and
     the point at which they cross moves by that over the tilt again: so do the speeds there, which enter as squares.
+
+    Args:
+        feature: The feature.
+        data: MuJoCo data.
+        moves: Whether the rotations have been transferred, so that the point at which sides cross moves too.
     """
     tilt = feature.tilt(data)
     if tilt is None:
         return 0.0
     angle = max(math.hypot(*tilt), _ROTATION_RAD)
     share = _ROTATION_RAD / angle
-    return min(1.0, share + (2.0 * share / angle if feature.radii[1] > 0.0 else 0.0))
+    return min(1.0, share + (2.0 * share / angle if moves and feature.radii[1] > 0.0 else 0.0))

@@ -30,7 +30,7 @@ def moved_points(touching: ClosedPairs, scene: Scene, motion: Motion) -> Iterato
     for i, (pair, near) in enumerate(touching if motion.data is not data else ()):
         if not isinstance(pair, ContactPair) or len(near.points) > 1:
             continue
-        share = max((tilt_rounding(each, data) for each in features(pair, model, data, near)), default=0.0)
+        share = max((tilt_rounding(each, data, moves=True) for each in features(pair, model, data, near)), default=0.0)
         # No rim is larger, and no side much longer, than the distance of the point from the middle of its geom.
         reach = share * float(np.linalg.norm(data.geom_xpos[list(pair.ids)] - near.points[0], axis=1).max())
         if reach > MERGED_M:

@@ -1,7 +1,7 @@
 """How far rounding of a state changes the contact forces there: what a log replay allows for in rows and records.
 
-Two evaluations of the state in a log differ by rounding where it is transferred, as in a run with a grasped object and in
-its replay. It changes forces by much more than rounding in two ways: the direction of a slow slip turns, see
+Two evaluations of the state in a log differ by rounding: where it is transferred, as with a grasped object, and at the end
+of a step. It changes forces by much more than rounding in two ways: the direction of a slow slip turns, see
 :mod:`.friction.slip_rounding`, and so does the tilt of a rim that lies almost flat, or of two sides at a small angle, whose
 contact point travels at the rate of the tilt over the tilt.
 """
@@ -98,11 +98,8 @@ def _changes_by_tilts(active_set: ActiveContactSet) -> FloatArray:
 
 
 def _share(contact: ContactPoint, active_set: ActiveContactSet) -> float:
-    """Share to which the curvature terms at a point are known, 0 where normals are known no better.
-
-    In the motion of the logged system itself nothing is transferred: its state is that of a log bit by bit.
-    """
-    share = tilt_rounding(contact.feature, active_set.data) if active_set.motion.data is not active_set.data else 0.0
+    """Share to which the curvature terms at a point are known, 0 where normals are known no better."""
+    share = tilt_rounding(contact.feature, active_set.data, moves=active_set.motion.data is not active_set.data)
     return share if share > ACCELERATION else 0.0
 
 
