@@ -22,10 +22,11 @@ _STIFF = 0.1
 this it errs by 1e-9 m/s just after a start of slip, when the step is as long as the time since then."""
 _DEVIATION_M_S = 1e-12
 """A smaller deviation is rounding."""
-_ERROR_M_S, _LEAST, _MOST = 120e-12, 0.05, 1.0
+_ERROR_M_S, _LEAST, _MOST = 24e-12, 0.05, 1.0
 """Unsettled points make steps no longer than (first / deviation)^(1/5) over their rate, a number within the other two.
 
-A step of RK4 turns the deviation with an error of (h rate)^5 / 120: of 1e-12 m/s, the rounding of slips."""
+A step of RK4 turns the deviation with an error of (h rate)^5 / 120: of 2e-13 m/s, in a layer of several steps the rounding of
+slips."""
 _NEAR_STOP = 6.0
 """A step is divided where a point would stop within this many durations of the step."""
 _STOP_SHARE = 0.5
@@ -96,10 +97,12 @@ def step_rule(decision: FrictionalDecision, last: Layers | None, left_s: float, 
         slips = np.maximum(np.maximum(r, last.speeds), np.finfo(float).tiny)
         first, damping = last.deviations, last.damping + last.strengths * (time_s - last.time_s) / slips
     layers = Layers(points, efforts, time_s, first, damping, r, k)
-    settled = (deviations <= _DEVIATION_M_S) | (first * np.exp(-damping) <= _DEVIATION_M_S)
+    # A direction that changes on and on stays behind: only what is left of the deviation at the start falls at the rate.
+    left = np.minimum(deviations, first * np.exp(-damping))
+    settled = left <= _DEVIATION_M_S
     turning, limit = k + np.hypot(f[:, 0], f[:, 1]), left_s
     for speed, rate, deviation, brake, rests in zip(
-        r.tolist(), turning.tolist(), deviations.tolist(), (-along).tolist(), settled.tolist(), strict=True
+        r.tolist(), turning.tolist(), left.tolist(), (-along).tolist(), settled.tolist(), strict=True
     ):
         if not rests:
             share = min(max((_ERROR_M_S / deviation) ** 0.2, _LEAST), _MOST)
