@@ -36,9 +36,9 @@ from ffsm_mj.verification.residuals import STRETCH_STEPS, ResidualDrift, stretch
 from ffsm_mj.verification.truncation import ENTRIES, Refined, TruncationAnalysis
 
 _USUAL_HALVINGS, _MOST_HALVINGS = 6, 11
-"""Most halvings of a step, and of one whose last halving took off a quarter of what the one before did, or less.
+"""Most halvings of a step, and of one whose last halving took off less than an eighth of what the one before did.
 
-The motion is far too fast for such a step, but what is found converges.
+The motion is far too fast for such a step, but what is found converges at order three or more.
 """
 _OF_ORDER_FOUR = 16.0
 """What a halving takes off a truncation error of order four, over what the next one takes off."""
@@ -49,11 +49,12 @@ _ENTRY_OF = np.append(np.add.outer(3 * np.arange(len(SUBSYSTEMS)), np.repeat((0,
 """Entry of each residual: energy, P and L of each subsystem, then the heat of sliding."""
 _LEAST_S, _STEPS_OF_A_STEP = 20.0, 8.0
 """Most steps of fast motion are known from themselves, two halves and four quarters: 7 steps."""
-_NOT_TRIED, _NOT_KNOWN = 0.05, 0.45
+_NOT_TRIED, _NOT_KNOWN = 0.05, (0.75, 0.45)
 """Of what a check allows: for the residuals of all steps that are not made again, and for the errors of the others' limits.
 
-The latter stay in the residual without truncation, whose bound counts them again: the sum of the first and twice the second
-is below 1, so that a check that fails by truncation alone is found to do so.
+The latter stay in the residual without truncation, whose bound counts them again. Errors of many steps mostly cancel, so
+the first of the second is enough; where it leaves open whether a check fails by truncation alone, the analysis is made
+again: the sum of the first number and twice the last one is below 1.
 """
 
 
@@ -121,18 +122,25 @@ def analyze_truncation(log: RunLog, checks: Iterable[Check], limits: AnalysisLim
     """
     limits = limits if limits is not None else AnalysisLimits()
     limits.begin()
+    analysis, checks = TruncationAnalysis(None), tuple(checks)
     try:
-        return TruncationAnalysis(_refined(log, checks, limits))
+        for share in _NOT_KNOWN:
+            analysis = TruncationAnalysis(_refined(log, checks, limits, share))
+            if not analysis.leaves_open(checks):
+                break
+        return analysis
     except _NoVerdictError as end:
-        return TruncationAnalysis(None, str(end))
+        return analysis if analysis.refined is not None else TruncationAnalysis(None, str(end))
     except InputError as error:
         return TruncationAnalysis(None, error.lines[0])
 
 
-def _refined(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits) -> Refined:
+def _refined(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits, not_known: float) -> Refined:
+    """Residuals of a log with shorter steps; ``not_known`` of what a check allows is for the errors of their limits."""
     allowed = {(check.name, check.subsystem): check.tolerance for check in checks if check.may_be_truncation}
     scene = log_scene(log)
-    again = _Refining(scene, log, np.array([allowed.get(entry, math.inf) for entry in ENTRIES]), limits)
+    spared = np.outer((_NOT_TRIED, not_known), [allowed.get(entry, math.inf) for entry in ENTRIES])
+    again = _Refining(scene, log, spared, limits)
     layout, metadata = log.header.layout, dict(log.header.metadata) | state_metadata(scene)
     states, half, without = (CheckAccumulator(layout, metadata) for _ in range(3))
     bounds = [ResidualDrift(stretch_s(metadata)) for _ in ENTRIES]
@@ -161,8 +169,16 @@ class _Refining(LogReplay):
         bounds: By row, bound on the error of the latter, by entry: see :data:`~ffsm_mj.verification.truncation.ENTRIES`.
     """
 
-    def __init__(self, scene: LogScene, log: RunLog, allowed: FloatArray, limits: AnalysisLimits) -> None:
-        """Start at the beginning of a log; ``allowed`` has the tolerance of each entry, infinite for those that pass."""
+    def __init__(self, scene: LogScene, log: RunLog, spared: FloatArray, limits: AnalysisLimits) -> None:
+        """Start at the beginning of a log.
+
+        Args:
+            scene: Its scene.
+            log: The log.
+            spared: By entry, what may remain of residuals that are not made again, and of errors of the others' limits, in
+                the whole run, (2, entries); infinite for those that pass.
+            limits: What ends the analysis early.
+        """
         super().__init__(scene, log)
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
@@ -170,7 +186,7 @@ class _Refining(LogReplay):
         self.corrections: list[FloatArray] = []
         self.bounds: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
-        self._shares = np.outer((_NOT_TRIED, _NOT_KNOWN), allowed / steps)
+        self._shares = spared / steps
         self._spare = np.zeros_like(self._shares)
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
@@ -308,9 +324,9 @@ class _Refining(LogReplay):
 
 
 def _converges(divisions: Sequence[FloatArray]) -> npt.NDArray[np.bool_]:
-    """Whether the last halving changed each entry by less than a quarter of what the one before did."""
+    """Whether the last halving changed each entry by less than an eighth of what the one before did."""
     before, last = (_by_entry(coarse - fine) for coarse, fine in zip(divisions[-3:-1], divisions[-2:], strict=True))
-    return np.asarray(4.0 * last < before)
+    return np.asarray(8.0 * last < before)
 
 
 def _by_entry(residuals: FloatArray) -> FloatArray:

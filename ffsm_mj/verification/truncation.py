@@ -61,6 +61,15 @@ class TruncationAnalysis:
     refined: Refined | None
     obstacle: str = ""
 
+    def leaves_open(self, checks: Iterable[Check]) -> bool:
+        """Whether it is not known of a failing check that more than truncation is left of its residual, nor that none is."""
+        if self.refined is None:
+            return False
+        bounds = self.refined.bounds
+        left = {(each.name, each.subsystem): each.residual for each in self.refined.without.checks((), DEFAULT_TOLERANCE)}
+        keys = {(check.name, check.subsystem): check.tolerance for check in checks if check.may_be_truncation}
+        return any(abs(left[key] - allowed) < bounds[key] for key, allowed in keys.items() if key in bounds and key in left)
+
     def judged(self, checks: tuple[Check, ...], tolerance: Tolerance) -> tuple[Check, ...]:
         """The checks; those of which truncation is in question with its share."""
         if self.refined is None or not has_question(checks, tolerance):

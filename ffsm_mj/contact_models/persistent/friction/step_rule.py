@@ -25,8 +25,8 @@ _DEVIATION_M_S = 1e-12
 _ERROR_M_S, _LEAST, _MOST = 24e-12, 0.05, 1.0
 """Unsettled points make steps no longer than (first / deviation)^(1/5) over their rate, a number within the other two.
 
-A step of RK4 turns the deviation with an error of (h rate)^5 / 120: of 2e-13 m/s, in a layer of several steps the rounding of
-slips."""
+A step of RK4 turns the deviation with an error of (h rate)^5 / 120: of 2e-13 m/s, in a layer of several steps the rounding
+of slips."""
 _NEAR_STOP = 6.0
 """A step is divided where a point would stop within this many durations of the step."""
 _STOP_SHARE = 0.5
