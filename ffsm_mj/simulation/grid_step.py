@@ -77,9 +77,7 @@ class GridStep:
 
     def _back_to_start(self) -> None:
         """Undo the last (sub-)step: what is recorded at the end of the run is of a state that has been reached."""
-        path = self._plant.integrator.motion.path
-        path.at_s = math.nan
-        path.move_to(0.0)
+        self._plant.integrator.motion.path.move_to(0.0)
 
     def _check_finite(self) -> None:
         if self._warnings or not math.isfinite(self._plant.integrator.kinetic_energy_J):

@@ -19,10 +19,9 @@ from ffsm_mj.contact_models.impact.contact import LimitContact
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT, LimitImpactRecord
-from ffsm_mj.contact_models.impact.point_rounding import moved_points
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
-from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact
+from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact, moved_points
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
 from ffsm_mj.contact_models.impact.rule_gaps import RuleGaps
@@ -120,25 +119,26 @@ class ImpactModel(Detector):
 
     def _resolved_again(self, event: LoggedEvent) -> list[tuple[ImpactRecord | LimitImpactRecord, ...]]:
         """Records of the impact at the state in ``data``, then as rounding of it may change them; empty if there is none."""
-        motion, touching = self.motion, self.closed_pairs()
-        before, varied = np.array(motion.data.qvel), []
-        try:
-            for moved in moved_points(touching, self.scene, motion):
-                varied.append(self._records_of(moved, event))
-                motion.data.qvel[:] = before
-                mujoco.mj_forward(motion.model, motion.data)
-                motion.path.on_event_located()
-            records = self._records_of(touching, event)
+        motion, touching, varied = self.motion, self.closed_pairs(), []
+        before = np.array(motion.data.qvel)
+        for moved in moved_points(touching, self.scene, motion):
+            varied.append(self._records_of(moved, event))
+            motion.data.qvel[:] = before
+            mujoco.mj_forward(motion.model, motion.data)
+            motion.path.on_event_located()
+        records = self._records_of(touching, event)
+        if records:
             self._persistent.close(touching, struck=True)
-        except (UnsupportedContactError, ValueError, ArithmeticError):
-            return [()]
-        return [records, *varied]
+        return [records, *filter(None, varied)]
 
     def _records_of(self, touching: ClosedPairs, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
-        """Resolve an impact at the state in ``data``, whose velocities change, and return its records."""
+        """Records of an impact at the state in ``data``, whose velocities change; empty if it cannot be resolved."""
         system, data = self.scene.system, self.scene.data
-        met = self.resolve(touching)
-        met = replace(met, impact=self.apply(touching, met.impact))
+        try:
+            met = self.resolve(touching)
+            met = replace(met, impact=self.apply(touching, met.impact))
+        except (UnsupportedContactError, ValueError, ArithmeticError):
+            return ()
         energies = impact_energies(system, data, met.impact)
         return impact_records(system, data, touching, met, energies, event.number, EventTime(event.time_s, event.step))
 

@@ -1,20 +1,32 @@
-"""Replay of a logged impact: the impact as logged enters the balance, and is resolved again for comparison."""
+"""Replay of a logged impact: the impact as logged enters the balance, and is resolved again for comparison.
+
+It is also resolved with the points that rounding of the state moves far: the contact point of a rim that lies almost flat
+travels at the rate of its tilt over the tilt, and so does the point at which two sides at a small angle cross.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.features.gap_function import tilt_rounding
+from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact
+from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
 from ffsm_mj.contact_models.impact.resolution import Impact, ImpactState
 from ffsm_mj.contact_models.impact.with_friction import Friction
 from ffsm_mj.contact_models.interface import LoggedEvent, Scene
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.tolerances import MERGED_M
 
 _Record = ImpactRecord | LimitImpactRecord
 
@@ -88,3 +100,21 @@ def _friction(contacts: Sequence[_Record]) -> Friction | None:
     normal = np.array([c.normal_work_J if isinstance(c, ImpactRecord) else c.work_J for c in contacts])
     paths = tuple(getattr(contact, "path", "") for contact in contacts)
     return Friction(impulses, before, after, paths, contacts[0].theta, 0.0, normal, friction, compression)
+
+
+def moved_points(touching: ClosedPairs, scene: Scene, motion: Motion) -> Iterator[ClosedPairs]:
+    """Pairs in contact at the state in ``data``, with one point after the other moved by its rounding along two tangents.
+
+    There are none in the motion of the logged system itself: its state is that of a log bit by bit.
+    """
+    model, data = scene.system.mj, scene.data
+    for i, (pair, near) in enumerate(touching if motion.data is not data else ()):
+        if not isinstance(pair, ContactPair) or len(near.points) > 1:
+            continue
+        share = max((tilt_rounding(each, data, moves=True) for each in features(pair, model, data, near)), default=0.0)
+        # No rim is larger, and no side much longer, than the distance of the point from the middle of its geom.
+        reach = share * float(np.linalg.norm(data.geom_xpos[list(pair.ids)] - near.points[0], axis=1).max())
+        if reach > MERGED_M:
+            for along in tangents(near.normal):
+                moved = pair.at_velocities(data, replace(near, points=near.points + reach * along))
+                yield [*touching[:i], (pair, moved), *touching[i + 1 :]]

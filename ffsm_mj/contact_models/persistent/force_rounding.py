@@ -35,7 +35,7 @@ class RecordAccuracy:
         """Evaluate what goes before the event, at the state in ``data``."""
         self._active_set, stepped = active_set, active_set.contact_points and active_set.stages
         self._share = max((_share(contact, active_set) for contact in active_set.pressing), default=0.0)
-        self._before = _size(_changes_before(active_set)) if stepped else 0.0
+        self._before = _size(_changes(active_set, before=True)) if stepped else 0.0
 
     def fields(self, records: Iterable[Any]) -> dict[str, float]:
         """Accuracy by field of the records: that of the forces after the event is of the state in ``data``.
@@ -66,22 +66,21 @@ def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
     active_set.modes.estimates = estimates
 
 
-def _changes_before(active_set: ActiveContactSet) -> FloatArray:
-    """Changes of the forces in the modes of the step that ends, N, (k, 3, m)."""
+def _changes(active_set: ActiveContactSet, *, before: bool = False) -> FloatArray:
+    """Changes of the forces (n, t1, t2) by all turns, N, (k, 3, m).
+
+    Args:
+        active_set: The closed contacts, at the state in ``data``.
+        before: Whether of the forces in the modes of the step that ends there, or of those from there on.
+    """
     decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
     if not isinstance(decision, FrictionalDecision):
         return tilts
-    turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
+    if before:
+        turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
+    else:
+        turns = changes_by_turns(decision, decision.solution, (decision.kinds == SLIDE) & decision.slipping)
     return np.concatenate((turns, tilts), axis=2)
-
-
-def _changes(active_set: ActiveContactSet) -> FloatArray:
-    """Changes of the forces (n, t1, t2) from the state in ``data`` on by all turns, N, (k, 3, m)."""
-    decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
-    if not isinstance(decision, FrictionalDecision):
-        return tilts
-    slides = (decision.kinds == SLIDE) & decision.slipping
-    return np.concatenate((changes_by_turns(decision, decision.solution, slides), tilts), axis=2)
 
 
 def _size(changes: FloatArray) -> float:

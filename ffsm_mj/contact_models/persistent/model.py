@@ -139,7 +139,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event in the modes before it."""
         self._changes.restore_before(event)
-        return super().replay(event)
+        accuracy, effect = RecordAccuracy(self._active_set), super().replay(event)
+        return effect._replace(accuracy=accuracy.fields(effect.records)) if effect is not None else None
 
     def refusal(self, _: UnilateralConstraint) -> str:
         """Why a pair cannot stay in contact; empty if it can."""
@@ -298,9 +299,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         news = self._changes.pending() or self._changes.during_step()
         if news is None:
             return None
-        (kind, pairs), accuracy = news, RecordAccuracy(self._active_set)
+        kind, pairs = news
         records = self._records.of(kind, pairs, instant, lambda: self._apply(kind, pairs))
-        return EventEffect(records, triggers_control=False, accuracy=accuracy.fields(records))
+        return EventEffect(records, triggers_control=False)
 
     def _apply(self, kind: RecordKind, pairs: Sequence[UnilateralConstraint]) -> None:
         self._changes.apply(kind, pairs)

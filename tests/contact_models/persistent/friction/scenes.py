@@ -38,17 +38,17 @@ def on_slab(folder, robot, *, geom, mu, weight, step, duration, loads=(), restit
     )
 
 
-def pulled(folder, step, force_N):
-    """A foot of 1 kg under 1 N, mu 0.5, on three slides, pulled for 0.6 s by a force with these coefficients in time."""
+def pulled(folder, step, force_N, *, mu=0.5, weight=1.0, duration=0.6, velocity=(0.0, 0.0)):
+    """A foot of 1 kg on three slides, pulled by a force with these coefficients in time."""
     return on_slab(
         folder,
         ball("foot", mass=1.0, joints="xyz"),
         geom="foot",
-        mu=0.5,
-        weight=1.0,
+        mu=mu,
+        weight=weight,
         step=step,
-        duration=0.6,
-        initial={"joints": {"robot/z": 0.1}},
+        duration=duration,
+        initial={"joints": {"robot/z": 0.1}, "rates": {"robot/x": velocity[0], "robot/y": velocity[1]}},
         loads=[load("robot/foot", force_N=force_N)],
     )
 

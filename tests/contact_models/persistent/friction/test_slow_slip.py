@@ -14,8 +14,7 @@ import pytest
 
 import ffsm_mj
 from tests.contact_models.persistent.friction.reading import final, good, sticks
-from tests.contact_models.persistent.friction.scenes import block, load, on_slab, sphere
-from tests.scenes import ball
+from tests.contact_models.persistent.friction.scenes import block, load, pulled, sphere
 
 PSI = 2.5
 
@@ -24,17 +23,7 @@ def foot(folder, B, speed, *, step, duration, turned=0.0):
     """The foot, with its velocity at PSI from the force; all turned about the vertical by an angle in rad."""
     force = B * np.array((math.cos(turned), math.sin(turned)))
     u = speed * np.array((math.cos(turned + PSI), math.sin(turned + PSI)))
-    return on_slab(
-        folder,
-        ball("foot", mass=1.0, joints="xyz"),
-        geom="foot",
-        mu=0.3,
-        weight=10.0,
-        step=step,
-        duration=duration,
-        initial={"joints": {"robot/z": 0.1}, "rates": {"robot/x": float(u[0]), "robot/y": float(u[1])}},
-        loads=[load("robot/foot", force_N=[[*force, 0.0]])],
-    )
+    return pulled(folder, step, [[*force, 0.0]], mu=0.3, weight=10.0, duration=duration, velocity=u.tolist())
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.7])
