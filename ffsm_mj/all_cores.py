@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import active_children
-from typing import TypeVar
+from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
@@ -37,11 +38,24 @@ def on_all_cores(
             for done, _ in enumerate(as_completed(running), 1):
                 tell(done, len(items))
         except BaseException:
-            for worker in set(active_children()) - others:
-                worker.kill()  # a run takes SIGTERM for its own end and the worker would begin the next one
-            pool.shutdown(cancel_futures=True)  # waits: the interpreter's exit must not meet the pool's thread still closing
+            end_at_once(pool, set(active_children()) - others)
             raise
     return [future.result() for future in running]
+
+
+def end_at_once(pool: ProcessPoolExecutor, workers: Iterable[BaseProcess]) -> None:
+    """Kill the workers of a pool, whatever they are doing, and wait for its thread.
+
+    They are not terminated: a run takes SIGTERM for its own end, and its worker would begin the next one, or wait for ever
+    for a lock that another one held when it ended.
+    """
+    for worker in workers:
+        worker.kill()
+    # One that was sending a result sends no more of it: the pool's thread, which reads, is told so by the end of the pipe,
+    # which does not come while this process could write to it as well.
+    results: Any = getattr(pool, "_result_queue")  # noqa: B009 (not public; see tests/test_all_cores.py)
+    results._writer.close()
+    pool.shutdown(cancel_futures=True)  # waits: the interpreter's exit must not meet the pool's thread still closing
 
 
 @contextmanager

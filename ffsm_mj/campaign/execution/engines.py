@@ -15,6 +15,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 from typing import Any, TypeVar
 
+from ffsm_mj.all_cores import end_at_once
 from ffsm_mj.campaign.execution.file_metrics import FileMetric
 from ffsm_mj.errors import InputError, MissingPackageError
 from ffsm_mj.invocation import on_command_line
@@ -211,19 +212,12 @@ def _distributed() -> Any:
 
 @contextmanager
 def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Pool of processes; if an exception leaves the context, running processes are killed.
-
-    Not terminated: a run takes SIGTERM for its own end, and its worker then waits for ever for a lock that another one held
-    when it ended.
-    """
+    """Pool of processes; if an exception leaves the context, running processes are killed."""
     executor = ProcessPoolExecutor(workers, mp_context=_Spawn(), initializer=_begin_worker)
     try:
         yield executor
     except BaseException:
-        for process in multiprocessing.active_children():
-            if isinstance(process, _Process):
-                process.kill()
-        executor.shutdown(cancel_futures=True)
+        end_at_once(executor, [process for process in multiprocessing.active_children() if isinstance(process, _Process)])
         raise
     executor.shutdown(cancel_futures=True)
 
