@@ -21,7 +21,14 @@ from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT, LimitImpactRecord
 from ffsm_mj.contact_models.impact.record import impact_energies, impact_records, impulses_between
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
-from ffsm_mj.contact_models.impact.replayed_impact import impact_fault, logged_impact, moved_points
+from ffsm_mj.contact_models.impact.replayed_impact import (
+    APART,
+    apart,
+    impact_fault,
+    logged_impact,
+    moved_points,
+    rounded_rates,
+)
 from ffsm_mj.contact_models.impact.resolution import Impact, resolve
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
 from ffsm_mj.contact_models.impact.rule_gaps import RuleGaps
@@ -114,25 +121,35 @@ class ImpactModel(Detector):
         """Resolve an impact again at its logged state, for comparison; the exchange is that of the logged impact."""
         logged = logged_impact(self.scene, event, self._by_name)
         exchange = self.exchange(impact_energies(self.scene.system, self.scene.data, logged), logged)
-        records, *varied = (_in_order_of(event.records, each) for each in self._resolved_again(event))
+        records, *varied = self._resolved_again(event)
         return EventEffect(records, exchange, triggers_control=_is_of_geoms(records), varied=varied)
 
     def _resolved_again(self, event: LoggedEvent) -> list[tuple[ImpactRecord | LimitImpactRecord, ...]]:
         """Records of the impact at the state in ``data``, then as rounding of it may change them; empty if there is none."""
-        motion, touching, varied = self.motion, self.closed_pairs(), []
-        before = np.array(motion.data.qvel)
+        system, data, motion, touching = self.scene.system, self.scene.data, self.motion, self.closed_pairs()
+        qpos, qvel, varied = np.array(motion.data.qpos), np.array(motion.data.qvel), []
         for moved in moved_points(touching, self.scene, motion):
             varied.append(self._records_of(moved, event))
-            motion.data.qvel[:] = before
-            mujoco.mj_forward(motion.model, motion.data)
-            motion.path.on_event_located()
+            motion.go_to(qpos, qvel)
         records = self._records_of(touching, event)
+        if records and apart(records, event.records) > APART:
+            for near in rounded_rates(qvel):
+                motion.go_to(qpos, near)
+                varied.append(self._records_of(self.closed_pairs(), event))
+            records = min([records, *varied], key=lambda each: apart(each, event.records))
         if records:
+            # Which points stay closed is decided at the logged velocities: those resolved again may be others by rounding.
+            data.qvel[:] = event.state_after[system.mj.nq :]
+            mujoco.mj_forward(system.mj, data)
+            motion.sync_from_system()
             self._persistent.close(touching, struck=True)
         return [records, *filter(None, varied)]
 
     def _records_of(self, touching: ClosedPairs, event: LoggedEvent) -> tuple[ImpactRecord | LimitImpactRecord, ...]:
-        """Records of an impact at the state in ``data``, whose velocities change; empty if it cannot be resolved."""
+        """Records of an impact at the state in ``data``, whose velocities change, in the order of those of a logged event.
+
+        Empty if it cannot be resolved.
+        """
         system, data = self.scene.system, self.scene.data
         try:
             met = self.resolve(touching)
@@ -140,7 +157,8 @@ class ImpactModel(Detector):
         except (UnsupportedContactError, ValueError, ArithmeticError):
             return ()
         energies = impact_energies(system, data, met.impact)
-        return impact_records(system, data, touching, met, energies, event.number, EventTime(event.time_s, event.step))
+        instant = EventTime(event.time_s, event.step)
+        return _in_order_of(event.records, impact_records(system, data, touching, met, energies, event.number, instant))
 
     def after_replayed_step(self) -> None:
         """Update the deepest overlap."""

@@ -1,16 +1,20 @@
 """Replay of a logged impact: the impact as logged enters the balance, and is resolved again for comparison.
 
 It is also resolved with the points that rounding of the state moves far: the contact point of a rim that lies almost flat
-travels at the rate of its tilt over the tilt, and so does the point at which two sides at a small angle cross.
+travels at the rate of its tilt over the tilt, and so does the point at which two sides at a small angle cross. Where several
+points slip, rounding of the velocities may decide which path one of them takes: an impact that differs from the logged one
+is resolved at velocities next to those logged, too.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import tilt_rounding
 from ffsm_mj.contact.features.search import features
@@ -26,9 +30,15 @@ from ffsm_mj.contact_models.interface import LoggedEvent, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.tolerances import MERGED_M
+from ffsm_mj.tolerances import MERGED_M, RATE
 
 _Record = ImpactRecord | LimitImpactRecord
+_NEAR = 8
+"""Number of velocities next to those logged at which an impact is resolved that differs from the logged one."""
+APART = 1e-9
+"""An impact differs from the logged one by more than this share: ten times what another order of summation makes of it."""
+_LEAST = 1e-12
+"""Least N s or s of which a share is taken."""
 
 
 def impact_fault(records: Sequence[_Record], pairs: Mapping[str, UnilateralConstraint]) -> str:
@@ -118,3 +128,22 @@ def moved_points(touching: ClosedPairs, scene: Scene, motion: Motion) -> Iterato
             for along in tangents(near.normal):
                 moved = pair.at_velocities(data, replace(near, points=near.points + reach * along))
                 yield [*touching[:i], (pair, moved), *touching[i + 1 :]]
+
+
+def apart(records: Sequence[_Record], logged: Sequence[_Record]) -> float:
+    """How far an impact differs from the logged one: infinite for other paths, else the largest share of a number."""
+    if [*map(_texts, records)] != [*map(_texts, logged)]:
+        return math.inf
+    numbers = np.array([(along_row(each)[0], each.dropped_flights_s) for each in (*records, *logged)])
+    again, given = np.split(numbers.reshape(2, -1, 2), 2)
+    return float(np.max(np.abs(again - given) / np.maximum(np.abs(given).max(axis=1, keepdims=True), _LEAST), initial=0.0))
+
+
+def _texts(record: _Record) -> tuple[str, str]:
+    return _name(record), getattr(record, "path", "")
+
+
+def rounded_rates(qvel: FloatArray) -> FloatArray:
+    """Velocities that differ from some by their rounding, in random directions, always the same ones, (n, nv)."""
+    shares = np.random.default_rng(0).uniform(-RATE, RATE, (_NEAR, len(qvel)))
+    return np.asarray(qvel + shares * (1.0 + np.abs(qvel)))

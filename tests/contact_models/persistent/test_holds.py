@@ -32,7 +32,8 @@ def in_modes(points, kind):
     if kind is None:
         return None
     modes, k = FrictionModes(), len(points)
-    modes.set(points, np.full(k, kind), np.zeros((k, 3)), np.zeros(k), np.zeros(k, dtype=bool))
+    none = np.zeros(k, dtype=bool)
+    modes.set(points, np.full(k, kind), np.zeros((k, 3)), np.zeros(k), none, none)
     return modes.of(points)
 
 

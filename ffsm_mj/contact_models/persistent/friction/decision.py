@@ -93,7 +93,7 @@ class FrictionalDecision:
             return modes.nowhere
         slides = sliding(
             self._speeds,
-            modes.kinds,
+            modes.slides,
             modes.stop_speeds,
             self.rows.speed_rounding,
             modes.straight,
@@ -199,7 +199,8 @@ class FrictionalDecision:
     def keep_modes(self) -> None:
         """Make the modes chosen those of the next step."""
         if not self._modes.keep_still(self.contact_points, self.kinds):
-            self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self._slides)
+            pinned = self.problem.pinned(self.kinds)
+            self._modes.set(self.contact_points, self.kinds, self.directions, self._speeds, self._slides, pinned)
 
     @cached_property
     def _in_present_modes(self) -> tuple[Solution, float]:

@@ -36,7 +36,8 @@ from ffsm_mj.tolerances import RANK, SAME_POINT_M
 _SLIPS_M_S = 1e-6
 """Slip above this has a direction of its own; below, points may keep that of an earlier state until they stop."""
 _ROUNDINGS = 10.0
-"""A gap closes, or a force pulls, where it accelerates the gap by more than its rounding times this."""
+"""A gap closes, or a force pulls, where it accelerates the gap by more than its rounding times this; a slip has a direction
+of its own where it differs from that of the replay by more than the rounding of slips times this."""
 _FIRST = np.array((1.0, 0.0, 0.0))
 
 
@@ -170,7 +171,8 @@ def _held(
     """Indices of the rows held in some modes, and the directions along which their forces act, (3k, rows)."""
     decision = closed.decide()
     assert isinstance(decision, FrictionalDecision)
-    begins = dict(zip(decision.contact_points, decision.directions, strict=True))
+    replayed = zip(decision.directions, decision.rows.speed_rounding.tolist(), strict=True)
+    known = dict(zip(decision.contact_points, replayed, strict=True))
     held: list[int] = []
     columns: list[FloatArray] = []
     for i, (each, across) in enumerate(zip(points, axes, strict=True)):
@@ -180,7 +182,9 @@ def _held(
             column[3 * i] = 1.0
             if kind == Mode.SLIDE and each.pair.mu > 0.0:
                 assert contact is not None
-                column[3 * i + 1 : 3 * i + 3] = -each.pair.mu * _direction(u[i, 1:], across[1:] @ begins[contact])
+                direction, rounding = known[contact]
+                along = _direction(u[i, 1:], across[1:] @ direction, rounding)
+                column[3 * i + 1 : 3 * i + 3] = -each.pair.mu * along
             held.append(3 * i)
             columns.append(column)
         if kind == Mode.STICK:
@@ -190,10 +194,14 @@ def _held(
     return held, np.array(columns).reshape(-1, 3 * len(points)).T
 
 
-def _direction(u: FloatArray, begins: FloatArray) -> FloatArray:
-    """Direction of slip along the tangents: that of the slip, or of the replay where a point only begins to slide."""
-    speed = math.hypot(*u.tolist())
-    return np.asarray(u / speed if speed > _SLIPS_M_S else begins / math.hypot(*begins.tolist()))
+def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArray:
+    """Direction of slip along the tangents: that of the slip, or of the replay where the slip says nothing else.
+
+    Friction turns by the rounding of a slip over the slip: by 1e-7 rad at 2e-5 m/s, which is more than forces may differ.
+    """
+    speed, unit = math.hypot(*u.tolist()), replayed / math.hypot(*replayed.tolist())
+    says_else = math.dist(u, speed * unit) > _ROUNDINGS * rounding
+    return np.asarray(u / speed if speed > _SLIPS_M_S and says_else else unit)
 
 
 def _same_point(closed: ActiveContactSet, each: PointAgain) -> ContactPoint | None:

@@ -81,21 +81,30 @@ class HeldForces:
         """Whether rows depend on each other."""
         return self._range is not None
 
-    def springs(self, rows: FloatArray, forces: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def springs(self, rows: FloatArray, forces: FloatArray) -> FloatArray:
         """Forces of springs along other rows, under the displacement that gives the held ones theirs, N, (m,).
 
         Args:
             rows: Elements of G for the other rows and the held ones, 1/kg, (m, r).
             forces: Forces (n, t1, t2) of all points, N, (k, 3).
-
-        Returns:
-            The forces, and the inverse masses of the other rows for motions that move held rows, 1/kg, (m,).
         """
-        held = self._structure.rows
-        U = np.eye(len(held)) if self._range is None else self._range
-        along = rows @ U
-        responses = solved(U.T @ self._held_G[:, held] @ U, np.column_stack((U.T @ forces.ravel()[held], along.T)))
-        return along @ responses[:, 0], np.sum(along.T * responses[:, 1:], axis=0)
+        along, system = self._independent(rows)
+        held = forces.ravel()[self._structure.rows]
+        return along @ solved(system, held if self._range is None else self._range.T @ held)
+
+    def inverse_masses(self, rows: FloatArray) -> FloatArray:
+        """Inverse masses of other rows for motions that move held rows, 1/kg, (m,): their own where they depend on these.
+
+        Args:
+            rows: Elements of G for the other rows and the held ones, 1/kg, (m, r).
+        """
+        along, system = self._independent(rows)
+        return np.asarray(np.sum(along.T * solved(system, along.T), axis=0))
+
+    def _independent(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Elements of G for other rows and independent combinations of the held ones, and for these, 1/kg."""
+        system, U = self._held_G[:, self._structure.rows], self._range
+        return (rows, system) if U is None else (rows @ U, U.T @ system @ U)
 
     def is_regular(self, slips: FloatArray) -> bool:
         """Whether the determinant of the linear problem has the sign that it has without sliding friction."""

@@ -93,6 +93,7 @@ class FrictionModes:
         directions: FloatArray,
         slips: FloatArray,
         slides: BoolArray,
+        pinned: BoolArray,
     ) -> None:
         """Set the modes of all closed points for the next step.
 
@@ -102,6 +103,7 @@ class FrictionModes:
             directions: Directions of slip, world axes, (k, 3).
             slips: Slip speeds, m/s, (k,).
             slides: Points that slip already; others only begin to slide, (k,).
+            pinned: Sliding points that cannot slip while others stick; they keep the direction of their friction, (k,).
         """
         before, held, straight, kept = self._largest_slip, self._kinds, self._straight, self._directions
         self.released = self.struck = self.stops = False
@@ -114,8 +116,8 @@ class FrictionModes:
         )
         self._directions = dict(zip(contact_points, directions, strict=True))
         self._largest_slip = {}
-        for contact, kind, slip, slips_already in zip(
-            contact_points, kinds.tolist(), slips.tolist(), slides.tolist(), strict=True
+        for contact, kind, slip, slips_already, stays in zip(
+            contact_points, kinds.tolist(), slips.tolist(), slides.tolist(), pinned.tolist(), strict=True
         ):
             slid = held.get(contact) == SLIDE
             if slid and (slips_already or kind == STICK):  # or has just stopped
@@ -126,7 +128,7 @@ class FrictionModes:
                         self._directions[contact] = kept[contact]
             elif kind == SLIDE:
                 self._largest_slip[contact] = slip
-                if slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S:  # on a new feature
+                if stays or (slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S):  # the latter on a new feature
                     self._straight[contact] = slip
 
     def keep_still(self, contact_points: tuple[ContactPoint, ...], kinds: IntArray) -> bool:
@@ -200,7 +202,7 @@ def _with_friction(contact_points: Sequence[ContactPoint]) -> list[tuple[Unilate
 
 def sliding(
     slips: FloatArray,
-    kinds: IntArray,
+    slides: BoolArray,
     stop_speeds: FloatArray,
     rounding: FloatArray,
     straight: BoolArray,
@@ -216,7 +218,7 @@ def sliding(
 
     Args:
         slips: Slip speeds, m/s, (k,).
-        kinds: Present modes, (k,).
+        slides: Points that slide with friction at present, (k,); others stop no point.
         stop_speeds: Slips below which sliding points stop, m/s, (k,).
         rounding: Rounding of the speeds, m/s, (k,).
         straight: Points that go straight on to their stop, and stop where their slip is zero, (k,).
@@ -228,10 +230,9 @@ def sliding(
         return np.asarray(slips > _STRUCK * rounding)
     close = TOGETHER * np.maximum(stop_speeds, rounding)
     least = np.maximum(np.where(straight, 0.0, stop_speeds), rounding)
-    slide = kinds == SLIDE
     # A run locates a stop just below this speed. At the logged state a replay may find the slip above it, by rounding: the
     # pose of a grasped object is transferred to the motion and back, which changes it by 1e-15 m, and slips with it.
-    if np.any(slide & (slips <= (least + rounding if stops else least))):
-        least = np.where(slide, close, least)
+    if np.any(slides & (slips <= (least + rounding if stops else least))):
+        least = np.where(slides, close, least)
     drift = np.maximum(2.0 * close, CLOSED_RATE / RATE * rounding)
     return np.asarray(slips > np.where(drifts, drift, least))

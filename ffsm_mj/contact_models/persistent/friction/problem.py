@@ -158,6 +158,19 @@ class FrictionProblem:
         angles = 0.5 * np.arctan2(2.0 * b, a - c)
         return np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
+    def pinned(self, kinds: IntArray) -> BoolArray:
+        """Sliding points that cannot slip, as the rows held by the others decide how they move along both tangents, (k,).
+
+        So it is where two points of a body stick and the load of a third one, which is redundant, is at its limit.
+        """
+        found = np.zeros(len(kinds), dtype=np.bool_)
+        if STICK not in kinds or not len(slides := self.structure(kinds).slides):
+            return found
+        across = (3 * slides[:, None] + np.array((1, 2))).ravel()
+        dependent = self.held_in(kinds).inverse_masses(self.G[np.ix_(across, self.structure(kinds).rows)])
+        found[slides] = np.all((dependent >= (1.0 - RANK) * self.G.diagonal()[across]).reshape(-1, 2), axis=1)
+        return found
+
     def virtual_shares(self, kinds: IntArray, forces: FloatArray) -> FloatArray:
         """Normal forces of springs like those of the held points, at points without force, N, (k,).
 
@@ -166,7 +179,7 @@ class FrictionProblem:
         closed, shares = np.flatnonzero(kinds == CLOSED), np.zeros(len(kinds))
         if len(closed) and len(self.structure(kinds).rows):
             rows = self.G[np.ix_(3 * closed, self.structure(kinds).rows)]
-            springs, movable = self.held_in(kinds).springs(rows, forces)
-            dependent = movable >= (1.0 - RANK) * self.inverse_mass[closed]
-            shares[closed] = np.where(dependent, springs, 0.0)
+            held = self.held_in(kinds)
+            dependent = held.inverse_masses(rows) >= (1.0 - RANK) * self.inverse_mass[closed]
+            shares[closed] = np.where(dependent, held.springs(rows, forces), 0.0)
         return shares

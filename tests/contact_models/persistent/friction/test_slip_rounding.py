@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
+from ffsm_mj.contact_models.persistent.friction.force_check import _direction
+from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, sliding
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.replay import replay_log
@@ -57,12 +58,32 @@ def test_points_that_replace_others_that_stick_drift(kind, drifts):
     pair = SimpleNamespace(mu=0.5)
     old, new = ((ContactPoint(pair, None),) for _ in range(2))
     modes, still = FrictionModes(), np.zeros((1, 3))
-    modes.set(old, np.array([kind]), still, np.zeros(1), np.array([kind == SLIDE]))
+    modes.set(old, np.array([kind]), still, np.zeros(1), np.array([kind == SLIDE]), np.array([False]))
     assert not modes.of(new).drifts.any()
     modes.replace(old, new)
     assert modes.of(new).drifts.all() == drifts
     restore = modes.snapshot()
-    modes.set(new, np.array([SLIDE]), still, np.ones(1), np.array([True]))
+    modes.set(new, np.array([SLIDE]), still, np.ones(1), np.array([True]), np.array([False]))
     assert not modes.of(new).drifts.any()
     restore()  # a step that step-size control rejects
     assert modes.of(new).drifts.all() == drifts
+
+
+@pytest.mark.parametrize(("mu", "slides"), [(0.0, True), (0.5, False)])
+def test_a_point_stops_with_another_one_that_stops_but_not_with_one_without_friction(mu, slides):
+    """The first slips at 50 times the speed at which one stops; the second, on the same body, is at rest."""
+    points = ContactPoint(SimpleNamespace(mu=0.5), None), ContactPoint(SimpleNamespace(mu=mu), None)
+    modes, none = FrictionModes(), np.array([False, False])
+    modes.set(points, np.array([SLIDE, SLIDE]), np.zeros((2, 3)), np.array([1e-3, 0.0]), ~none, none)
+    before = modes.of(points)
+    slips = np.array([50.0 * before.stop_speeds[0], 0.0])
+    found = sliding(slips, before.slides, before.stop_speeds, np.full(2, 1e-13), none, before.drifts, struck=False)
+    assert found[0] == slides
+
+
+@pytest.mark.parametrize(("turn", "follows"), [(1e-9, True), (1e-3, False)])
+def test_the_force_check_takes_the_replayed_direction_of_a_slip_where_rounding_makes_the_difference(turn, follows):
+    """At 2e-5 m/s, known to 1e-12 m/s: to 5e-8 rad."""
+    along = np.array([np.cos(turn), np.sin(turn)])
+    found = _direction(np.array([2e-5, 0.0]), along, 1e-12)
+    assert np.array_equal(found, along if follows else [1.0, 0.0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
+from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
 
@@ -76,3 +76,15 @@ def test_there_is_no_slip_inside_the_limit():
     problem = on_four_corners((2.9, 0.0))
     estimate = np.tile((1.0, 0.0), (4, 1))
     assert begins(problem).solve(estimate[None]) is None
+
+
+@pytest.mark.parametrize(
+    ("kinds", "pinned"),
+    [
+        ((STICK, STICK, SLIDE, SLIDE), (False, False, True, True)),
+        ((STICK, CLOSED, SLIDE, CLOSED), (False,) * 4),  # it turns about the one that sticks
+        ((SLIDE, SLIDE, SLIDE, SLIDE), (False,) * 4),
+    ],
+)
+def test_a_point_of_a_body_that_sticks_at_two_others_cannot_slip(kinds, pinned):
+    assert on_four_corners((1.0, 0.0)).pinned(np.array(kinds)).tolist() == list(pinned)
