@@ -132,16 +132,16 @@ class ImpactModel(Detector):
             varied.append(self._records_of(moved, event))
             motion.go_to(qpos, qvel)
         records = self._records_of(touching, event)
-        if records and apart(records, event.records) > APART:
+        if records and not varied and apart(records, event.records) > APART:
             for near in rounded_rates(qvel):
                 motion.go_to(qpos, near)
                 varied.append(self._records_of(self.closed_pairs(), event))
             records = min([records, *varied], key=lambda each: apart(each, event.records))
-        if records:
-            # Which points stay closed is decided at the logged velocities: those resolved again may be others by rounding.
+            # Which points stay closed is decided at the logged velocities then.
             data.qvel[:] = event.state_after[system.mj.nq :]
             mujoco.mj_forward(system.mj, data)
             motion.sync_from_system()
+        if records:
             self._persistent.close(touching, struck=True)
         return [records, *filter(None, varied)]
 
