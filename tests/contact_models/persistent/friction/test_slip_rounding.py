@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.contact_models.persistent.friction.decision import slip_directions
 from ffsm_mj.contact_models.persistent.friction.force_check import _direction
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, sliding
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK
@@ -79,6 +80,19 @@ def test_a_point_stops_with_another_one_that_stops_but_not_with_one_without_fric
     slips = np.array([50.0 * before.stop_speeds[0], 0.0])
     found = sliding(slips, before.slides, before.stop_speeds, np.full(2, 1e-13), none, before.drifts, struck=False)
     assert found[0] == slides
+
+
+@pytest.mark.parametrize("pinned", [True, False])
+def test_a_point_that_cannot_slip_keeps_the_direction_of_its_friction(pinned):
+    """It is in the mode of points that slide without any slip, whose direction is rounding in every stage."""
+    point, modes = ContactPoint(SimpleNamespace(mu=0.5), None), FrictionModes()
+    none = np.array([False])
+    modes.set([point], np.array([SLIDE]), np.array([[0.6, 0.8, 0.0]]), np.array([1e-16]), none, np.array([pinned]))
+    assert modes.of((point,)).straight.tolist() == [pinned]
+    problem = SimpleNamespace(lines=none)
+    slip, kept = np.array([[1e-16, -1e-16]]), np.array([[0.6, 0.8]])
+    found, _ = slip_directions(problem, slip, kept, ~none, modes.of((point,)).straight)
+    assert np.array_equal(found, kept) == pinned
 
 
 @pytest.mark.parametrize(("turn", "follows"), [(1e-9, True), (1e-3, False)])
