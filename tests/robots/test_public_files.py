@@ -1,7 +1,6 @@
 """Mass matrix and bias of public files in a scene, beside MuJoCo's own compile of the file alone.
 
-Each file of the packages, or of the folders in ``FFSM_ROBOT_FILES``, either has the masses that MuJoCo gives it or is
-refused by a message that names it.
+Each file of the packages either has the masses that MuJoCo gives it or is refused by a message that names it.
 """
 
 from __future__ import annotations
@@ -31,12 +30,6 @@ PACKAGES = (
     ("dm_control", "dm_control"),
     ("example-robot-data", "cmeel.prefix/share/example-robot-data"),
 )
-
-
-def folders() -> list[Path]:
-    if given := os.environ.get("FFSM_ROBOT_FILES"):
-        return [Path(each) for each in given.split(os.pathsep)]
-    return [vendor_path(*each) for each in PACKAGES]
 
 
 def robot_files(folder: Path) -> list[Path]:
@@ -118,11 +111,11 @@ def difference(own: Any, ours: Any) -> float:
     return worst
 
 
-@pytest.mark.parametrize("place", range(len(PACKAGES)))
-def test_public_files_have_their_masses_or_are_refused_by_name(place, tmp_path):
+@pytest.mark.parametrize(("package", "folder"), PACKAGES)
+def test_public_files_have_their_masses_or_are_refused_by_name(package, folder, tmp_path):
     """The sums run over a tree that begins one body later: rounding only."""
     wrong, compared = [], 0
-    for path in robot_files(folders()[place]):
+    for path in robot_files(vendor_path(package, folder)):
         try:
             ours = in_a_scene(path, tmp_path)
         except InputError as refusal:
@@ -138,6 +131,5 @@ def test_public_files_have_their_masses_or_are_refused_by_name(place, tmp_path):
             continue
         if apart > 1e-9:
             wrong.append(f"{path}: {apart:.1e}")
-    print(compared, "compared")
     assert wrong == []
     assert compared >= 10

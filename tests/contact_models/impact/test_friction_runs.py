@@ -573,3 +573,38 @@ def test_spin_transfer():
     np.testing.assert_allclose(spins, (2.0, 1.8019, 1.4516), atol=5e-5)  # as docs/friction.md prints it
     impulses = [(hit.impulse_N_s, math.hypot(*hit.tangential_impulse_N_s)) for hit in run.impacts]
     np.testing.assert_allclose(impulses, ((4.1389, 0), (3.7630, 0.7526), (2.9739, 2.0839)), atol=5e-5)
+
+
+@pytest.mark.parametrize(("slip", "agrees"), [(1e-10 + 2e-13, True), (1e-6, False)])
+def test_a_log_replay_takes_the_logged_path_where_rounding_decides_it(tmp_path, slip, agrees):
+    """A sphere sticks from the start below a slip of 1e-10 of its speed; the velocities of a log are known to 1e-12 m/s."""
+    log = good(ffsm_mj.run(on_wall(tmp_path, slip))).log
+    (hit,) = log.impacts
+    assert hit.path == "slip, stick"
+    (still,) = ffsm_mj.run(on_wall(tmp_path, 0.0)).impacts
+    changed = replace(log, records={**log.records, "impacts": (replace(hit, path=still.path),)})
+    assert replay_log(changed).agrees == agrees
+
+
+@pytest.mark.parametrize(("field", "value"), [("path", "slip"), ("impulse_N_s", 3.8 * (1.0 + 1e-8))])
+def test_a_logged_impact_that_no_rounding_makes_is_found(tmp_path, field, value):
+    log = good(ffsm_mj.run(on_wall(tmp_path, 0.5))).log
+    (hit,) = log.impacts
+    assert hit.impulse_N_s == pytest.approx(3.8, rel=1e-12)
+    changed = replace(log, records={**log.records, "impacts": (replace(hit, **{field: value}),)})
+    assert not replay_log(changed).agrees
+
+
+def on_wall(folder, slip):
+    """A sphere of 2 kg at 1 m/s on its way to a wall, which it leaves at 0.9 m/s."""
+    folder = folder / str(slip)
+    folder.mkdir()
+    return scene(
+        folder,
+        ball("ball", mass=2.0),
+        {"right": slab("wall", "0.1 9 9")},
+        fixed={"right": {"position_m": [0.5, 0, 0]}},
+        duration_s=0.5,
+        initial={"joints": {}, "rates": {"robot/free": [1.0, slip, 0, 0, 0, 0]}},
+        contacts={"rules": [{"between": ["ball", "right/wall"], "restitution": 0.9, "mu": 0.6}]},
+    )
