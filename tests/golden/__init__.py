@@ -1,0 +1,1 @@
+"""Comparison of all that ships with another revision of the repository."""

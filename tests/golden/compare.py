@@ -1,0 +1,176 @@
+"""Compare runs of this checkout with those of another revision, both made on this machine.
+
+All shipped scenarios and one campaign, with the extra ``fast`` where a revision has it: the same events, rows within 1e-11
+of their scale before the first event and 1e-9 after it, the same exit codes of run and analysis::
+
+    uv run python -m tests.golden.compare ed46dfb8
+    uv run python -m tests.golden.compare ed46dfb8 --scenarios baseline tap
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ffsm_mj
+from ffsm_mj.campaign.storage.store import RunRow, Store
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.scenario.shipped import scenario_names
+from ffsm_mj.verification.agreement import is_text, numbers_of
+
+ROOT = Path(__file__).parents[2]
+BEFORE, AFTER = 1e-11, 1e-9
+"""Differences over the scale of a column before the first event, and after it: an impact multiplies them."""
+RENAMED: dict[str, str] = {}
+"""Columns by their names in earlier revisions."""
+OF_THE_MACHINE = ("wall", "cpu", "memory")
+"""Words of columns, metrics and fields that tell of the machine."""
+CAMPAIGN, RUNS = "baseline-dispersed", 24
+
+
+def main() -> int:
+    """Run both, and print each difference; 1 if there is any."""
+    parser = argparse.ArgumentParser(prog="python -m tests.golden.compare", description=__doc__.partition("\n")[0])
+    parser.add_argument("revision", help="revision to compare with, e.g. HEAD~1")
+    parser.add_argument("--scenarios", nargs="*", default=scenario_names(), metavar="NAME", help="default: all that ship")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, work_tree(given.revision, Path(folder) / "tree") as other:
+        places = [(other, Path(folder) / "before"), (ROOT, Path(folder) / "now")]
+        jobs = [(name, place) for name in (*given.scenarios, CAMPAIGN) for place in places]
+        with ThreadPoolExecutor(given.jobs) as pool:
+            codes = list(pool.map(lambda job: made(job[0], *job[1]), jobs))
+        found = 0
+        for name, before, now in zip((*given.scenarios, CAMPAIGN), codes[::2], codes[1::2], strict=True):
+            told = [] if before == now else [f"exit codes {before}, now {now}"]
+            compare = campaign_differences if name == CAMPAIGN else run_differences
+            told += compare(*(out / name for _, out in places))
+            print(f"{name}: {'; '.join(told) or 'the same'}", flush=True)
+            found += bool(told)
+    return int(found > 0)
+
+
+@contextmanager
+def work_tree(revision: str, place: Path) -> Iterator[Path]:
+    """A work tree of a revision with an environment of its own."""
+    subprocess.run(["git", "worktree", "add", "--quiet", "--detach", place, revision], cwd=ROOT, check=True)
+    try:
+        extra = ["--extra", "fast"] if (place / "fast").is_dir() else []
+        subprocess.run(["uv", "sync", "--quiet", *extra], cwd=place, env=_environment(), check=True)
+        yield place
+    finally:
+        subprocess.run(["git", "worktree", "remove", "--force", place], cwd=ROOT, check=True)
+
+
+def _environment() -> dict[str, str]:
+    """Without the environment of this process, which is not that of a work tree."""
+    return {name: value for name, value in os.environ.items() if name != "VIRTUAL_ENV"}
+
+
+def made(name: str, tree: Path, out: Path) -> tuple[int, ...]:
+    """Exit codes of a scenario's run and of its analysis, or of the campaign's runs, made by a work tree in ``out``/NAME."""
+    python = sys.executable if tree == ROOT else str(tree / ".venv" / "bin" / "python")
+    ffsm, folder = [python, "-P", "-m", "ffsm_mj"], str(out / name)
+    if name == CAMPAIGN:
+        commands = [["campaign", "run", name, "-s", f"samples.n={RUNS}", "--workers", "1", "--out", folder]]
+    else:
+        commands = [["run", name, "--no-rerun", "--out", folder], ["analyze", folder]]
+    out.mkdir(exist_ok=True)
+    calls = [
+        subprocess.run([*ffsm, *each], cwd=out, env=_environment(), capture_output=True, check=False) for each in commands
+    ]
+    return tuple(call.returncode for call in calls)
+
+
+def run_differences(before: Path, now: Path) -> list[str]:
+    """What differs between the logs of two run folders."""
+    return log_differences(*(ffsm_mj.load_run(folder).log for folder in (before, now)))
+
+
+def log_differences(before: RunLog, now: RunLog) -> list[str]:
+    """What differs between two logs."""
+    return [*_event_differences(before, now), *_row_differences(before, now)]
+
+
+def _event_differences(before: RunLog, now: RunLog) -> Iterator[str]:
+    for kind in dict.fromkeys((*before.records, *now.records)):
+        olds, news = before.records.get(kind, ()), now.records.get(kind, ())
+        if len(olds) != len(news):
+            yield f"{len(olds)} {kind}, now {len(news)}"
+            continue
+        for i, (old, new) in enumerate(zip(olds, news, strict=True)):
+            names = {each.name for each in fields(old)} & {each.name for each in fields(new)}
+            if wrong := sorted(name for name in names if not _equal(getattr(old, name), getattr(new, name), name)):
+                yield f"{kind} {i + 1}: {', '.join(wrong)}"
+
+
+def _equal(old: Any, new: Any, name: str) -> bool:
+    """Whether two fields are the same: texts exactly, numbers within their tolerance of the largest of a field."""
+    if any(word in name for word in OF_THE_MACHINE):
+        return True
+    if is_text(old) or is_text(new):
+        return bool(old == new)
+    a, b = (numbers_of(each) for each in (old, new))
+    if name.endswith("quaternion") and a.shape == b.shape and a.dot(b) < 0.0:
+        b = -b  # the same rotation
+    return a.shape == b.shape and bool(np.all((np.abs(a - b) <= AFTER * (1.0 + np.abs(a).max(initial=0.0))) | (a == b)))
+
+
+def _row_differences(before: RunLog, now: RunLog) -> Iterator[str]:
+    old_keys = [RENAMED.get(key, key) for key in before.header.layout.keys]
+    new_keys = list(now.header.layout.keys)
+    if lost := sorted(set(old_keys) - set(new_keys)):
+        yield f"columns lost: {', '.join(lost)}"
+    if before.rows.shape[0] != now.rows.shape[0]:
+        yield f"{before.rows.shape[0]} rows, now {now.rows.shape[0]}"
+        return
+    first = min(before.instants_s, default=np.inf)
+    is_before = np.asarray(before.rows[:, before.header.layout.time]) < first
+    for key in [key for key in old_keys if key in new_keys and not any(word in key for word in OF_THE_MACHINE)]:
+        a, b = before.rows[:, old_keys.index(key)], now.rows[:, new_keys.index(key)]
+        scale = 1.0 + np.max(np.abs(a[np.isfinite(a)]), initial=0.0)
+        with np.errstate(invalid="ignore"):  # infinite gaps of pairs far apart
+            apart = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b) / scale)
+        apart = np.where(np.isnan(apart), np.inf, apart)
+        if np.any(apart > np.where(is_before, BEFORE, AFTER)):
+            yield f"{key} by {apart.max():.1e} of its scale"
+
+
+def campaign_differences(before: Path, now: Path) -> list[str]:
+    """What differs between the rows of two campaign folders."""
+    old, new = (rows_of(folder) for folder in (before, now))
+    if len(old) != len(new):
+        return [f"{len(old)} rows, now {len(new)}"]
+    told = []
+    for i, (a, b) in enumerate(zip(old, new, strict=True)):
+        wrong = [name for name in {*a.metrics} & {*b.metrics} if not _same(a.metrics[name], b.metrics[name], name)]
+        if a.outcome != b.outcome or wrong:
+            told.append(f"run {i}: {a.outcome}, now {b.outcome}; {', '.join(sorted(wrong))}")
+    return told
+
+
+def rows_of(folder: Path) -> list[RunRow]:
+    """Rows of a campaign folder, whatever its settings."""
+    with closing(Store(folder / "rows.sqlite", write=False)) as store:
+        return store.rows()
+
+
+def _same(old: Any, new: Any, name: str) -> bool:
+    """Whether two metrics are: one may have no value or be a text."""
+    numbers = isinstance(old, (int, float)) and isinstance(new, (int, float))
+    return _equal(old, new, name) if numbers else bool(old == new)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
