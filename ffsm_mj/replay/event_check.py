@@ -40,7 +40,7 @@ class EventCheck:
         for i, (mine, theirs) in enumerate(zip(effect.records, event.records, strict=True)):
             again = replace(mine, time_s=theirs.time_s, efforts_after=theirs.efforts_after)
             accuracy = dict(effect.accuracy) | _spread(mine, [records[i] for records in effect.varied])
-            self.found.record(event.name, theirs, again, accuracy)
+            self.found.record(event.name, theirs, again, theirs.time_s, accuracy)
         return effect
 
     def _effect(self, event: LoggedEvent) -> EventEffect | None:

@@ -110,20 +110,21 @@ class Agreement:
         signal, time = layout.signals[columns[place]], float(logged[row, layout.time])
         self.keep(Discrepancy(signal.key, float(size[row, place]), float(allowed[row, place]), signal.unit, time))
 
-    def record(self, event: str, logged: Any, again: Any, accuracy: Mapping[str, float] | None = None) -> None:
-        """Compare all fields of a record of an event.
+    def record(self, name: str, logged: Any, again: Any, time_s: float, accuracy: Mapping[str, float] | None = None) -> None:
+        """Compare all fields of a record.
 
         Args:
-            event: Its name.
-            logged: Its record in the log.
+            name: Its name, as of its event.
+            logged: The record in the log.
             again: The record computed again.
+            time_s: Its time.
             accuracy: Differences to allow in fields that a state determines worse than to rounding, by name.
         """
         for each in fields(logged):
             given, known = getattr(logged, each.name), getattr(again, each.name)
-            name = f"{event} {each.name}"
+            what = f"{name} {each.name}"
             if is_text(known):
-                self.keep(Discrepancy(name, 0.0 if given == known else math.inf, AGREES, "", logged.time_s))
+                self.keep(Discrepancy(what, 0.0 if given == known else math.inf, AGREES, "", time_s))
                 continue
             a, b = numbers_of(given), numbers_of(known)
             if each.name.endswith("quaternion") and len(a) == len(b) and a.dot(b) < 0.0:
@@ -131,7 +132,7 @@ class Agreement:
             self.numbers += len(a)
             scale = numbers_of(getattr(again, _CHANGES_OF.get(each.name, each.name)))
             least = (accuracy or {}).get(each.name, 0.0)
-            self.vector(name, a, b, scale, unit_of(each.name), logged.time_s, least)
+            self.vector(what, a, b, scale, unit_of(each.name), time_s, least)
 
     def vector(
         self,

@@ -28,7 +28,7 @@ from ffsm_mj.campaign.storage.store import RunRow, Store
 from ffsm_mj.errors import FfsmError
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.shipped import scenario_names
-from ffsm_mj.verification.agreement import is_text, numbers_of
+from ffsm_mj.verification.agreement import Agreement, is_text, numbers_of
 
 ROOT = Path(__file__).parents[2]
 BEFORE, AFTER = 1e-11, 1e-9
@@ -36,7 +36,7 @@ BEFORE, AFTER = 1e-11, 1e-9
 RENAMED: dict[str, str] = {}
 """Columns by their names in earlier revisions."""
 OF_THE_MACHINE = ("wall", "cpu", "memory")
-"""Words of columns, metrics and fields that tell of the machine."""
+"""Words of columns and metrics that tell of the machine."""
 CAMPAIGN, RUNS = "baseline-dispersed", 16
 
 
@@ -108,27 +108,22 @@ def log_differences(before: RunLog, now: RunLog) -> list[str]:
 
 
 def _event_differences(before: RunLog, now: RunLog) -> Iterator[str]:
-    for kind in dict.fromkeys((*before.records, *now.records)):
-        olds, news = before.records.get(kind, ()), now.records.get(kind, ())
+    for kind in before.kinds:
+        olds, news = before.records.get(kind.plural, ()), now.records.get(kind.plural, ())
         if len(olds) != len(news):
-            yield f"{len(olds)} {kind}, now {len(news)}"
+            yield f"{len(olds)} {kind.plural}, now {len(news)}"
             continue
         for i, (old, new) in enumerate(zip(olds, news, strict=True)):
-            names = {each.name for each in fields(old)} & {each.name for each in fields(new)}
-            if wrong := sorted(name for name in names if not _equal(getattr(old, name), getattr(new, name), name)):
-                yield f"{kind} {i + 1}: {', '.join(wrong)}"
+            numbers = [each.name for each in fields(old) if not is_text(getattr(old, each.name))]
+            allowed = {name: AFTER * (1.0 + _largest(getattr(old, name))) for name in numbers}
+            found = Agreement()
+            found.record(f"{kind.plural} {i + 1}", old, new, kind.time(old), allowed)
+            if found.worst and not found.worst.passes:
+                yield f"{found.worst.what} by {found.worst.size:.1e}"
 
 
-def _equal(old: Any, new: Any, name: str) -> bool:
-    """Whether two fields are the same: texts exactly, numbers within their tolerance of the largest of a field."""
-    if any(word in name for word in OF_THE_MACHINE):
-        return True
-    if is_text(old) or is_text(new):
-        return bool(old == new)
-    a, b = (numbers_of(each) for each in (old, new))
-    if name.endswith("quaternion") and a.shape == b.shape and a.dot(b) < 0.0:
-        b = -b  # the same rotation
-    return a.shape == b.shape and bool(np.all((np.abs(a - b) <= AFTER * (1.0 + np.abs(a).max(initial=0.0))) | (a == b)))
+def _largest(value: Any) -> float:
+    return float(np.abs(numbers_of(value)).max(initial=0.0))
 
 
 def _row_differences(before: RunLog, now: RunLog) -> Iterator[str]:
@@ -172,8 +167,10 @@ def rows_of(folder: Path) -> list[RunRow]:
 
 def _same(old: Any, new: Any, name: str) -> bool:
     """Whether two metrics are: one may have no value or be a text."""
+    if any(word in name for word in OF_THE_MACHINE):
+        return True
     numbers = isinstance(old, (int, float)) and isinstance(new, (int, float))
-    return _equal(old, new, name) if numbers else bool(old == new)
+    return bool(old == new) or (numbers and abs(old - new) <= AFTER * (1.0 + abs(old)))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
@@ -88,9 +89,7 @@ def mass_and_bias(model: Any, data: Any, qpos: Any, qvel: Any) -> tuple[Any, Any
     data.qpos[:], data.qvel[:] = qpos, qvel
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    return mass, data.qfrc_bias
+    return mass_matrix(model, data), data.qfrc_bias
 
 
 def difference(own: Any, ours: Any) -> float:

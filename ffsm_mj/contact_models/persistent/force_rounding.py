@@ -45,18 +45,16 @@ class RecordAccuracy:
         has no direction of slip but the one that it kept; a log does not have that one.
         """
         closed, pairs = self._active_set, [each for each in records if isinstance(each, ContactRecord)]
-        after = _size(_changes(closed)) if closed.contact_points else 0.0
+        after = use = 0.0
+        if closed.contact_points:
+            after = _size(_changes(closed))
+            loads = zip(closed.contact_points, closed.decide().forces.tolist(), strict=True)
+            limits = [contact.pair.mu * force for contact, force in loads if contact.pair.mu > 0.0 and force > 0.0]
+            # Friction and its limit change by that force each; a share of 1 is the largest.
+            use = min(2.0 * after / min(limits, default=math.inf), 1.0)
         impulses = [self._share * each.impulse_N_s + EVENT_TIME * each.time_s * each.force_before_N for each in pairs]
         fields = {"force_before_N": self._before, "force_after_N": after, "friction_N": after}
-        limits = [contact.pair.mu * force for contact, force in self._loads() if contact.pair.mu > 0.0 and force > 0.0]
-        # Friction and its limit change by that force each; a share of 1 is the largest.
-        use = min(2.0 * after / min(limits, default=math.inf), 1.0)
         return fields | {"friction_use": use, "impulse_N_s": max(impulses, default=0.0)}
-
-    def _loads(self) -> Iterable[tuple[ContactPoint, float]]:
-        """Closed points and their normal forces, N."""
-        points = self._active_set.contact_points
-        return zip(points, self._active_set.decide().forces.tolist(), strict=True) if points else ()
 
 
 def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:

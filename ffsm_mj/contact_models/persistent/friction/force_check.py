@@ -28,7 +28,7 @@ from ffsm_mj.contact_models.persistent.closure import held_rate_tolerance
 from ffsm_mj.contact_models.persistent.friction.cone_depth import depth
 from ffsm_mj.contact_models.persistent.friction.cone_shares import least_in_cones
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.point_modes import Mode
+from ffsm_mj.contact_models.persistent.friction.point_modes import Mode, unit_slips
 from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import RANK, SAME_POINT_M
@@ -199,9 +199,10 @@ def _direction(u: FloatArray, replayed: FloatArray, rounding: float) -> FloatArr
 
     Friction turns by the rounding of a slip over the slip: by 1e-7 rad at 2e-5 m/s, which is more than forces may differ.
     """
-    speed, unit = math.hypot(*u.tolist()), replayed / math.hypot(*replayed.tolist())
-    says_else = math.dist(u, speed * unit) > _ROUNDINGS * rounding
-    return np.asarray(u / speed if speed > _SLIPS_M_S and says_else else unit)
+    speed, (own, unit) = math.hypot(*u.tolist()), unit_slips(np.array((u, replayed)))
+    # A point that sticks in the replay has no direction there.
+    says_else = speed > _SLIPS_M_S and speed * math.dist(own, unit) > _ROUNDINGS * rounding
+    return np.asarray(own if says_else or not unit.any() else unit)
 
 
 def _same_point(closed: ActiveContactSet, each: PointAgain) -> ContactPoint | None:

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.persistent.friction.linear_systems import range_basis, solved
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
+from ffsm_mj.tolerances import RANK
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
@@ -92,14 +93,15 @@ class HeldForces:
         held = forces.ravel()[self._structure.rows]
         return along @ solved(system, held if self._range is None else self._range.T @ held)
 
-    def inverse_masses(self, rows: FloatArray) -> FloatArray:
-        """Inverse masses of other rows for motions that move held rows, 1/kg, (m,): their own where they depend on these.
+    def decide(self, rows: FloatArray, inverse_masses: FloatArray) -> BoolArray:
+        """Whether the held rows decide how each of some other rows moves, as it depends on them, (m,).
 
         Args:
             rows: Elements of G for the other rows and the held ones, 1/kg, (m, r).
+            inverse_masses: Those along the other rows, 1/kg, (m,): none is left for motions that move no held row.
         """
         along, system = self._independent(rows)
-        return np.asarray(np.sum(along.T * solved(system, along.T), axis=0))
+        return np.asarray(np.sum(along.T * solved(system, along.T), axis=0) >= (1.0 - RANK) * inverse_masses)
 
     def _independent(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Elements of G for other rows and independent combinations of the held ones, and for these, 1/kg."""

@@ -164,11 +164,11 @@ class FrictionProblem:
         So it is where two points of a body stick and the load of a third one, which is redundant, is at its limit.
         """
         found = np.zeros(len(kinds), dtype=np.bool_)
-        if STICK not in kinds or not len(slides := self.structure(kinds).slides):
+        if STICK not in kinds or not len((structure := self.structure(kinds)).slides):
             return found
-        across = (3 * slides[:, None] + np.array((1, 2))).ravel()
-        dependent = self.held_in(kinds).inverse_masses(self.G[np.ix_(across, self.structure(kinds).rows)])
-        found[slides] = np.all((dependent >= (1.0 - RANK) * self.G.diagonal()[across]).reshape(-1, 2), axis=1)
+        across = (3 * structure.slides[:, None] + np.array((1, 2))).ravel()
+        decided = self.held_in(kinds).decide(self.G[np.ix_(across, structure.rows)], self.G.diagonal()[across])
+        found[structure.slides] = decided.reshape(-1, 2).all(axis=1)
         return found
 
     def virtual_shares(self, kinds: IntArray, forces: FloatArray) -> FloatArray:
@@ -180,6 +180,6 @@ class FrictionProblem:
         if len(closed) and len(self.structure(kinds).rows):
             rows = self.G[np.ix_(3 * closed, self.structure(kinds).rows)]
             held = self.held_in(kinds)
-            dependent = held.inverse_masses(rows) >= (1.0 - RANK) * self.inverse_mass[closed]
-            shares[closed] = np.where(dependent, held.springs(rows, forces), 0.0)
+            decided = held.decide(rows, self.inverse_mass[closed])
+            shares[closed] = np.where(decided, held.springs(rows, forces), 0.0)
         return shares

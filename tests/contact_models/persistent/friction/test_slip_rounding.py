@@ -95,6 +95,10 @@ def test_a_point_that_cannot_slip_keeps_the_direction_of_its_friction(pinned):
     assert np.array_equal(found, kept) == pinned
 
 
+def test_the_force_check_lets_a_point_that_sticks_in_the_replay_slide_along_its_own_slip():
+    assert np.array_equal(_direction(np.array([0.0, 2e-5]), np.zeros(2), 1e-12), [0.0, 1.0])
+
+
 @pytest.mark.parametrize(("turn", "follows"), [(1e-9, True), (1e-3, False)])
 def test_the_force_check_takes_the_replayed_direction_of_a_slip_where_rounding_makes_the_difference(turn, follows):
     """At 2e-5 m/s, known to 1e-12 m/s: to 5e-8 rad."""
