@@ -19,7 +19,10 @@ ROOT = Path(__file__).parents[1]
 
 
 def sent(marker: Path | None) -> bytes:
-    """A result; with a marker, half of it is sent, then the marker stands and nothing more happens."""
+    """A result; with a marker, half of it is sent once it is wanted, then the marker stands and nothing more happens.
+
+    Sooner it would hold the lock of the results, and the other result, at which the end comes, would never arrive.
+    """
 
     def half(connection: Any, data: memoryview) -> None:
         os.write(connection.fileno(), data[: len(data) // 2])
@@ -28,13 +31,23 @@ def sent(marker: Path | None) -> bytes:
         time.sleep(3600)
 
     if marker:
+        wait_for(wanted(marker))
         Connection._send = half  # type: ignore[attr-defined]
     return bytes(1000)
 
 
-def end(marker: Path) -> None:
-    while not marker.exists():
+def wanted(marker: Path) -> Path:
+    return marker.with_suffix(".wanted")
+
+
+def wait_for(path: Path) -> None:
+    while not path.exists():
         time.sleep(0.01)
+
+
+def end(marker: Path) -> None:
+    wanted(marker).touch()
+    wait_for(marker)
     raise KeyboardInterrupt
 
 
