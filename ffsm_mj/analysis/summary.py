@@ -127,8 +127,8 @@ def truncation_data(found: Truncation | None) -> dict[str, Any] | None:
     return None if found is None else {key: _finite(value) for key, value in asdict(found).items()}
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
 
 
 def _conservation(accumulator: CheckAccumulator) -> dict[str, float | None] | None:

@@ -6,7 +6,9 @@ so (an impulse of the wrong sign, a leak at a rate, or at each step) stays in th
 
 from __future__ import annotations
 
+import itertools
 import math
+import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -47,6 +49,8 @@ _ROUNDING = 1e-15
 _RESIDUALS = 7 * len(SUBSYSTEMS) + 1
 _ENTRY_OF = np.append(np.add.outer(3 * np.arange(len(SUBSYSTEMS)), np.repeat((0, 1, 2), (1, 3, 3))).ravel(), 9)
 """Entry of each residual: energy, P and L of each subsystem, then the heat of sliding."""
+_CLEARLY, _STEPS_OF_AN_ORDER = 100.0, 8
+"""Changes that exceed their rounding by this factor show the order of a step; so many steps show that of the method."""
 _LEAST_S, _STEPS_OF_A_STEP = 20.0, 8.0
 """Most steps of fast motion are known from themselves, two halves and four quarters: 7 steps."""
 _NOT_TRIED, _NOT_KNOWN = 0.05, (0.75, 0.45)
@@ -157,7 +161,7 @@ def _refined(log: RunLog, checks: Iterable[Check], limits: AnalysisLimits, not_k
             for bound, column in zip(bounds, unknown.T, strict=True):
                 bound.add(block[:, layout.time], column[:, None], nothing)
     largest = {entry: bound.worst.size for entry, bound in zip(ENTRIES, bounds, strict=True) if entry in allowed}
-    return Refined(scene.scenario.time_step_s, states, half, without, largest)
+    return Refined(scene.scenario.time_step_s, states, half, without, largest, again.orders)
 
 
 class _Refining(LogReplay):
@@ -183,11 +187,18 @@ class _Refining(LogReplay):
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
         self._so_far, self._bound = np.zeros((2, _RESIDUALS)), np.zeros(len(ENTRIES))
+        self._powers: list[list[float]] = [[] for _ in ENTRIES]
         self.corrections: list[FloatArray] = []
         self.bounds: list[FloatArray] = []
         steps = min(scene.scenario.ticks * scene.scenario.steps_per_tick, STRETCH_STEPS)
         self._shares = spared / steps
         self._spare = np.zeros_like(self._shares)
+
+    @property
+    def orders(self) -> dict[tuple[str, str], float]:
+        """By entry, the median of the orders of the steps that show one: a kink inside a step lowers that of this step."""
+        shown = zip(ENTRIES, self._powers, strict=True)
+        return {entry: statistics.median(each) for entry, each in shown if len(each) >= _STEPS_OF_AN_ORDER}
 
     def _take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         self._first = len(self.corrections)
@@ -264,11 +275,24 @@ class _Refining(LogReplay):
             unknown &= ~known
         if len(divisions) == 1:
             return
+        self._note_orders(divisions, scales)
         # What does not converge at order four is bounded by its two finest divisions, and the rounding of their sums.
         limit[unknown[_ENTRY_OF]] = divisions[-1][unknown[_ENTRY_OF]]
         bound[unknown] = (_by_entry(divisions[-1] - divisions[-2]) + rounding)[unknown]
         self._so_far += (divisions[1] - whole, limit - whole)
         self._bound += bound
+
+    def _note_orders(self, divisions: Sequence[FloatArray], scales: FloatArray) -> None:
+        """Note the order that a step shows by the last of its changes that are not rounding, by entry."""
+        changes = [_by_entry(coarse - fine) for coarse, fine in itertools.pairwise(divisions)]
+        for entry, powers in enumerate(self._powers):
+            rounding = _CLEARLY * _ROUNDING * scales[entry]
+            clear = [
+                (before[entry], after[entry])
+                for halvings, (before, after) in enumerate(itertools.pairwise(changes), 2)
+                if min(before[entry], after[entry]) > 2**halvings * rounding
+            ]
+            powers.extend(math.log2(before / after) for before, after in clear[-1:])
 
     @staticmethod
     def _error_of_limit(divisions: Sequence[FloatArray], limit: FloatArray, before: FloatArray) -> FloatArray:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 TRUNCATION_CHECKS = ("energy", "linear momentum", "angular momentum", "heat of sliding")
 """Checks that may fail by the truncation of the step."""
+LEAST_ORDER = 2.5
+"""Least power of the step with which truncation falls: of order four, and three where a stiff force is integrated."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,8 @@ class Truncation:
         half: The same at half the step.
         left: Residual without truncation.
         bound: Bound on the error of ``left``.
+        order: Power of the step with which the residual of most steps falls; None if too few show one. That of the
+            methods is four.
         alone: Whether truncation alone makes the check fail: without it, it passes.
     """
 
@@ -28,6 +32,7 @@ class Truncation:
     half: float
     left: float
     bound: float
+    order: float | None
     alone: bool
 
     def sentence(self, unit: str) -> str:
@@ -35,6 +40,8 @@ class Truncation:
         step, half = f"{1e3 * self.step_s:g} ms", f"{0.5e3 * self.step_s:g} ms"
         head = "truncation" if self.alone else "not truncation alone"
         rest = "" if self.alone else f", {self.left:.1e} {unit} without, known to {self.bound:.1e} {unit}"
+        if self.order is not None and self.order < LEAST_ORDER:
+            rest = f"; it falls with the power {self.order:.1f} of the step, truncation with 4"
         return f"{head}: {self.residual:.1e} {unit} at {step}, {self.half:.1e} {unit} at {half}{rest}"
 
 

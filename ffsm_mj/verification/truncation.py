@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from ffsm_mj.records.signals import SUBSYSTEMS
-from ffsm_mj.verification.check_result import TRUNCATION_CHECKS, Check, Truncation
+from ffsm_mj.verification.check_result import LEAST_ORDER, TRUNCATION_CHECKS, Check, Truncation
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance
 
 _AGREES = 0.5
@@ -40,6 +40,7 @@ class Refined:
         half: Checks with the residuals at half the step.
         without: Checks with the residuals extrapolated to zero step.
         bounds: Bound on the error of the latter by check and subsystem, in the unit of the check; those that were analysed.
+        orders: Power of the step with which residuals of most steps fall; those of which enough steps show one.
     """
 
     step_s: float
@@ -47,6 +48,7 @@ class Refined:
     half: CheckAccumulator
     without: CheckAccumulator
     bounds: Mapping[tuple[str, str], float]
+    orders: Mapping[tuple[str, str], float]
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,9 @@ class TruncationAnalysis:
             # If the logged residual disagrees with the states, the check fails for another reason than the step.
             agrees = abs(check.residual - states[key].residual) <= _AGREES * check.tolerance + 1e-6 * check.residual
             left, bound = without[key].residual, refined.bounds[key]
-            alone = agrees and left + bound <= without[key].tolerance
-            share = Truncation(refined.step_s, check.residual, half[key].residual, left, bound, alone)
+            # What falls more slowly than truncation does is no truncation, though halvings take it off as well.
+            order = refined.orders.get(key)
+            alone = agrees and left + bound <= without[key].tolerance and (order is None or order >= LEAST_ORDER)
+            share = Truncation(refined.step_s, check.residual, half[key].residual, left, bound, order, alone)
             judged.append(replace(check, truncation=share))
         return tuple(judged)

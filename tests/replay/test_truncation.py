@@ -19,6 +19,7 @@ from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.replay import replay_log
 from ffsm_mj.replay.truncation import _by_entry, _Refining, analyze_truncation
 from ffsm_mj.verification.check_result import TRUNCATION_CHECKS
+from ffsm_mj.verification.truncation import ENTRIES
 from tests.scenes import scene
 from tests.simulation.test_accuracy import whirling
 
@@ -230,10 +231,33 @@ def test_truncation_of_a_motion_that_is_far_too_fast_for_its_step_is_known(tmp_p
     assert all(check.fails_by_truncation for check in failing(run.checks()))
 
 
+def test_a_method_of_lower_order_is_no_truncation(truncated):
+    """Halvings take off what falls with the second power as well: all of it is gone without the step."""
+    found = truncated.truncation
+    assert min(found.refined.orders.values()) > 3.5
+    second = replace(found, refined=replace(found.refined, orders=dict.fromkeys(found.refined.orders, 2.0)))
+    broken = failing(second.judged(truncated.checks(), 1e-9))
+    assert {check.fails_by_truncation for check in broken} == {False}
+    assert broken[0].truncation.sentence("J").endswith("; it falls with the power 2.0 of the step, truncation with 4")
+
+
+@np.errstate(all="ignore")
+@pytest.mark.parametrize("order", [1.0, 2.0, 3.0, 4.0])
+def test_the_order_is_that_of_most_steps(order):
+    """One step in four has a kink: its residual falls with the first power, and is ten times as large."""
+    made = refining(lambda n: np.full(22, kink / n + 1e-7 * n**-power))
+    for step in range(40):
+        kink, power = (1e-6, 1.0) if step % 4 == 3 else (0.0, order)
+        made._refine(np.full(22, kink + 1e-7), np.ones(10), 1e-3, 1e-3)
+    assert set(made.orders) == set(ENTRIES)
+    np.testing.assert_allclose([*made.orders.values()], order, atol=1e-3)
+
+
 def refining(of_parts, share=1e-12):
     """An analysis of steps with given residuals at a number of divisions; a step may leave a share of them unknown."""
     made = object.__new__(_Refining)
     made._so_far, made._bound, made._spare = np.zeros((2, 22)), np.zeros(10), np.zeros((2, 10))
+    made._powers = [[] for _ in ENTRIES]
     made._shares, made._step_s = np.full((2, 10), share), 1e-3
     made._back_to_start = lambda: None
     made._in_parts = lambda *given: of_parts(float(given[-1]))
