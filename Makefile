@@ -34,14 +34,14 @@ reproduce:   ## regenerate the reproduction report
 validate:    ## regenerate the validation page
 	uv run ffsm validate --page docs
 engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); half an hour
-	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines --extra fast python benchmarks/engines.py
+	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines python benchmarks/engines.py
 campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes on two processors
-	uv run --extra fast ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
-	uv run --extra fast ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md
+	uv run ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
+	uv run ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md
 	head -9 logs/campaign-baseline-dispersed/results.csv > docs/campaign-rows.csv
 study:       ## the figure of docs/studies.md: 64 runs, a minute on two processors
-	uv run --extra fast ffsm study run laws-after-impact --out logs/study-laws-after-impact
-	uv run --extra fast ffsm study report logs/study-laws-after-impact
+	uv run ffsm study run laws-after-impact --out logs/study-laws-after-impact
+	uv run ffsm study report logs/study-laws-after-impact
 	mkdir -p docs/figures/study
 	cp logs/study-laws-after-impact/figures/report/pareto.png docs/figures/study
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)

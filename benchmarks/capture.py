@@ -1,6 +1,6 @@
 """What a capture costs: ticks of one run before an object is held and while it is, and the events between them.
 
-``uv run --extra fast python benchmarks/capture.py`` prints microseconds per control tick of `capture-planar`, free and held,
+``uv run python benchmarks/capture.py`` prints microseconds per control tick of `capture-planar`, free and held,
 under one and the same OSDRE law, with everything on and the log in memory; milliseconds that a capture and a release take
 before the control law is asked; and ticks of the same scene where no capture is declared. All is wall time. A tick is that
 of the stretches of twenty which only one of twenty undercuts, so that a loaded machine tells the same, and its share of what
@@ -17,12 +17,10 @@ one_blas_thread()
 
 import argparse
 import time
-from functools import partial
 from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-import twins
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
@@ -34,7 +32,7 @@ from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import EventDue
 
 HIT_S, HELD_S, AFTER_S = 7.77, 4.0, 1.0
-GOALS = {"plain": 1.2, "compiled": 1.3}
+GOAL = 1.3
 EVENT_GOAL_MS = 2.0
 WIDTHS = (8, 8, 8, 6, 12, 13, 13)
 STRETCH, SHARE = 20, 0.05
@@ -124,22 +122,21 @@ def _of_stretches(ticks: list[tuple[float, bool]], *, held: bool) -> float:
 
 
 def main() -> None:
-    """Run both ways, print a line for each."""
+    """Run and print a line, in us per tick."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     repeats = parser.parse_args().repeats
     caught, alone = holding(), undeclared()
     simulate(alone.assemble())  # imports
     heads = [*zip(("free", "held", "ratio", "goal", "undeclared", "capture, ms", "release, ms"), WIDTHS, strict=True)]
-    print(f"{'us per tick':12}" + "".join(f"{head:>{width}}" for head, width in heads))
-    for way, run in twins.ways().items():
-        costs = [run(partial(measured, each)) for _ in range(repeats) for each in (caught, alone)]
-        least, alone_least = (Cost(*map(min, zip(*some, strict=True))) for some in (costs[::2], costs[1::2]))
-        free, held = least.free_us + least.free_block_us, least.held_us + least.held_block_us
-        without = alone_least.free_us + alone_least.free_block_us
-        ticks = f"{free:.1f}", f"{held:.1f}", f"{held / free:.2f}", GOALS[way], f"{without:.1f}"
-        cells = zip((*ticks, f"{least.capture_ms:.2f}", f"{least.release_ms:.2f}"), WIDTHS, strict=True)
-        print(f"{way:12}" + "".join(f"{cell:>{width}}" for cell, width in cells), flush=True)
+    print("".join(f"{head:>{width}}" for head, width in heads))
+    costs = [measured(each) for _ in range(repeats) for each in (caught, alone)]
+    least, alone_least = (Cost(*map(min, zip(*some, strict=True))) for some in (costs[::2], costs[1::2]))
+    free, held = least.free_us + least.free_block_us, least.held_us + least.held_block_us
+    without = alone_least.free_us + alone_least.free_block_us
+    ticks = f"{free:.1f}", f"{held:.1f}", f"{held / free:.2f}", GOAL, f"{without:.1f}"
+    cells = zip((*ticks, f"{least.capture_ms:.2f}", f"{least.release_ms:.2f}"), WIDTHS, strict=True)
+    print("".join(f"{cell:>{width}}" for cell, width in cells), flush=True)
     print(f"goal for a capture and a release: {EVENT_GOAL_MS:g} ms each")
 
 

@@ -1,6 +1,6 @@
 """Other engines on four scenes in zero gravity: a collision, a grip, free flight and a weld; error against cost.
 
-``UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines --extra fast python benchmarks/engines.py`` makes an
+``UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines python benchmarks/engines.py`` makes an
 environment with the engines (1.5 GB), runs every engine that is installed in a process of its own and writes
 ``docs/engines.json``, ``docs/engines.md`` and its figure. ``--page`` writes page and figure from the JSON; ``--only ENGINE``
 replaces the rows of one engine; ``--list`` prints what would be run.
@@ -17,7 +17,6 @@ one_blas_thread()
 import argparse
 import json
 import multiprocessing
-import os
 import platform
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -34,7 +33,6 @@ REPEATS, LONG_S = 3, 2.0
 
 def measured(job: Job) -> dict[str, Any]:
     """Errors of a job, and its least CPU time of several repeats per simulated second."""
-    os.environ["FFSM_COMPILED"] = "1" if job.compiled else "0"
     row: dict[str, Any] = {
         "scene": job.scene.name + (f", e = {job.scene.restitution:g}" if job.scene.name == "collision" else ""),
         "engine": job.engine,

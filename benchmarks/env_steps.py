@@ -12,7 +12,6 @@ from statistics import median
 
 import gymnasium
 
-from ffsm_mj.compiled import is_compiled
 from ffsm_mj.gym.policies import BASELINES
 
 EPISODES = 3
@@ -64,7 +63,6 @@ def together(name: str, processes: int) -> float:
 def main() -> None:
     """Print both tables."""
     processes = int(sys.argv[1]) if len(sys.argv) > 1 else 2
-    print(f"compiled: {is_compiled()}")
     print("| environment | actions | observations | ticks per step | steps/s | ticks/s | times real time | reset |")
     print("|---|---|---|---|---|---|---|---|")
     for name in BASELINES:

@@ -1,6 +1,6 @@
 """How the ratio to the bare loop grows: with joints, objects, duration, pairs, and joints under control.
 
-``uv run --extra fast python benchmarks/growth.py`` prints, for generated scenes (``scenes.py``, beside this file), the CPU
+``uv run python benchmarks/growth.py`` prints, for generated scenes (``scenes.py``, beside this file), the CPU
 time of the loop of ``mj_step`` and of the whole run in memory; medians over interleaved repeats, ratios within each.
 """
 
@@ -18,7 +18,6 @@ from collections.abc import Callable
 from functools import partial
 
 import scenes
-import twins
 from loops import bare, in_memory, steps
 
 from ffsm_mj.assembly.prepare import PreparedRun
@@ -36,13 +35,13 @@ CASES: dict[str, Callable[[], PreparedRun]] = {
     **{f"no control, 7 joints, {n} distant pairs, 3 s": partial(scenes.beset, n) for n in PAIRS},
     **{f"OSDRE, p = 3, 1 kHz, {n} joints, 3 s": partial(scenes.regulated, n) for n in JOINTS[1:]},
 }
-BARE = "bare"
+BARE, RUN = "bare", "run"
 
 
 def measured(prepared: PreparedRun, repeats: int) -> dict[str, list[float]]:
-    """CPU seconds of the bare loop and of the run each way, in turn."""
+    """CPU seconds of the bare loop and of the run, in turn."""
     loops = {BARE: lambda: bare(prepared, stirred=False)}
-    loops |= {name: partial(way, partial(in_memory, prepared)) for name, way in twins.ways().items()}
+    loops[RUN] = partial(in_memory, prepared)
     rounds = [{name: loop() for name, loop in loops.items()} for _ in range(repeats)]
     return {name: [one[name] for one in rounds] for name in loops}
 
@@ -52,16 +51,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=3)
     repeats = parser.parse_args().repeats
-    ways = twins.ways()
     measured(scenes.coasting(3, duration_s=1.0), 1)  # imports
-    print(f"{'':42}{'nv':>4}{'bare, us/step':>15}" + "".join(f"{way:>10}" for way in ways))
+    print(f"{'':42}{'nv':>4}{'bare, us/step':>15}" + f"{RUN:>10}")
     for name, case in CASES.items():
         prepared = case()
         times = measured(prepared, repeats)
         step_us = 1e6 * statistics.median(times[BARE]) / steps(prepared)
-        ratios = [statistics.median(a / b for a, b in zip(times[way], times[BARE], strict=True)) for way in ways]
-        line = f"{name:42}{prepared.system.mj.nv:>4}{step_us:>15.1f}" + "".join(f"{ratio:>10.2f}" for ratio in ratios)
-        print(line, flush=True)
+        ratio = statistics.median(a / b for a, b in zip(times[RUN], times[BARE], strict=True))
+        print(f"{name:42}{prepared.system.mj.nv:>4}{step_us:>15.1f}{ratio:>10.2f}", flush=True)
 
 
 if __name__ == "__main__":

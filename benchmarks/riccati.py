@@ -1,6 +1,6 @@
 """The Riccati solvers against SciPy's: along smooth paths of problems, and on the equations of a run of `spatial`.
 
-``uv run --extra fast python benchmarks/riccati.py`` prints the second: every equation in the order of the run. Of several
+``uv run python benchmarks/riccati.py`` prints the second: every equation in the order of the run. Of several
 passes the fastest time of each tick counts, so that the slow ones are the solver's own and not the machine's.
 """
 
@@ -20,16 +20,16 @@ from itertools import groupby
 from unittest.mock import patch
 
 import numpy as np
-import twins
+
+from ffsm_controllers.osdre import law
 from ffsm_controllers.osdre.riccati import from_eigenvectors, planar_riccati, relative_residual
-from ffsm_controllers.osdre.riccati_doubling import Doubling
-from ffsm_controllers.osdre.riccati_planar import principal_axes, turned
-
+from ffsm_mj._core.osdre import BlockLaw
+from ffsm_mj._core.riccati_doubling import Doubling
+from ffsm_mj._core.riccati_planar import principal_axes, turned
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.compiled import fastest
 
-SCIPY = "SciPy's Schur method"
-GOALS = {"plain": 0.35, "compiled": 0.025}
+OURS, SCIPY = "doubling", "SciPy's Schur method"
+GOAL = 0.025
 GREATEST_RESIDUAL, WORST_OVER_MEDIAN = 1e-13, 3.0
 
 
@@ -46,14 +46,33 @@ class Equation:
 def recorded(prepared: PreparedRun) -> list[Equation]:
     """Every equation of a run, in its order."""
     equations: list[Equation] = []
-    solve = Doubling.solve
 
-    def noted(self, A21, A22, S):
-        equations.append(Equation(A21.copy(), A22.copy(), S.copy(), self._Q))
-        return solve(self, A21, A22, S)
+    class Noted(BlockLaw):
+        """Notes the equation of each tick: (30) and S from the state, as the law in the core has them."""
 
-    with patch.object(Doubling, "solve", noted):
-        twins.plain(prepared.run)
+        def __init__(self, kinematics, data, riccati, driven, axes, target_m, whole_stack):
+            super().__init__(kinematics, data, riccati, driven, axes, target_m, whole_stack)
+            self.seen = kinematics, data, driven, list(axes), whole_stack
+
+        def tick(self):
+            super().tick()
+            tip, data, driven, axes, whole_stack = self.seen
+            drift = tip.jac_dot[axes] @ data.qvel - tip.W @ (data.qfrc_bias - data.qfrc_passive)
+            y, y_dot = tip.point[axes], tip.J @ data.qvel
+            stack = np.concatenate((y if whole_stack else 0.0 * y, y_dot))
+            lower = np.outer(drift, stack) / max(float(stack @ stack), 1e-300)
+            gains, p = driven @ tip.W.T, len(axes)
+            S = gains[len(driven) // 2 :].T @ gains[: len(driven) // 2]
+            equations.append(Equation(lower[:, :p].copy(), lower[:, p:].copy(), S, weights[-1]))
+
+    weights: list[np.ndarray] = []
+
+    def weighed(Q):
+        weights.append(Q)
+        return Doubling(Q)
+
+    with patch.object(law, "BlockLaw", Noted), patch.object(law, "Doubling", weighed):
+        prepared.run()
     return equations
 
 
@@ -62,7 +81,7 @@ def ours(equations: list[Equation]) -> tuple[np.ndarray, np.ndarray]:
     spent, left = [], []
     for _, phase in groupby(equations, lambda equation: id(equation.Q)):
         first, *others = phase
-        solver = fastest(Doubling)(first.Q)
+        solver = Doubling(first.Q)
         for one in (first, *others):
             start = time.perf_counter()
             lower, *_ = solver.solve(one.A21, one.A22, one.S)
@@ -117,7 +136,7 @@ def three_outputs(solver: str) -> float:
     rng = np.random.default_rng(0)
     ends = [rng.normal(size=(2, 3, k)) for k in (3, 3, 4)]
     Q, count, total = np.diag([1.0] * 3 + [0.5] * 3), 300, 0.0
-    doubling = fastest(Doubling)(Q)
+    doubling = Doubling(Q)
     for k in range(count):
         A21, A22, B2 = (np.cos(0.001 * k) * first + np.sin(0.001 * k) * second for first, second in ends)
         A, B = stacked(A21, A22, B2)
@@ -159,10 +178,7 @@ def two_outputs(solver: str) -> float:
 def report(passes: int) -> None:
     """Time all solvers in turn on the equations of `spatial`, several times, and print their table."""
     equations = recorded(prepare("spatial"))
-    solvers: dict[str, Callable] = {
-        way: lambda choose=choose: choose(lambda: ours(equations)) for way, choose in twins.ways().items()
-    }
-    solvers[SCIPY] = lambda: scipys(equations)
+    solvers: dict[str, Callable] = {OURS: lambda: ours(equations), SCIPY: lambda: scipys(equations)}
     least: dict[str, np.ndarray] = {}
     greatest: dict[str, float] = {}
     for _ in range(passes):
@@ -178,9 +194,7 @@ def report(passes: int) -> None:
     for name, spent in least.items():
         times = "".join(f"{1e6 * value:>9.1f} us" for value in (np.median(spent), spent.mean(), spent.max()))
         worst, ratio = spent.max() / np.median(spent), spent.mean() / least[SCIPY].mean()
-        goals = [
-            f"{value:g}" if name in GOALS else "" for value in (WORST_OVER_MEDIAN, GOALS.get(name, 0.0), GREATEST_RESIDUAL)
-        ]
+        goals = [f"{value:g}" if name == OURS else "" for value in (WORST_OVER_MEDIAN, GOAL, GREATEST_RESIDUAL)]
         print(f"{name:22}{times}{worst:>10.1f}{goals[0]:>6}{ratio:>8.3f}{goals[1]:>7}{greatest[name]:>11.1e}{goals[2]:>8}")
 
 

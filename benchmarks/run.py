@@ -1,7 +1,7 @@
 """Speed as ratios within one run: bare MuJoCo, detection, whole runs, their logs, the Riccati solvers, a cold process.
 
-``uv run --extra fast --extra peers python benchmarks/run.py`` prints medians, spread and goals over interleaved repeats;
-without the extra ``fast`` the compiled rows are left out, without ``peers`` the other engines; ``--repeats 3`` is quicker.
+``uv run --extra peers python benchmarks/run.py`` prints medians, spread and goals over interleaved repeats;
+without the extra ``peers`` the other engines are left out; ``--repeats 3`` is quicker.
 "Bare" is the Python loop of ``mj_step`` on the model of the same scenario, for as many steps, contacts on, the arm moving.
 Seconds are CPU time; of cold processes, which wait for the disk too, wall time.
 """
@@ -31,12 +31,10 @@ import peers
 import riccati
 import scenes
 from loops import ARM_RATE, bare, fresh, in_memory, steps, stir
-from twins import compiled, plain
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import Scene
@@ -161,13 +159,12 @@ class Row(NamedTuple):
     goal: float | None = None
 
 
-def against_bare(name: str, scenario: Callable[[], PreparedRun], goals: tuple[float, float], *, stirred: bool = True):
-    """Three rows: the bare loop of a scenario, its run in memory in plain Python, and compiled."""
+def against_bare(name: str, scenario: Callable[[], PreparedRun], goal: float, *, stirred: bool = True):
+    """Two rows: the bare loop of a scenario, and its run in memory."""
     reference, once = f"{name}, bare", cache(scenario)
     return {
         reference: Row(lambda: bare(once(), stirred=stirred), reference),
-        f"{name}, in memory": Row(partial(plain, lambda: in_memory(once())), reference, goals[0]),
-        f"{name}, in memory, compiled": Row(partial(compiled, lambda: in_memory(once())), reference, goals[1]),
+        f"{name}, in memory": Row(lambda: in_memory(once()), reference, goal),
     }
 
 
@@ -176,30 +173,25 @@ NO_DETECTION, BARE_COLD = "step and forward, no detection", "cold process, bare 
 DETECTION, MCAP = partial(forwarded, pairs=PAIRS), partial(on_disk, rerun=False)
 STRUCTURED, DOUBLING = partial(riccati.two_outputs, "structured"), partial(riccati.three_outputs, "doubling")
 ROWS: dict[str, Row] = {
-    **against_bare("baseline", lambda: BASELINE, (5.0, 2.5)),
+    **against_bare("baseline", lambda: BASELINE, 1.3),
     "baseline, bare, contacts off": Row(partial(bare, BASELINE, contacts=False), BARE),
-    "baseline, MCAP": Row(partial(plain, MCAP), BARE, 6.0),
-    "baseline, MCAP, compiled": Row(partial(compiled, MCAP), BARE, 3.5),
+    "baseline, MCAP": Row(MCAP, BARE, 1.6),
     "writing the MCAP alone": Row(writing, BARE, 0.9),
-    "baseline, MCAP and Rerun": Row(partial(plain, partial(on_disk, rerun=True)), BARE),
-    "log replay": Row(partial(plain, log_replay), BARE),
-    **against_bare("spatial", partial(prepare, "spatial"), (3.5, 2.0)),
-    **against_bare("free-flying-hardware", partial(prepare, "free-flying-hardware"), (4.0, 2.0)),
-    **against_bare("OSDRE, p = 3, 7 joints, 1 kHz", partial(scenes.regulated, 7), (8.0, 3.0), stirred=False),
+    "baseline, MCAP and Rerun": Row(partial(on_disk, rerun=True), BARE),
+    "log replay": Row(log_replay, BARE, 2.0),
+    **against_bare("spatial", partial(prepare, "spatial"), 1.3),
+    **against_bare("free-flying-hardware", partial(prepare, "free-flying-hardware"), 1.6),
+    **against_bare("OSDRE, p = 3, 7 joints, 1 kHz", partial(scenes.regulated, 7), 1.8, stirred=False),
     NO_DETECTION: Row(partial(forwarded, pairs=()), NO_DETECTION),
-    "detection of five pairs": Row(partial(plain, DETECTION), NO_DETECTION, 1.2),
-    "the same, compiled": Row(partial(compiled, DETECTION), NO_DETECTION),
-    "detection of a pair in contact": Row(partial(plain, closed), NO_DETECTION),
-    "Riccati, structured": Row(partial(plain, STRUCTURED), SCIPY),
-    "Riccati, structured, compiled": Row(partial(compiled, STRUCTURED), SCIPY),
+    "detection of five pairs": Row(DETECTION, NO_DETECTION, 1.2),
+    "detection of a pair in contact": Row(closed, NO_DETECTION),
+    "Riccati, structured": Row(STRUCTURED, SCIPY),
     "Riccati, eigenvectors": Row(partial(riccati.two_outputs, "eigenvectors"), SCIPY),
     SCIPY: Row(partial(riccati.two_outputs, "scipy"), SCIPY),
-    "Riccati, 3 outputs, doubling": Row(partial(plain, DOUBLING), SCIPY_3),
-    "Riccati, 3 outputs, compiled": Row(partial(compiled, DOUBLING), SCIPY_3),
+    "Riccati, 3 outputs, doubling": Row(DOUBLING, SCIPY_3),
     SCIPY_3: Row(partial(riccati.three_outputs, "scipy"), SCIPY_3),
     BARE_COLD: Row(partial(cold, BARE_PROCESS), BARE_COLD),
-    "cold process, ffsm run": Row(partial(plain, partial(cold, RUN_PROCESS)), BARE_COLD, 3.5),
-    "cold process, ffsm run, compiled": Row(partial(compiled, partial(cold, RUN_PROCESS)), BARE_COLD, 3.5),
+    "cold process, ffsm run": Row(partial(cold, RUN_PROCESS), BARE_COLD, 3.0),
     "interpreter alone": Row(partial(cold, "pass"), "interpreter alone"),
     "ffsm --help": Row(partial(cold, HELP_PROCESS), "interpreter alone", 5.0),
 }
@@ -212,15 +204,14 @@ def main() -> None:
     repeats = parser.parse_args().repeats
     import rerun  # noqa: F401 (its import is not part of writing)
 
-    rows = {name: row for name, row in ROWS.items() if "compiled" not in name or is_compiled()}
-    for row in rows.values():
+    for row in ROWS.values():
         row.measure()
-    times: dict[str, list[float]] = {name: [] for name in rows}
+    times: dict[str, list[float]] = {name: [] for name in ROWS}
     for _ in range(repeats):
-        for name, row in rows.items():
+        for name, row in ROWS.items():
             times[name].append(row.measure())
     print(f"{'':50}{'median':>12}{'min':>12}{'max':>12}{'ratio':>8}{'goal':>6}  to")
-    for name, row in rows.items():
+    for name, row in ROWS.items():
         print(line(name, row, times))
     print()
     riccati.report(repeats)

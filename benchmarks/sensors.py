@@ -1,15 +1,12 @@
 """Cost of sensors: a free arm with ten sensors at 100 Hz against one without, at ticks of 1 ms.
 
-``uv run --extra fast python benchmarks/sensors.py``: ratios of process time, the best of several interleaved runs. Sensors
+``uv run python benchmarks/sensors.py``: ratios of process time, the best of several interleaved runs. Sensors
 that are sampled once show what their columns in the log and the clock cost at every tick; the rest is that of samples.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -65,22 +62,14 @@ def measured(repeats: int) -> list[float]:
 
 
 def main() -> None:
-    """Print the ratios, plain and compiled; each in a process of its own."""
+    """Print the ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=12)
-    parser.add_argument("--one", action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    if arguments.one:
-        without, once, often = (1e6 * each for each in measured(arguments.repeats))
-        print(
-            f"{without:.1f} us without, {once:.1f} us with ten sensors sampled once: {once / without:.2f}, "
-            f"{often:.1f} us with ten at 100 Hz: {often / without:.2f}"
-        )
-        return
-    for name, compiled in (("plain", "0"), ("compiled", "1")):
-        print(f"{name:9}", end="", flush=True)
-        command = [sys.executable, __file__, "--one", "--repeats", str(arguments.repeats)]
-        subprocess.run(command, env=os.environ | {"FFSM_COMPILED": compiled}, check=True)
+    without, once, often = (1e6 * each for each in measured(parser.parse_args().repeats))
+    print(
+        f"{without:.1f} us without, {once:.1f} us with ten sensors sampled once: {once / without:.2f}, "
+        f"{often:.1f} us with ten at 100 Hz: {often / without:.2f}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Cost of stepping: a run in one go, the same by ``Simulator.step`` tick by tick, and reset, state and restore.
 
-``uv run python benchmarks/stepping.py``, with ``--extra fast`` for compiled parts: process time, the best of several
+``uv run python benchmarks/stepping.py``: process time, the best of several
 interleaved runs. Both simulate the baseline for 10 s at ticks of 1 ms, in memory, from a scenario that is compiled once.
 """
 
@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 
 import ffsm_mj
-from ffsm_mj.compiled import is_compiled
 
 SCENARIO, SETTINGS = "baseline", {"duration_s": 10.0}
 
@@ -43,7 +42,7 @@ def main() -> None:
     times = [(seconds(whole), seconds(steps)) for _ in range(repeats)]
     run_s, steps_s = (min(each) for each in zip(*times, strict=True))
     ticks = prepared.scenario.ticks
-    print(f"{'compiled' if is_compiled() else 'plain'}: {1e6 * run_s / ticks:.1f} us per tick in one go,", end=" ")
+    print(f"{1e6 * run_s / ticks:.1f} us per tick in one go,", end=" ")
     print(f"{1e6 * (steps_s - run_s) / ticks:.1f} us more per step, ratio {steps_s / run_s:.3f}")
     alone = ffsm_mj.Simulator(SCENARIO, SETTINGS, record=False)
     resets = [seconds(alone.reset) for _ in range(repeats)]

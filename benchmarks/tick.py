@@ -1,9 +1,9 @@
 """Where the microseconds of a control tick go: every part of the loop timed in a whole run in memory.
 
-``uv run --extra fast python benchmarks/tick.py [SCENARIO ...]`` prints a table of each scenario (`baseline` and `spatial`),
-in plain Python and compiled (without the extra: in plain Python only): microseconds per step and per tick, where a tick has
-more than one step, and per call of each part, since some are called in one phase only. An indented part is within the one
-above it, and timed in a run of its own. Of several runs the quickest counts. What the clocks cost is measured and taken off.
+``uv run python benchmarks/tick.py [SCENARIO ...]`` prints a table of each scenario (`baseline` and `spatial`),
+microseconds per step and per tick, where a tick has more than one step, and per call of each part, since some are called in
+one phase only. An indented part is within the one above it, and timed in a run of its own. Of several runs the quickest
+counts. What the clocks cost is measured and taken off.
 """
 
 # ruff: noqa: E402
@@ -17,19 +17,15 @@ one_blas_thread()
 import argparse
 import time
 from contextlib import ExitStack
-from functools import partial
 from operator import methodcaller
 from typing import NamedTuple
 from unittest.mock import patch
 
-import twins
+from loops import steps
+
 from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation
 from ffsm_controllers.free_flying import FreeFlying
 from ffsm_controllers.osdre.law import Osdre
-from ffsm_controllers.osdre.riccati_doubling import Doubling
-from ffsm_controllers.osdre.riccati_planar import PlanarRiccati
-from loops import steps
-
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.balance.balance import Balance
@@ -51,9 +47,8 @@ PARTS = {
     "watch for other contacts": [(ContactWatch, "look")],
     "energies, momenta, residuals, by blocks": [(Recorder, "commit")],
 }
-WITHIN = {"OSDRE": ["Riccati equation"], "free-flying law": ["allocation"], "balances, end of a step": ["push from outside"]}
+WITHIN = {"free-flying law": ["allocation"], "balances, end of a step": ["push from outside"]}
 INSIDE = {
-    "Riccati equation": [(PlanarRiccati, "solve"), (Doubling, "solve")],
     "allocation": [(ThrusterAllocation, "efforts"), (WheelAllocation, "efforts")],
     "push from outside": [(Thrusters, "close"), (BaseMotors, "close")],
 }
@@ -139,32 +134,28 @@ def quickest(prepared: PreparedRun, parts: dict[str, list], repeats: int) -> Tim
 
 
 def table(name: str, repeats: int) -> None:
-    """Time a scenario each way, and print where the time went."""
-    prepared, ways = prepare(name), twins.ways()
+    """Time a scenario, and print where the time went."""
+    prepared = prepare(name)
     prepared.run()  # imports
-    runs = [way(partial(quickest, prepared, PARTS, repeats)) for way in ways.values()]
-    inside = [way(partial(quickest, prepared, INSIDE, repeats)).parts for way in ways.values()]
+    run, inside = quickest(prepared, PARTS, repeats), quickest(prepared, INSIDE, repeats).parts
     ticks = prepared.scenario.ticks
     counts = {"us per tick": ticks}
     if steps(prepared) != ticks:
         counts = {"us per step": steps(prepared)} | counts
-    heads = [*counts, "us per call"]
-    print(f"{name:44}" + "".join(f"{way:>{WIDTH * len(heads)}}" for way in ways))
-    print(f"{'':44}" + "".join(f"{head:>{WIDTH}}" for head in heads * len(ways)))
+    print(f"{name:44}" + "".join(f"{head:>{WIDTH}}" for head in (*counts, "us per call")))
 
-    def show(label: str, costs: list[Cost]) -> None:
-        cells = [f"{cost.spent_us / n:.1f}" if cost.calls else "" for cost in costs for n in (*counts.values(), cost.calls)]
+    def show(label: str, cost: Cost) -> None:
+        cells = [f"{cost.spent_us / n:.1f}" if cost.calls else "" for n in (*counts.values(), cost.calls)]
         print(f"{label:44}" + "".join(f"{cell:>{WIDTH}}" for cell in cells))
 
     for part in PARTS:
-        if any(run.parts[part].calls for run in runs):
-            show(part, [run.parts[part] for run in runs])
+        if run.parts[part].calls:
+            show(part, run.parts[part])
             for label in WITHIN.get(part, ()):
-                if any(costs[label].calls for costs in inside):
-                    show(f"  of it {label}", [costs[label] for costs in inside])
-    rests = [run.whole_us - sum(cost.spent_us for cost in run.parts.values()) for run in runs]
-    show("loop, phases, pause, calls", [Cost(rest, ticks) for rest in rests])
-    show("everything", [Cost(run.whole_us, ticks) for run in runs])
+                if inside[label].calls:
+                    show(f"  of it {label}", inside[label])
+    show("loop, phases, pause, calls", Cost(run.whole_us - sum(cost.spent_us for cost in run.parts.values()), ticks))
+    show("everything", Cost(run.whole_us, ticks))
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """What a second grasp costs: runs of a robot with two arms that holds an object by both, by one, and not at all.
 
-``uv run --extra fast python benchmarks/two_grasps.py`` prints microseconds of CPU time per control tick of 1 ms, and what
+``uv run python benchmarks/two_grasps.py`` prints microseconds of CPU time per control tick of 1 ms, and what
 the second grasp adds as a share of the free tick, with the share that is allowed; medians over interleaved repeats. The
 first grasp is a child body, the second one rows in every stage of a step.
 """
@@ -16,17 +16,15 @@ one_blas_thread()
 import argparse
 import json
 import statistics
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import twins
 from loops import in_memory
 from scenes import HEAD
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 
-GOALS = {"plain": 3.0, "compiled": 1.5}
+GOAL = 1.5
 """Largest cost of a second grasp in free ticks."""
 AXES = ("0 0 1", "0 1 0", "0 0 1", "1 0 0")
 HANDS = ("left", "right")
@@ -81,20 +79,19 @@ def holding(hands: tuple[str, ...], duration_s: float) -> PreparedRun:
 
 
 def main() -> None:
-    """Run all cases both ways, print a line for each way."""
+    """Run all cases, print a line in us per tick."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--duration-s", type=float, default=0.5)
     options = parser.parse_args()
     runs = [holding(HANDS[:count], options.duration_s) for count in range(3)]
     ticks = runs[0].scenario.ticks
-    print(f"{'us per tick':12}{'free':>8}{'one':>8}{'two':>8}{'second / free':>15}{'allowed':>9}")
-    for name, way in twins.ways().items():
-        way(partial(in_memory, runs[2]))
-        rounds = [[1e6 * way(partial(in_memory, run)) / ticks for run in runs] for _ in range(options.repeats)]
-        free, one, two = (statistics.median(each) for each in zip(*rounds, strict=True))
-        share = statistics.median((c - b) / a for a, b, c in rounds)
-        print(f"{name:12}{free:>8.1f}{one:>8.1f}{two:>8.1f}{share:>15.2f}{GOALS[name]:>9.1f}", flush=True)
+    print(f"{'free':>8}{'one':>8}{'two':>8}{'second / free':>15}{'allowed':>9}")
+    in_memory(runs[2])
+    rounds = [[1e6 * in_memory(run) / ticks for run in runs] for _ in range(options.repeats)]
+    free, one, two = (statistics.median(each) for each in zip(*rounds, strict=True))
+    share = statistics.median((c - b) / a for a, b, c in rounds)
+    print(f"{free:>8.1f}{one:>8.1f}{two:>8.1f}{share:>15.2f}{GOAL:>9.1f}", flush=True)
 
 
 if __name__ == "__main__":

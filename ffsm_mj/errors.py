@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from traceback import extract_tb
 
-from ffsm_mj.installation import add_extra
+from ffsm_mj.installation import add_extra, build_again
 from ffsm_mj.similar_names import did_you_mean
 
 _LONGEST_TEXT = 300
@@ -98,12 +98,11 @@ class MissingPackageError(FfsmError):
         super().__init__(f"{purpose} needs the package {package}; install it by: {add_extra(extra, package)}")
 
 
-class TwinsError(FfsmError):
-    """The compiled twins that are installed cannot be used; the message says how to go on."""
+class CoreError(FfsmError):
+    """The compiled core cannot be used; the message says how to build it again."""
 
     def __init__(self, reason: str) -> None:
-        again = add_extra("fast", "ffsm-mj-fast", "--reinstall-package ffsm-mj-fast")
-        super().__init__(f"{reason}; build it again by: {again}; or set FFSM_COMPILED=0")
+        super().__init__(f"the compiled core of ffsm-mj cannot be used ({reason}); build it again: {build_again()}")
 
 
 class UnsupportedContactError(FfsmError):

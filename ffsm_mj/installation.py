@@ -17,19 +17,25 @@ from ffsm_mj.invocation import on_command_line, program, project_option, short, 
 _PROJECT = "ffsm-mj"
 
 
-def add_extra(extra: str, package: str, *sync: str) -> str:
+def add_extra(extra: str, package: str) -> str:
     """Command that installs an extra of ffsm-mj; outside a checkout, the package that the extra stands for.
 
     Args:
         extra: Name of the extra.
         package: Package that the extra installs.
-        sync: Further options of ``uv sync``; with them, the present command is not repeated.
     """
     if not _in_checkout():
         return add(package)
-    if on_command_line() and under_uv("") and not sync:
+    if on_command_line() and under_uv(""):
         return f"uv run {project_option()}--extra {extra} {program().removeprefix(under_uv(''))} {join(sys.argv[1:])}"
-    return f"uv sync {project_option()}--inexact --extra {extra}{''.join(f' {option}' for option in sync)}"
+    return f"uv sync {project_option()}--inexact --extra {extra}"
+
+
+def build_again() -> str:
+    """Command that builds ffsm-mj again; outside a checkout, what to do."""
+    if not _in_checkout():
+        return "install it once more"
+    return f"uv sync {project_option()}--inexact --reinstall-package {_PROJECT}"
 
 
 def add(*what: str) -> str:

@@ -81,12 +81,6 @@ def baseline_folder(baseline) -> Path:
 
 
 @pytest.fixture
-def plain(monkeypatch) -> None:
-    """No compiled twins: for tests that look inside or replace a part."""
-    monkeypatch.setenv("FFSM_COMPILED", "0")
-
-
-@pytest.fixture
 def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))

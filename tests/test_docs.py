@@ -136,7 +136,6 @@ def test_pages_install_from_a_checkout():
     """ffsm-mj is on no package index: no page, and no message, may send people there."""
     pages = [
         ROOT / "README.md",
-        ROOT / "fast" / "README.md",
         *(ROOT / "docs").glob("*.md"),
         *(ROOT / "ffsm_mj").rglob("*.py"),
     ]

@@ -13,7 +13,6 @@ PACKAGES = {"ffsm_mj": ROOT / "ffsm_mj", "ffsm_controllers": ROOT / "controllers
 PAGES = [
     *ROOT.glob("*.md"),
     *(ROOT / "docs").glob("*.md"),
-    ROOT / "fast" / "README.md",
     ROOT / "pyproject.toml",
     ROOT / ".ci" / "run",
 ]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 OURS = ("ffsm-mj", "compiled")
-PLAIN = ("ffsm-mj", "plain Python")
 Setting = tuple[str, str]
 Row = dict[str, Any]
 
@@ -53,5 +52,5 @@ def cost_at(runs: list[Row], panel: Panel, target: float) -> float | None:
 
 def cheapest(found: dict[Setting, list[Row]], panel: Panel, target: float) -> list[tuple[float, Setting]]:
     """Settings that reach an error, the cheapest first."""
-    costs = ((cost_at(runs, panel, target), setting) for setting, runs in found.items() if setting != PLAIN)
+    costs = ((cost_at(runs, panel, target), setting) for setting, runs in found.items())
     return sorted((cost, setting) for cost, setting in costs if cost is not None)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from engine_runs.costs import OURS, PANELS, PLAIN, Row, settings
+from engine_runs.costs import OURS, PANELS, Row, settings
 from ffsm_mj.report.plots.style import (
     BLACK,
     BLUE,
@@ -43,8 +43,6 @@ def draw(rows: list[Row], folder: Path) -> None:
         for axes, panel in zip(figure.subplots(2, 3).flat, PANELS, strict=True):
             used: dict[str, int] = {}
             for (engine, name), runs in settings(rows, panel).items():
-                if (engine, name) == PLAIN:
-                    continue
                 number = used[engine] = used.get(engine, -1) + 1
                 points = sorted((run["cost"], max(run["errors"][panel.key], FLOOR)) for run in runs)
                 axes.plot(

@@ -6,7 +6,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from engine_runs.costs import OURS, PANELS, PLAIN, Panel, Row, Setting, best, cheapest, cost_at, settings
+from engine_runs.costs import OURS, PANELS, Panel, Row, Setting, best, cheapest, cost_at, settings
 from engine_runs.figure import draw
 from ffsm_mj.report.text_table import markdown_table
 
@@ -38,7 +38,7 @@ def ratio(value: float) -> str:
 
 def called(setting: Setting) -> str:
     """Engine and setting in a sentence."""
-    return "ffsm-mj" if setting in (OURS, PLAIN) else f"{setting[0]} ({setting[1]})"
+    return "ffsm-mj" if setting == OURS else f"{setting[0]} ({setting[1]})"
 
 
 def listed(words: list[str]) -> str:
@@ -68,8 +68,6 @@ def detail_table(rows: list[Row], panel: Panel) -> str:
     columns = DETAILS[panel.scene]
     lines = []
     for (engine, name), runs in settings(rows, panel).items():
-        if (engine, name) == PLAIN:
-            continue
         values = best(runs, panel)["errors"]
         cells = [f"{values[key]:.6f}" if key == "energy_ratio" else number(values[key]) for key in columns]
         lines.append([engine, name, *cells])
@@ -110,7 +108,7 @@ def restitution(rows: list[Row]) -> str:
     found = settings(rows, panel)
     least = {setting: best(runs, panel)["errors"][panel.key] for setting, runs in found.items()}
     inputs = {setting: error for setting, error in least.items() if takes_restitution(setting)}
-    exact = [called(setting) for setting, error in inputs.items() if error <= ROUNDING and setting != PLAIN]
+    exact = [called(setting) for setting, error in inputs.items() if error <= ROUNDING]
     near = [f"{called(setting)} to {number(error)}" for setting, error in inputs.items() if error > ROUNDING]
     calibrated = [
         f"{called(setting)} to {number(error)}" for setting, error in least.items() if setting not in inputs and error < 0.1

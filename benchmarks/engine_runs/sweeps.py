@@ -36,8 +36,6 @@ class Job:
     scene: Scene
     value: str
     run: Callable[[], Result]
-    compiled: bool = True
-    """Whether compiled twins may be used; of ours only."""
 
 
 def _ms(step_s: float) -> str:
@@ -45,7 +43,7 @@ def _ms(step_s: float) -> str:
 
 
 def ours() -> Iterator[Job]:
-    """ffsm-mj with and without its compiled twins."""
+    """ffsm-mj."""
     steps: list[tuple[Scene, tuple[float, ...]]] = [
         (collision(1.0), (0.1, 0.01, 0.001)),
         (collision(0.5), (0.1, 0.01, 0.001)),
@@ -53,11 +51,9 @@ def ours() -> Iterator[Job]:
         (free_flight(), (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)),
         (weld(), (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)),
     ]
-    for compiled in (False, True):
-        for scene, sweep in steps:
-            for h in sweep:
-                setting = "compiled" if compiled else "plain Python"
-                yield Job(OURS, setting, scene, _ms(h), lambda s=scene, h=h: with_ffsm.run(s, h), compiled)
+    for scene, sweep in steps:
+        for h in sweep:
+            yield Job(OURS, "compiled", scene, _ms(h), lambda s=scene, h=h: with_ffsm.run(s, h))
 
 
 def mujoco() -> Iterator[Job]:

@@ -1,6 +1,6 @@
 """Computes the comparison of control laws and writes docs/law-comparison.md, its figures and study files.
 
-``uv run --extra fast python docs/law_comparison``: hours on one processor. Results of runs are kept in
+``uv run python docs/law_comparison``: hours on one processor. Results of runs are kept in
 ``logs/law-comparison``, so that a computation that was interrupted goes on where it was.
 """
 

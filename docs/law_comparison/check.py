@@ -23,7 +23,7 @@ POINTS = 8
 _COARSE = {"duration_s": 22.575, "time_step_s": 0.005, "control_period_s": 0.005}
 METRICS = ("cost", "error_integral", "effort_integral", "least_error", "impulse")
 _TOLERANCE = 1e-6
-"""Relative. Plain Python and the compiled twins agree to 1e-9; a gain 0.1 % higher changes costs by more than 1e-6."""
+"""Relative. Other compilers agree to 1e-9; a gain 0.1 % higher changes costs by more than 1e-6."""
 _CHATTERING = {"sdre 1": 0.05, "sdre 7": 0.05}
 """Points with gains so high that torques held for 5 ms chatter between their bounds: rounding grows to 4e-3 there."""
 

@@ -15,11 +15,11 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj._core.tick import Limits
 from ffsm_mj.actuation.actuator_config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
-from ffsm_mj.actuation.limits import Envelope, Limits
+from ffsm_mj.actuation.limits import Envelope
 from ffsm_mj.actuation.valve import Valve
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.compiled import fastest
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model.driven_joints import drives_rotation
@@ -121,7 +121,7 @@ class Actuation:
         """Bind to the command and the data that :meth:`apply` is going to be called with."""
         self._data, self._command, self._ctrl = data, command, data.ctrl
         held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
-        self._limits = fastest(Limits)(self.envelope, *held)
+        self._limits = Limits(self.envelope, *held)
 
     def apply(self, command: Command, data: Any, time_s: float) -> None:
         """Convert a command to ``data.ctrl``, to be held until the next one.

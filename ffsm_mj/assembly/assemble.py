@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from ffsm_controllers.phases import Phase, PhaseMachine
-
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.column_faults import refuse_same_names
 from ffsm_mj.assembly.contact_rules import Contacts, resolve_contacts

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from ffsm_controllers.parts import Parts
 from ffsm_controllers.phases import Phase
-
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.system import System

@@ -8,10 +8,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
+
 from ffsm_controllers import kinds
 from ffsm_controllers.parts import Parts
 from ffsm_controllers.phases import Phase
-
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
 from ffsm_mj.assembly.phase_endings import phase_endings
 from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles

@@ -7,11 +7,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from ffsm_controllers.phases import Phase, PhaseMachine
 
+from ffsm_controllers.phases import Phase, PhaseMachine
+from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.controller_protocol import Command, Observation
-from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.model.grasp import WRITTEN
 
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from ffsm_controllers.parts import Parts
 
+from ffsm_controllers.parts import Parts
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.controller_model import SharedJoints
 from ffsm_mj.assembly.spring_modes import rounded_down

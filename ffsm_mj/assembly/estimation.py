@@ -8,9 +8,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
+
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.phases import Phase, PhaseMachine
-
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.column_faults import signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel

@@ -10,7 +10,6 @@ from ffsm_controllers.endings import Ending, EventTrigger, FinishedTrigger, Meas
 from ffsm_controllers.parts import Parts
 from ffsm_controllers.settled import SettlingMonitor
 from ffsm_controllers.stop_condition import StopCondition, StopMonitor
-
 from ffsm_mj.controller_protocol import ControllerContext, Finishes
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.records.events import ImpactRecord

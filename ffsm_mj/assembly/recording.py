@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj._core import BUILT
 from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.assembly.assemble import Assembly
@@ -187,8 +188,8 @@ def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
 
 @cache
 def versions() -> dict[str, str]:
-    """Versions of the packages that affect results."""
-    return {package: version(package) for package in _PACKAGES}
+    """Versions of the packages that affect results, and what the core is built for."""
+    return {package: version(package) for package in _PACKAGES} | {"core": BUILT}
 
 
 def _metadata(assembly: Assembly) -> dict[str, str]:

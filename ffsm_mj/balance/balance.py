@@ -12,12 +12,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.tick import JointWork
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.base_motors import BaseMotors
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.balance.grasped_object import GraspedObjectBalance
 from ffsm_mj.balance.gravity import Gravity
-from ffsm_mj.balance.joint_work import JointWork
 from ffsm_mj.balance.sample_buffer import SampleBuffer
 from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues
 from ffsm_mj.balance.springs import SpringBalance
@@ -29,7 +29,6 @@ from ffsm_mj.balance.subsystems import (
 )
 from ffsm_mj.balance.thrusters import Thrusters, thrusters
 from ffsm_mj.balance.tree_accounts import TreeAccounts
-from ffsm_mj.compiled import fastest
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_components
 from ffsm_mj.model.system import System, Tree
@@ -81,7 +80,7 @@ class Balance:
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
         flags = on_joint.astype(np.float64), external.astype(np.float64)
-        self._joint_work = fastest(JointWork)(data, *flags, self._numbers)
+        self._joint_work = JointWork(data, *flags, self._numbers)
         accounts = self._accounts.work, self._accounts.external
         by_pose = thrusters(system, data, *accounts)
         for group in by_pose:

@@ -6,11 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj._core.tick import Sampler
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.compiled import fastest
 from ffsm_mj.dynamics.rigid_body import subtree_momenta
 from ffsm_mj.model.system import System
-from ffsm_mj.records.sampler import Sampler
 
 
 class SampleBuffer:
@@ -38,7 +37,7 @@ class SampleBuffer:
         """
         model, root = system.mj, system.robot.root
         self.used, self._mass = 0, model.body_subtreemass
-        sampler = fastest(Sampler)(model, data, base=root)
+        sampler = Sampler(model, data, base=root)
         live = (
             *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
             *(data.xpos[root], momentum, data.qvel, accounts),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 
+from ffsm_mj._core import BUILT
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.campaign.plan.description import description
 from ffsm_mj.campaign.plan.loading import load_campaign
@@ -34,6 +35,7 @@ def check(options: argparse.Namespace, output: Output) -> int:
     else:
         prepared = prepare(options.scenario, options.overrides)
         lines = [*prepared.describe(), *(f"uncertain: {each.size} in {each.key}" for each in checked_parameters(prepared))]
+        lines.append(f"core: {BUILT}")
     for line in lines:
         output.say(line)
     return OK

@@ -135,7 +135,9 @@ def _usage(options: argparse.Namespace, output: Output) -> int:
         return OK
     from importlib.metadata import version
 
-    output.say(f"ffsm-mj {version('ffsm-mj')}")
+    from ffsm_mj._core import BUILT
+
+    output.say(f"ffsm-mj {version('ffsm-mj')}, core for {BUILT}")
     return OK
 
 

@@ -95,7 +95,7 @@ class EventSource(ContactModel):
         requests: Request names in a controller command that it handles.
         resolves_impacts: Whether it handles the events that other models leave to impacts.
         event_bound: Motion bound since the last restart (``motion_bound`` of
-            :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no event is possible: event detection is
+            :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no event is possible: event detection is
             skipped until the motion bound exceeds it.
     """
 

@@ -22,7 +22,7 @@ from ffsm_mj.dynamics.rotation_vector import rotation_vector_rate
 from ffsm_mj.tolerances import EPSILON
 
 if TYPE_CHECKING:
-    from ffsm_mj.dynamics.forced_stepper import ForcedStepper
+    from ffsm_mj._core.steppers import ForcedStepper
 
 _ROOT = sqrt(6.0)
 _PLACES = ((4.0 - _ROOT) / 10.0, (4.0 + _ROOT) / 10.0, 1.0)

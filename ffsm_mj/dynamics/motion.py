@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.steppers import ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.compiled import fastest
-from ffsm_mj.dynamics.forced_stepper import ForcedStepper, Push, clear_applied_forces
-from ffsm_mj.dynamics.free_stepper import FreeStepper
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.model.system import Tree
+
+Push = Callable[[Any], None]
+"""Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
 
 
 class Motion:
@@ -54,7 +55,7 @@ class Motion:
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
-        self._unpushed = self.flight = fastest(FreeStepper)(model, data, self.path.start, self.momentum)
+        self._unpushed = self.flight = FreeStepper(model, data, self.path.start, self.momentum)
         self.forced: ForcedStepper | None = None
 
     @property
@@ -73,7 +74,7 @@ class Motion:
         self.pushes = tuple(pushes)
         if every := (*pushes, *answers):
             follow = self.follow if of_system else _nothing
-            pushed = fastest(ForcedStepper)(self.model, self.data, self.path.start, self.momentum, every, follow)
+            pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow)
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:
@@ -134,3 +135,9 @@ class Motion:
 
 def _nothing() -> None:
     """Do nothing."""
+
+
+def clear_applied_forces(model: Any, data: Any) -> None:
+    """Remove all applied forces, and update derived quantities."""
+    data.qfrc_applied.fill(0.0)
+    mujoco.mj_forward(model, data)

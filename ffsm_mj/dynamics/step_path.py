@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj._core.steppers import WHOLE_STATE
 
 
 class StepPath:

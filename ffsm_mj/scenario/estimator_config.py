@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from ffsm_controllers.estimators import estimators
 from pydantic import (
     Field,
 )
 
+from ffsm_controllers.estimators import estimators
 from ffsm_mj.config import StrictModel
 
 

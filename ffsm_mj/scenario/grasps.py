@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ffsm_controllers import kinds
-
 from ffsm_mj.errors import Fault, unknown_name
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.phase_config import PhaseConfig

@@ -7,10 +7,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ffsm_controllers import kinds
-from ffsm_controllers.estimators import estimators
 from pydantic import ValidationError
 
+from ffsm_controllers import kinds
+from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, plugin_fault
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name

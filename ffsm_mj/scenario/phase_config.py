@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, Union
 
-from ffsm_controllers import kinds
-from ffsm_controllers.settled import SettledConfig
-from ffsm_controllers.stop_condition import StopCondition
 from pydantic import (
     ConfigDict,
     Field,
@@ -15,6 +12,9 @@ from pydantic import (
     model_validator,
 )
 
+from ffsm_controllers import kinds
+from ffsm_controllers.settled import SettledConfig
+from ffsm_controllers.stop_condition import StopCondition
 from ffsm_mj.config import Name, PartName, StrictModel
 
 _KINDS = kinds()

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from ffsm_controllers.stop_condition import StopCondition
-
 from ffsm_mj.errors import Fault, unknown_name
 from ffsm_mj.scenario.phase_config import PhaseConfig, PhaseEnd, SensorEndConfig
 

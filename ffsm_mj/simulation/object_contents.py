@@ -20,7 +20,6 @@ import numpy as np
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.model.system import System
-from ffsm_mj.records.sampler import Sampler
 from ffsm_mj.simulation.mujoco_memory import DATA, MODEL
 
 _GENERATORS = (Random, np.random.BitGenerator, np.random.RandomState)
@@ -33,7 +32,6 @@ CONSTANT = (
     partial,
     StrictModel,
     System,
-    Sampler,
     np.random.Generator,
 )
 """Types whose instances remember nothing themselves; what they hold may."""
@@ -43,7 +41,7 @@ _NUMBERS = (int, float, complex, np.generic, range, slice)
 _UNCHANGING = (type, ModuleType, Enum, Pattern, np.dtype, np.ufunc, type(None), str, bytes, memoryview, *_NUMBERS)
 _OF_FUNCTIONS = ("fortran", "pybind11")
 """Starts of the names of types of functions of LAPACK, and of what functions of MuJoCo hold."""
-_TWINS = "ffsm_mj_fast"
+_CORE = "ffsm_mj._core"
 _HEAP_TYPE = 1 << 9
 """Flag of types that a class statement makes."""
 _Result = TypeVar("_Result")
@@ -67,7 +65,7 @@ def is_walked(found: Any) -> bool:
 def _is_walked(kind: Any) -> bool:
     if issubclass(kind, (type, ModuleType, Enum, BaseException)):
         return False
-    if issubclass(kind, (*_CONTAINERS, *CONSTANT, *_GENERATORS, *_KNOWN)) or _is_twin(kind):
+    if issubclass(kind, (*_CONTAINERS, *CONSTANT, *_GENERATORS, *_KNOWN)) or _is_of_core(kind):
         return True
     return _is_python(kind) and bool(kind.__dictoffset__ or _slots(kind))
 
@@ -105,7 +103,7 @@ def named_parts(found: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(found, System):
         yield ".mj", found.mj
         return
-    if isinstance(found, (StrictModel, Sampler, set, frozenset)) or _has_pair(kind):
+    if isinstance(found, (StrictModel, set, frozenset)) or _has_pair(kind):
         return  # a set holds numbers and names, in an order that is not the same in every process
     if isinstance(found, (*_CONTAINERS, FunctionType)) and kind.__dictoffset__:
         yield ".__dict__", vars(found)
@@ -145,7 +143,7 @@ def content_of(found: Any) -> Any:
     for kind, read, _ in _KINDS:
         if isinstance(found, kind):
             return read(found)
-    if _is_twin(type(found)):
+    if _is_of_core(type(found)):
         return _state_of_twin(found)
     return found.state() if _has_pair(type(found)) else _attributes(found)
 
@@ -156,7 +154,7 @@ def write(found: Any, content: Any) -> None:
         if isinstance(found, kind):
             write_kind(found, content)
             return
-    if _is_twin(type(found)):
+    if _is_of_core(type(found)):
         if content is not None:
             found.__setstate__(content)
     elif _has_pair(type(found)):
@@ -206,9 +204,9 @@ _KINDS: tuple[tuple[Any, Callable[[Any], Any], Callable[[Any, Any], Any]], ...] 
 """How contents are read and written, by kind; others have a pair of methods, or attributes."""
 
 
-def _is_twin(kind: type) -> bool:
+def _is_of_core(kind: type) -> bool:
     """Whether objects are compiled; those with a memory say so by ``__reduce__`` and ``__setstate__``."""
-    return kind.__module__.startswith(_TWINS)
+    return kind.__module__.startswith(_CORE)
 
 
 def _state_of_twin(found: Any) -> Any:
@@ -223,7 +221,7 @@ def _state_of_twin(found: Any) -> Any:
 def _is_instance(kind: Any) -> bool:
     """Whether what an object holds is in its attributes."""
     others = (*_CONTAINERS, *CONSTANT, *_GENERATORS, *_KNOWN)
-    return not issubclass(kind, others) and not _is_twin(kind) and not _has_pair(kind) and _is_python(kind)
+    return not issubclass(kind, others) and not _is_of_core(kind) and not _has_pair(kind) and _is_python(kind)
 
 
 def _is_python(kind: type) -> bool:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ffsm_mj._core.tick import Sampler
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.columns import Row
-from ffsm_mj.records.sampler import Sampler
 
 
 class RowWriter:

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.compiled import fastest
+from ffsm_mj._core.tick import Sampler
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.sampler import Sampler
 from ffsm_mj.records.signals import Signal, coordinate_names, rate_names, unit_of
 
 
@@ -36,7 +35,7 @@ class StateSignals:
             target: How its target moves; None: it does not.
         """
         self._time = np.zeros(1)
-        self.sampler = fastest(Sampler)(system.mj, data, tip=-1 if tip_site is None else tip_site)
+        self.sampler = Sampler(system.mj, data, tip=-1 if tip_site is None else tip_site)
         self.columns: tuple[Columns, ...] = (
             Columns((Signal("state", "time_s", "s", "simulation time"),), live=self._time, on_sample=self._clock),
             Columns(_coordinates(system), live=data.qpos),

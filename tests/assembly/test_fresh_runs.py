@@ -17,7 +17,7 @@ import pytest
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import ContactModel
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from tests.contact_models.grasp.test_closing_while_pressing import INSIDE, pushing
 from tests.contact_models.impact.test_fixed import slab
 from tests.contact_models.persistent.random_pushes import LAWS
@@ -187,10 +187,7 @@ def test_nothing_of_a_recipe_is_written(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RECIPES)
-@pytest.mark.parametrize("compiled", ["0", "1"])
-def test_a_pickled_recipe_runs_to_the_same_rows(tmp_path, monkeypatch, name, compiled):
-    """With the twins too, where they are installed."""
-    monkeypatch.setenv("FFSM_COMPILED", compiled)
+def test_a_pickled_recipe_runs_to_the_same_rows(tmp_path, name):
     prepared = recipe(name, tmp_path)
     again = pickle.loads(pickle.dumps(prepared))
     assert told(again.run()) == told(prepared.run())

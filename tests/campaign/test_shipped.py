@@ -21,7 +21,7 @@ ROUNDING = ("checks.", "drift", "deepest_overlap_m", "wall_s", "cpu")
 @pytest.mark.long
 @pytest.mark.parametrize("rows", [1, 8])
 def test_the_first_rows_of_the_page_are_made_again(tmp_path: Path, rows: int) -> None:
-    """On another machine, or with the compiled twins, numbers differ by rounding; runs are short of chaos."""
+    """On another machine, or with another compiler, numbers differ by rounding; runs are short of chaos."""
     page = list(csv.DictReader(ROWS.read_text().splitlines()))
     kept = page[:rows]
     campaign = Campaign.load("baseline-dispersed", tmp_path, overrides=[f"samples.n={rows}"])

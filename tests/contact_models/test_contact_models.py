@@ -9,9 +9,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.off import Off
 
 import ffsm_mj
+from ffsm_controllers.off import Off
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact_models.interface import EventTime
 from ffsm_mj.contact_models.persistent.record import ContactEnds

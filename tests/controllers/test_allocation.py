@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.optimize
-from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, moments, unit_moments
 
+from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, moments, unit_moments
 from ffsm_mj.errors import ControllerError
 from tests.conftest import MJCF
 from tests.scenes import FLOATING_BASES, HEAD, compile_paths

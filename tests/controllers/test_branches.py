@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
+import ffsm_mj
 from ffsm_controllers.endings import Ending, EventTrigger, TimeTrigger
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_controllers.stop_condition import StopCondition
-
-import ffsm_mj
 from ffsm_mj import Simulator
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command, Observation

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.detumble import law as module
 
 import ffsm_mj
+from ffsm_controllers.detumble import law as module
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.controllers.detumbling import JETS, ORTHOGONAL, POSE, PYRAMID, RATES, SPIN, detumbled, left, spacecraft

@@ -7,9 +7,9 @@ import json
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers import kinds
 
 import ffsm_mj
+from ffsm_controllers import kinds
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Task
@@ -80,7 +80,7 @@ def test_the_lag_of_osdre(parameterization, monkeypatch):
     off = [planar_run(law, period_s, 6.0, task=MOVE).tip_error() for period_s in (0.02, 0.01)]
     assert off[1].max() < 7e-3
     # The held torque alone, with gains that depend on the state. In the mean over 4 s: towards the end of the move the law
-    # follows rounding, and with the twins the largest error is 6.4 mm instead of 5.7 mm.
+    # follows rounding, and with another order of sums the largest error is 6.4 mm instead of 5.7 mm.
     mean = [np.sqrt(np.mean(each[: int(4.0 / period_s)] ** 2)) for each, period_s in zip(off, (0.02, 0.01), strict=True)]
     assert mean[0] / mean[1] == pytest.approx(2.0, rel=0.25)
     monkeypatch.setattr(TaskModel, "_follow", chasing)

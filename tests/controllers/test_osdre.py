@@ -5,10 +5,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.osdre.law import Osdre, OsdreConfig
-from ffsm_controllers.osdre.riccati import PlanarRiccati
-from ffsm_controllers.osdre.riccati_planar import turned
 
+from ffsm_controllers.osdre import riccati
+from ffsm_controllers.osdre.law import Osdre, OsdreConfig
+from ffsm_mj._core.riccati_planar import PlanarRiccati, turned
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Task
 
 WEIGHTS = {"Q": (1.0, 1.0, 0.5, 0.5), "R": (1.0, 1.0, 1.0)}
@@ -65,20 +65,18 @@ def test_velocity_is_translation_invariant_and_output_stack_is_not(case_study, s
 
 
 @pytest.mark.parametrize("kind", ["velocity", "output_stack"])
-@pytest.mark.usefixtures("plain")
 def test_factorisation_reproduces_the_output_dynamics(case_study, state, kind, monkeypatch):
     """A z + B u = zdot with MuJoCo's own acceleration, for both parameterizations and any momentum."""
     seen = {}
 
-    solve = PlanarRiccati.solve
+    class Kept(PlanarRiccati):
+        def solve(self, A21, A22, S, axes):
+            back = (axes[0], -axes[1])
+            lower = [np.reshape(turned(block, back), (2, 2)) for block in (A21, A22)]
+            seen["A"] = np.block([[np.zeros((2, 2)), np.eye(2)], lower])
+            return super().solve(A21, A22, S, axes)
 
-    def keep(self, A21, A22, S, axes):
-        back = (axes[0], -axes[1])
-        lower = [np.reshape(turned(block, back), (2, 2)) for block in (A21, A22)]
-        seen["A"] = np.block([[np.zeros((2, 2)), np.eye(2)], lower])
-        return solve(self, A21, A22, S, axes)
-
-    monkeypatch.setattr(PlanarRiccati, "solve", keep)
+    monkeypatch.setattr(riccati, "PlanarRiccati", Kept)
     command = command_at(case_study, law(case_study, parameterization=kind), *state)
     model = case_study.mj
     data = mujoco.MjData(model)

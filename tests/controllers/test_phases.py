@@ -7,10 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from ffsm_controllers.endings import Ending, EventTrigger, TimeTrigger
-from ffsm_controllers.phases import Phase, PhaseMachine
 
 import ffsm_mj
+from ffsm_controllers.endings import Ending, EventTrigger, TimeTrigger
+from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.signals import Signal

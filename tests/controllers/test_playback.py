@@ -10,9 +10,9 @@ import pinocchio as pin
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
-from ffsm_controllers.playback.record import EffortRecord
 
 import ffsm_mj
+from ffsm_controllers.playback.record import EffortRecord
 from ffsm_mj.controller_protocol import FileName, StrictModel
 from ffsm_mj.errors import InputError
 from tests.model.test_pinocchio import oracle

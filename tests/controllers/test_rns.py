@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.task_space.base_rotation import BaseRotation
 
+from ffsm_controllers.task_space.base_rotation import BaseRotation
 from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.task_model import JointModel
 from tests.controllers.task_laws import PD, critically_damped, planar_run, reports, spatial_run

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+
+import ffsm_mj
 from ffsm_controllers import kinds
 from ffsm_controllers.endings import Ending, TimeTrigger
 from ffsm_controllers.off import Off
 from ffsm_controllers.phases import Phase, PhaseMachine
-
-import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import ControllerError

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 import scipy.linalg
-from ffsm_controllers import kinds
 
 import ffsm_mj
+from ffsm_controllers import kinds
 from ffsm_mj import Simulator
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, ScenarioFaults, Task
 from tests.controllers.task_laws import (

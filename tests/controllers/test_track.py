@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
 
 import ffsm_mj
+from ffsm_controllers.task_space.damped_inverse import damped_inverse
 from ffsm_mj.controller_protocol import ControllerContext, SiteMotion
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.run_report import run_report

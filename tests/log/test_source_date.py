@@ -6,9 +6,9 @@ import json
 import time
 
 import pytest
-from ffsm_controllers.off import Off
 
 import ffsm_mj
+from ffsm_controllers.off import Off
 from ffsm_mj.cli.main import main
 from ffsm_mj.log import recorder
 from tests.scenes import two_balls

@@ -1,5 +1,7 @@
 """Mistakes in the engine, put in on purpose: patches of source, applied to a copy of the product that then runs.
 
+Modules of the core that a patch changes are compiled again.
+
 A mutant is a YAML file of this folder::
 
     wrong: What is wrong, in a sentence.
@@ -10,7 +12,8 @@ A mutant is a YAML file of this folder::
         replace: text that the file has once
         by: other text
 
-``cannot: reason`` in place of ``caught_by`` says why no check sees it; every check then passes.
+``ends_with: 3`` in place of ``caught_by`` is the exit code of a run that does not come to its end, ``cannot: reason`` says
+why no check sees it; every check then passes.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from hatch_build import CORE, build
 from tests.mutants import scenes
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +47,8 @@ product, scenario, folder = sys.argv[1:]
 assert ffsm_mj.__file__.startswith(product), ffsm_mj.__file__
 with contextlib.redirect_stdout(sys.stderr):
     code = main(["run", scenario, "--out", folder, "--no-rerun"])
-assert code in (0, 1, 5), f"ffsm run: exit code {code}"
+if code not in (0, 1, 5):
+    sys.exit(code)
 sys.exit(main(["analyze", folder, "--json"]))
 """
 
@@ -72,11 +77,14 @@ class Mutant:
     scene: str
     patch: tuple[Edit, ...]
     caught_by: tuple[str, ...] = ()
+    ends_with: int = 0
     cannot: str = ""
 
     @property
     def seen_by(self) -> str:
-        """The checks that see it, or why none does."""
+        """The checks that see it, how the run ends, or why none does."""
+        if self.ends_with:
+            return f"the run, which ends with exit code {self.ends_with}"
         return ", ".join(f"*{check}*" for check in self.caught_by) or f"none: {self.cannot}"
 
     def apply(self, product: Path) -> None:
@@ -86,6 +94,8 @@ class Mutant:
             text = edit.changed(path.read_text())
             path.unlink()
             path.write_text(text)
+        if core := {Path(edit.file).stem for edit in self.patch if Path(edit.file).parent == CORE}:
+            build(product, core)
 
 
 def mutants() -> list[Mutant]:
@@ -97,7 +107,8 @@ def _read(path: Path) -> Mutant:
     data: dict[str, Any] = YAML(typ="safe", pure=True).load(path)
     data |= {"patch": tuple(Edit(**edit) for edit in data["patch"]), "caught_by": tuple(data.get("caught_by", ()))}
     mutant = Mutant(path.stem, **data)
-    assert bool(mutant.caught_by) != bool(mutant.cannot), f"{path.name}: needs 'caught_by' or 'cannot', one of the two"
+    ways = sum(map(bool, (mutant.caught_by, mutant.ends_with, mutant.cannot)))
+    assert ways == 1, f"{path.name}: needs one of 'caught_by', 'ends_with' and 'cannot'"
     return mutant
 
 
@@ -120,16 +131,18 @@ def failing_checks(product: Path, scene: str, folder: Path) -> tuple[int, set[st
     """Run a scene with a copy of the product, and analyse the log with the same copy.
 
     Returns:
-        The exit code of ``ffsm analyze``, and the names of the checks that fail by more than truncation.
+        The exit code of ``ffsm analyze``, or of ``ffsm run`` if that does not come to its end, and the names of the checks
+        that fail by more than truncation.
     """
     folder.mkdir()
     scenario = getattr(scenes, scene)(folder)
-    # Compiled twins would run in place of the sources that are patched.
     path = os.pathsep.join((str(product), str(product / "controllers")))
-    environment = {**os.environ, "PYTHONPATH": path, "FFSM_COMPILED": "0"}
+    environment = {**os.environ, "PYTHONPATH": path}
     environment.pop("PYTHONPYCACHEPREFIX", None)  # the copy has bytecode of its own
     command = [sys.executable, "-c", _RUN_AND_ANALYZE, str(product), str(scenario), str(folder / "run")]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    if not done.stdout and done.returncode > 1:
+        return done.returncode, set()
     assert done.stdout, done.stderr
     result = json.loads(done.stdout)
     assert not result["states"]["obstacle"], result["states"]

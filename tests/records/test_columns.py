@@ -11,19 +11,18 @@ from unittest.mock import patch
 import mujoco
 import numpy as np
 import pytest
-from ffsm_controllers.phases import Phase
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ffsm_mj
+from ffsm_controllers.phases import Phase
+from ffsm_mj._core.tick import Sampler
 from ffsm_mj.assembly.column_faults import refuse_telemetry
 from ffsm_mj.cli.main import main
-from ffsm_mj.compiled import fastest
 from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.log.mcap.format import SampleCodec, layout_of_schema, sample_schema
 from ffsm_mj.log.rerun.plots import plots
 from ffsm_mj.records.columns import Columns, Row
-from ffsm_mj.records.sampler import Sampler
 from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 from ffsm_mj.simulation.rows import RowWriter
 from tests.log.test_recording import read
@@ -84,16 +83,14 @@ def point(tmp_path_factory):
     return model, mujoco.MjData(model)
 
 
-@pytest.mark.parametrize("compiled", ["0", "1"])
 @given(parts=PARTS)
 @settings(max_examples=150, deadline=None)
-def test_a_row_contains_the_columns_of_each_component(point, compiled, parts):
-    """In blocks of two rows, filled by the sampler or its compiled twin, and as stored in a log."""
+def test_a_row_contains_the_columns_of_each_component(point, parts):
+    """In blocks of two rows, as the sampler fills them, and as stored in a log."""
     columns, extras = added([Extra(9, ["state", "phase"], live=True).columns], parts)
     row = Row(columns)
     block = np.zeros((2, len(row.layout.signals)))
-    with patch.dict("os.environ", FFSM_COMPILED=compiled):
-        writer = RowWriter(row, fastest(Sampler)(*point), block)
+    writer = RowWriter(row, Sampler(*point), block)
     ranks = [list(GROUPS).index(signal.group) for signal in row.layout.signals]
     assert ranks == sorted(ranks)  # as a log keeps them: a message for each group
     for first in range(0, 6, 2):

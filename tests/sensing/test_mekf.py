@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+
 from ffsm_controllers.estimators.mekf.belief import Belief, right_jacobian
 from ffsm_controllers.estimators.mekf.config import MekfConfig
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, measurement_of
 from ffsm_controllers.estimators.mekf.joints import encoder_errors
 from ffsm_controllers.estimators.mekf.layout import Layout, floating_bodies
 from ffsm_controllers.estimators.mekf.propagation import Propagation
-
 from ffsm_mj.controller_protocol import Measurement, predict
 from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.model.added_sensors import AddedSensor

@@ -13,14 +13,11 @@ import numpy as np
 from pydantic import Field
 
 from ffsm_controllers.indices import compact
-from ffsm_controllers.osdre.block_law import BlockLaw
 from ffsm_controllers.osdre.moving_law import MovingLaw
-from ffsm_controllers.osdre.planar_law import PlanarLaw
 from ffsm_controllers.osdre.riccati import planar_riccati
-from ffsm_controllers.osdre.riccati_doubling import Doubling, RiccatiError
-from ffsm_controllers.osdre.tip_kinematics import TipKinematics
 from ffsm_controllers.osdre.weights import Weight, input_weight, state_weight
-from ffsm_mj.compiled import fastest
+from ffsm_mj._core.osdre import BlockLaw, PlanarLaw, TipKinematics
+from ffsm_mj._core.riccati_doubling import Doubling, RiccatiError
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -117,17 +114,17 @@ class Osdre:
         """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
         data, site, axes = observation.data, self._task.tip_site, self._task.axes
         target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
-        self._qvel, self._kinematics = data.qvel, fastest(TipKinematics)(self._model, data, site, axes)
+        self._qvel, self._kinematics = data.qvel, TipKinematics(self._model, data, site, axes)
         self._law: BlockLaw | MovingLaw | PlanarLaw
         self._block: BlockLaw | MovingLaw | None = None
         bound = driven, axes, target, self._whole_stack
         if self._moving is not None:
-            riccati = fastest(Doubling)(self._Q)
+            riccati = Doubling(self._Q)
             self._law = self._block = MovingLaw(self._moving, data, riccati, self._inverse_R, self._whole_stack)
         elif self._planar:
-            self._law = fastest(PlanarLaw)(self._kinematics, data, planar_riccati(self._Q), *bound)
+            self._law = PlanarLaw(self._kinematics, data, planar_riccati(self._Q), *bound)
         else:
-            self._law = self._block = fastest(BlockLaw)(self._kinematics, data, fastest(Doubling)(self._Q), *bound)
+            self._law = self._block = BlockLaw(self._kinematics, data, Doubling(self._Q), *bound)
 
     def control(self, observation: Observation, command: Command) -> None:  # noqa: ARG002
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_controllers.osdre.riccati_doubling import Doubling
+from ffsm_mj._core.riccati_doubling import Doubling
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.task_model import TaskModel
 
@@ -22,7 +22,7 @@ _NO_MOTION = 1e-15
 
 
 class MovingLaw:
-    """u = -R^-1 B^T K [e; ed]; attributes as those of :class:`~ffsm_controllers.osdre.block_law.BlockLaw`."""
+    """u = -R^-1 B^T K [e; ed]; attributes as those of :class:`~ffsm_mj._core.osdre.BlockLaw`."""
 
     def __init__(self, model: TaskModel, data: Any, riccati: Doubling, inverse_R: FloatArray, whole_stack: bool) -> None:
         """Bind to the state in ``data``.

@@ -1,28 +1,32 @@
 """The continuous algebraic Riccati equation (33): A^T K + K A + Q - K B R^-1 B^T K = 0.
 
-For any number of outputs it is solved by doubling, from no start (:mod:`~ffsm_controllers.osdre.riccati_doubling`). For two
+For any number of outputs it is solved by doubling, from no start (:mod:`ffsm_mj._core.riccati_doubling`). For two
 there are Newton-Kleinman steps in floats that use the structure of A and B, warm-started from the ticks before and verified
-(:mod:`~ffsm_controllers.osdre.riccati_planar`); at the first tick of a phase, and where the verification fails, the stable
+(:mod:`ffsm_mj._core.riccati_planar`); at the first tick of a phase, and where the verification fails, the stable
 eigenvectors of the Hamiltonian, polished, take over, and where that is not good enough, doubling. Both are counted as
 fallbacks.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ffsm_controllers.osdre.riccati_doubling import Doubling
-from ffsm_controllers.osdre.riccati_planar import Blocks, Matrix, Pair, PlanarRiccati, Weight
+from ffsm_mj._core.riccati_doubling import Doubling
+from ffsm_mj._core.riccati_planar import PlanarRiccati
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.compiled import fastest
+
+if TYPE_CHECKING:
+    from ffsm_mj._core.riccati_planar import Blocks, Matrix, Pair, Weight
 
 # What eigenvectors may leave near singular poses.
 _TOLERATED_RESIDUAL = 1e-9
 
 
 def planar_riccati(Q: FloatArray) -> PlanarRiccati:
-    """The solver for two outputs and their weight Q, (4, 4); compiled where it can be."""
-    return fastest(PlanarRiccati)((_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:])), planar_robust)
+    """The solver for two outputs and their weight Q, (4, 4)."""
+    return PlanarRiccati((_flat(Q[:2, :2]), _flat(Q[:2, 2:]), _flat(Q[2:, 2:])), planar_robust)
 
 
 def planar_robust(A21: Matrix, A22: Matrix, S: Pair, Q: Weight) -> tuple[Blocks, float]:

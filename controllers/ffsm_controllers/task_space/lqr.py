@@ -18,13 +18,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ffsm_controllers.osdre.riccati_doubling import Doubling, RiccatiError
 from ffsm_controllers.osdre.weights import Weight, input_weight, state_weight
 from ffsm_controllers.pd import Gain
 from ffsm_controllers.task_space.config import AttitudeTarget, TaskLawConfig
 from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
 from ffsm_controllers.task_space.task_law import TaskLaw
-from ffsm_mj.compiled import fastest
+from ffsm_mj._core.riccati_doubling import Doubling, RiccatiError
 from ffsm_mj.controller_protocol import (
     ControllerContext,
     ControllerError,
@@ -70,7 +69,7 @@ class Lqr(TaskLaw):
             message = f"the robot can change {self.directions} of the {p} components of the output; leave the attitude out"
             raise ScenarioFaults([Fault(message, ("attitude",))])
         self._inverse_R = np.linalg.inv(input_weight(config.R, n))
-        self._riccati = fastest(Doubling)(state_weight(config.Q, p))
+        self._riccati = Doubling(state_weight(config.Q, p))
         self._refresh, self._damping = config.refresh, config.joint_damping_N_m_s_rad
         self._gain: FloatArray | None = None
 

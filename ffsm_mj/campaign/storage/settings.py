@@ -6,19 +6,17 @@ import hashlib
 import inspect
 import json
 from collections.abc import Mapping, Sequence
-from importlib.metadata import entry_points, version
+from importlib.metadata import entry_points
 from typing import Any
 
 from ffsm_controllers import GROUP as LAWS
 from ffsm_controllers.estimators import GROUP as ESTIMATORS
-
 from ffsm_mj.assembly.recording import versions
 from ffsm_mj.campaign.execution.file_metrics import FileMetric
 from ffsm_mj.campaign.execution.metrics import COUNT
 from ffsm_mj.campaign.execution.metrics import GROUP as METRICS
 from ffsm_mj.campaign.plan.loading import Plan
 from ffsm_mj.campaign.script_classes import ScriptClasses
-from ffsm_mj.compiled import is_compiled
 from ffsm_mj.contact_models.impact.installed_laws import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
 from ffsm_mj.yaml.parser import YamlFault, plain_value
@@ -27,8 +25,8 @@ _MOST_DIFFERENCES = 3
 
 
 def row_versions() -> dict[str, str]:
-    """Versions of all packages that affect rows: the libraries, the compiled twins (or ``none``) and plug-in packages."""
-    found = versions() | {"ffsm-mj-fast": version("ffsm-mj-fast") if is_compiled() else "none"}
+    """Versions of all packages that affect rows: the libraries and plug-in packages."""
+    found = dict(versions())
     for group in (LAWS, ESTIMATORS, METRICS, IMPACT_LAWS, CONTACT_MODELS):
         for point in entry_points(group=group):
             if point.dist is not None:

@@ -12,10 +12,10 @@ import math
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.loops import StateTransfer
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
-from ffsm_mj.contact_models.grasp.state_transfer import StateTransfer
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
@@ -63,7 +63,7 @@ class GraspedMotion(Motion):
         self.joints = LatchJoints(scene.system, system, grasp)
         self.placing = BaseJointSolver(self._model, scene.data, tree)
         logged, moving = (self._model, scene.data, free.momentum), (self.model, self.data, self.root)
-        self.followed = StateTransfer.of(logged, moving, both, self.placing)
+        self.followed = StateTransfer(logged, moving, both, self.placing)
         self._ctrl, self._system_ctrl = numbers(self.data.ctrl), numbers(scene.data.ctrl)
         self._jacobian = np.empty((6, self.model.nv))
         self.interface = self.data.cfrc_int[self.root]

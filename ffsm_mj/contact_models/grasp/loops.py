@@ -18,12 +18,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.compiled import fastest
 from ffsm_mj.contact_models.grasp.loop_exchange import LoopExchange
 from ffsm_mj.contact_models.interface import ForceSource, Scene
-from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
@@ -102,7 +101,7 @@ class LoopForces(ForceSource):
         if hasattr(self, "motion"):
             self.motion.loops = None
         super().bind(motion)
-        self._smooth, self._known = fastest(Smooth)(motion, self.scene.data), None
+        self._smooth, self._known = Smooth(motion, self.scene.data), None
         self._update()
 
     def _update(self) -> None:

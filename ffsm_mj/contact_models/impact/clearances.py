@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj._core.steppers import BOUND_MARGIN
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import FEW, BroadPhase
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
@@ -21,7 +22,6 @@ from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.travel_bound import TravelBound
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.dynamics.free_stepper import BOUND_MARGIN
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
@@ -35,7 +35,7 @@ class Clearances:
     """Certified clearances of some pairs, from step to step.
 
     Attributes:
-        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no
+        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
             pair can be near contact.
     """
 

@@ -12,11 +12,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.steppers import BOUND_MARGIN
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.impact.clearances import NO_PAIRS, Indices
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.dynamics.free_stepper import BOUND_MARGIN
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
@@ -25,7 +25,7 @@ class LimitClearances:
     """Distances of joints from their limits, from step to step.
 
     Attributes:
-        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj.dynamics.free_stepper.FreeStepper`) below which no
+        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
             joint can be near a limit.
     """
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ffsm_mj.compiled import fastest
+from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -15,8 +15,9 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.decision import Decision
-from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
+from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
@@ -24,8 +25,6 @@ from ffsm_mj.contact_models.persistent.friction.stage import ImplicitSlips, stag
 from ffsm_mj.contact_models.persistent.friction.step_rule import step_rule
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.contact_models.persistent.point_search import points_at_rest, slow_points
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
-from ffsm_mj.contact_models.persistent.steady import SteadyContacts
 from ffsm_mj.contact_models.persistent.tilts import Tilts
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, LIFT_OFF_M
@@ -57,14 +56,14 @@ class ActiveContactSet:
         self.by_pair: dict[UnilateralConstraint, tuple[ContactPoint, ...]] = {}
         self.contact_points: tuple[ContactPoint, ...] = ()
         self.pressing: tuple[ContactPoint, ...] = ()
-        self.stages: list[Stage | TwistStage] = []
+        self.stages: list[Stage] = []
         self.modes = FrictionModes()
         self.has_friction = False
         self.solver, self.clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts = Tilts(scene.data)
         self._chosen: FrictionalDecision | None = None
         self._slips: ImplicitSlips
-        self.steady = fastest(SteadyContacts)(self, scene.system)
+        self.steady = SteadyContacts(self, scene.system)
 
     @property
     def data(self) -> Any:
@@ -74,8 +73,7 @@ class ActiveContactSet:
     @property
     def last_stage(self) -> Stage | None:
         """Contact forces at the end of the last step; None without a step since the last event."""
-        last = self.stages[-1] if self.stages else None
-        return None if isinstance(last, TwistStage) else last
+        return self.stages[-1] if self.stages else None
 
     def bind(self, motion: Motion) -> None:
         """Use another motion, with all caches cleared."""
@@ -145,7 +143,6 @@ class ActiveContactSet:
                 if flight.stage.stiff is None:
                     flight.stage.stiff = self._slips = ImplicitSlips(here)
                 stage, generalised = self._slips.stage_of(here, flight.stage.node)
-            solver.stage_forces(self.pressing, friction=True).begin(here.rows.points)
         else:
             stage, generalised = solver.problem(self.pressing).stage(data.qvel)
         applied += generalised

@@ -12,6 +12,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.interface import LoggedEvent, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import switched_rate_tolerance
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.point_modes import Mode
 from ffsm_mj.contact_models.persistent.point_search import points_at_rest
@@ -25,7 +26,6 @@ from ffsm_mj.contact_models.persistent.record import (
     ContactSlips,
     ContactSticks,
 )
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.kinds import RecordKind
 
 Change: TypeAlias = tuple[RecordKind, list[UnilateralConstraint]]

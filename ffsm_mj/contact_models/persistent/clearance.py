@@ -14,7 +14,7 @@ from ffsm_mj.contact.features.points_on_face import PointsOnFace
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.tolerances import LANDING_DEPTH_M, OTHER_POINT_M
 
 LEVEL_M = 0.1 * OTHER_POINT_M

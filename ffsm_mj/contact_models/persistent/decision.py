@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ffsm_mj._core.contacts import ContactAcceleration
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 
 _OPENS = 10.0
 """A gap opens, or a force stops pushing, where a gap'' exceeds its rounding by this factor."""

@@ -6,20 +6,20 @@ need no evaluation at a midpoint.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from ffsm_mj._core.stages import StageSums
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, point_runs
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, point_runs
 from ffsm_mj.contact_models.persistent.wrench_rows import Wrench
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
@@ -65,52 +65,6 @@ class Stage:
     def wrenches(self) -> list[Wrench]:
         """Force, and moment about the world origin, on geom b of each group of points of one pair."""
         return self.rows.wrenches(self.along)
-
-
-class TwistStage(NamedTuple):
-    """Contact forces in a stage of points that hold twists; see ``holds/held_twists.py``.
-
-    Attributes:
-        power: Power of the contact forces by degree of freedom, W, (nv,).
-        wrenches: Force, and moment about the world origin, on body b of each pair.
-        slide: None: no point slides.
-    """
-
-    power: FloatArray
-    wrenches: list[Wrench]
-    slide: None = None
-
-
-class StageSums:
-    """Integrals over a step of the contact forces in its stages.
-
-    Attributes:
-        work: Work by degree of freedom, J, (nv,).
-        total: Their sum, J.
-        impulses: Impulse, and angular impulse about the world origin, on geom b of each group of points, (g, 6).
-        sizes: Time integrals of the force magnitudes of the groups, N s.
-    """
-
-    def __init__(self, stages: Sequence[Stage | TwistStage], parts: FloatArray) -> None:
-        """Sum up with the quadrature weights of the stages, s."""
-        wrenches = np.array([stage.wrenches for stage in stages])
-        self.work: FloatArray = parts.dot(np.array([stage.power for stage in stages]))
-        self.total = float(self.work.sum())
-        self.impulses: FloatArray = parts.dot(wrenches.reshape(len(parts), -1)).reshape(-1, 6)
-        of_stages = [[math.hypot(x, y, z) for x, y, z, *_ in stage.wrenches] for stage in stages]
-        self.sizes: list[float] = parts.dot(of_stages).tolist()
-
-    def exchange(self, from_robot: FloatArray, outside: FloatArray, robot: slice) -> Exchange:
-        """Energy and momentum exchanged between the subsystems.
-
-        Args:
-            from_robot: Signs of the groups, see :class:`Shares`, (g,).
-            outside: The same, (2, g).
-            robot: Degrees of freedom of the robot in the motion.
-        """
-        own = float(self.work[robot].sum())
-        energy = np.array((self.total, own, self.total - own))
-        return Exchange(energy, from_robot.dot(self.impulses), outside.dot(self.impulses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +127,7 @@ def robot_dofs(system: System, motion: Motion) -> slice:
 
 
 def exchanged(
-    sums: StageSums, stages: Sequence[Stage | TwistStage], parts: FloatArray, shares: Shares, robot: slice
+    sums: StageSums, stages: Sequence[Stage], parts: FloatArray, shares: Shares, robot: slice
 ) -> tuple[Exchange, dict[UnilateralConstraint, float]]:
     """Energy and momentum exchanged in a step, and the time integral of the force magnitude of each pair, N s.
 
@@ -189,9 +143,7 @@ def exchanged(
     sizes = dict[UnilateralConstraint, float]()
     for pair, groups, first in shares.pairs:
         if isinstance(pair, JointLimit):
-            # A limit is among points, never among patches alone.
-            forces = [stage.forces.item(first) for stage in stages if not isinstance(stage, TwistStage)]
-            sizes[pair] = float(parts.dot(forces))
+            sizes[pair] = float(parts.dot([stage.forces.item(first) for stage in stages]))
         elif len(groups) == 1:
             sizes[pair] = sums.sizes[groups[0]]
         else:

@@ -19,6 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.constraint import UnilateralConstraint
@@ -35,7 +36,6 @@ from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rat
 from ffsm_mj.contact_models.persistent.friction.force_check import PointAgain, resultants_with_friction
 from ffsm_mj.contact_models.persistent.limit_report import force_key, state_key
 from ffsm_mj.contact_models.persistent.rule_columns import force_keys, mode_key
-from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.signals import Layout

@@ -26,7 +26,7 @@ from ffsm_mj.tolerances import ACCELERATION, EVENT_TIME
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-    from ffsm_mj.contact_models.persistent.rows import ContactPoint
+    from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 
 
 class RecordAccuracy:

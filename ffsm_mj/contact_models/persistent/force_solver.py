@@ -8,17 +8,15 @@ from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from ffsm_mj.compiled import fastest
+from ffsm_mj._core.contacts import ContactAcceleration, FrictionState, StageForces
+from ffsm_mj._core.rows import RowEvaluator
+from ffsm_mj._core.stages import Smooth
 from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
-from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows, PointRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, RowEvaluator
-from ffsm_mj.contact_models.persistent.smooth import Smooth
-from ffsm_mj.contact_models.persistent.stage_forces import StageForces
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
@@ -49,7 +47,7 @@ class ForceSolver:
 
     def bind(self, motion: Motion) -> None:
         """Use another motion."""
-        self._motion, self.smooth = motion, fastest(Smooth)(motion, self._data)
+        self._motion, self.smooth = motion, Smooth(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
         self.last_rows: tuple[Points, object, ContactRows] | None = None
         self.last_problem: tuple[object, object, ContactAcceleration] | None = None
@@ -57,8 +55,6 @@ class ForceSolver:
         self.last_friction_rows: tuple[Points, object, FrictionalRows] | None = None
         self.last_friction_state: tuple[object, object, FrictionState] | None = None
         self._friction_decision: tuple[object, FrictionalDecision] | None = None
-        self._state_kind, self._problem_kind = fastest(FrictionState), fastest(ContactAcceleration)
-        self._stage_kind = fastest(StageForces)
         self.forget_points()
 
     def forget_points(self) -> None:
@@ -79,7 +75,7 @@ class ForceSolver:
             self.last_rows = rows
         if known is None or known[0] is not place or known[1] is not load:
             M = partial(mass_matrix, motion.model, motion.data)
-            known = place, load, self._problem_kind(M, rows[2], smooth.force(self.other_forces))
+            known = place, load, ContactAcceleration(M, rows[2], smooth.force(self.other_forces))
             self.last_problem = known
         return known[2]
 
@@ -93,7 +89,7 @@ class ForceSolver:
         if rows is None or rows[1] is not place or rows[0] != contact_points:
             found = self._with_loops(self.evaluator(contact_points).frictional_rows())
             rows = self.last_friction_rows = contact_points, place, found
-        here = self._state_kind(contact_points, rows[2], smooth.force(self.other_forces), modes)
+        here = FrictionState(contact_points, rows[2], smooth.force(self.other_forces), modes)
         self.last_friction_state = place, load, here
         return here
 
@@ -102,7 +98,7 @@ class ForceSolver:
         modes, known = self._modes.of(contact_points) if friction else None, self._stage_forces
         if known is None or known.contact_points != contact_points or known.modes is not modes:
             evaluator = self.evaluator(contact_points)
-            known = self._stage_forces = self._stage_kind(self.smooth, evaluator, contact_points, modes)
+            known = self._stage_forces = StageForces(self.smooth, evaluator, contact_points, modes)
         return known
 
     def decide(self, contact_points: Points, last: Sequence[ContactPoint]) -> Decision:
@@ -139,5 +135,5 @@ class ForceSolver:
         key = contact_points, self.flat
         found = self._evaluators.get(key)
         if found is None:
-            found = self._evaluators[key] = fastest(RowEvaluator)(self._motion, self._data, contact_points, self.flat)
+            found = self._evaluators[key] = RowEvaluator(self._motion, self._data, contact_points, self.flat)
         return found

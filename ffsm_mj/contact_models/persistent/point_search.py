@@ -12,7 +12,7 @@ from ffsm_mj.contact.features.search import features, features_at_rest
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.tolerances import FEATURE_BOUND_M, PARALLEL
 
 _SLOW_M_S = 1e-3

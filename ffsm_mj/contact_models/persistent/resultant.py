@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 
 class Resultant(NamedTuple):

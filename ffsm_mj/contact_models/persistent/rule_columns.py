@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Container, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.resultant import Resultant
@@ -32,6 +34,24 @@ NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math
 IMPULSE = len(NOTHING) - 1
 """Index of the impulse among the columns of a rule."""
 _NOWHERE = [math.nan] * 3
+
+
+class RuleTables(NamedTuple):
+    """Tables of the log columns of contact rules.
+
+    Attributes:
+        values: Columns of each rule, (n, columns).
+        rows: Row of each rule.
+        friction_values: The same of the rules with friction, see ``friction/report.py``.
+        friction_rows: Row of each of them.
+        work_J: Work of the forces of contacts with friction, (1,).
+    """
+
+    values: FloatArray
+    rows: dict[str, int]
+    friction_values: FloatArray
+    friction_rows: dict[str, int]
+    work_J: FloatArray
 
 
 def signals_of(rule: str, *, friction: bool) -> tuple[Signal, ...]:

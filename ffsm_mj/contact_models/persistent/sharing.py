@@ -18,9 +18,9 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
 
 _SHARE_CHANGE = 1e-9

@@ -6,18 +6,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ffsm_mj._core.stages import StageSums
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.compiled import fastest
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, StageSums, TwistStage, exchanged, robot_dofs
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.exchange import Shares, Stage, exchanged, robot_dofs
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.contact_models.persistent.sharing import pieces
 from ffsm_mj.contact_models.state_projection import sum_exchanges
 from ffsm_mj.dynamics.motion import Motion
@@ -51,8 +51,7 @@ class StepAccount:
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
         self._sums: StageSums
-        self._last: tuple[Sequence[Stage | TwistStage], FloatArray]
-        self._sums_kind = fastest(StageSums)
+        self._last: tuple[Sequence[Stage], FloatArray]
         self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
 
     def of_steady_step(self, duration_s: float) -> Exchange | None:
@@ -83,7 +82,7 @@ class StepAccount:
                 robot_dofs(system, motion),
             )
         stages, parts = self._last = self._stages(duration_s)
-        self._sums = self._sums_kind(stages, parts)
+        self._sums = StageSums(stages, parts)
         booking, impulses = exchanged(self._sums, stages, parts, *self._shares_cache[1:])
         return sum_exchanges(self.projected, booking), impulses
 
@@ -117,7 +116,7 @@ class StepAccount:
         """Whether a pair with friction was closed and contacts carried force."""
         return bool(self._active_set.has_friction and self._active_set.pressing)
 
-    def _stages(self, duration_s: float) -> tuple[Sequence[Stage | TwistStage], FloatArray]:
+    def _stages(self, duration_s: float) -> tuple[Sequence[Stage], FloatArray]:
         """Stages of the step and their quadrature weights, s; the last entry of all is the evaluation at its end."""
         flight = self._active_set.motion.forced
         assert flight is not None

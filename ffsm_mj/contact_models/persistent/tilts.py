@@ -10,7 +10,7 @@ from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector, cross
 from ffsm_mj.contact.features.gap_function import GapFunction
 from ffsm_mj.contact.features.round_gaps import RoundOnFace
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.tolerances import FLAT_M
 
 _TILT_SHARE = 0.2

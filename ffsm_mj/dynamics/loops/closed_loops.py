@@ -18,11 +18,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.loops import LoopStage
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.compiled import fastest
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.loops.latch_rows import LatchRowEvaluator, LatchRows
-from ffsm_mj.dynamics.loops.loop_stage import LoopStage, solved
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows, PlasticClosing
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 
@@ -54,7 +53,7 @@ class ClosedLoops:
         self._model, self._data, self.latches = model, data, tuple(latches)
         ids = range(model.nbody) if bodies is None else bodies
         self._evaluator = LatchRowEvaluator(model, data, self.latches, ids)
-        self._stage = fastest(LoopStage)(model, data, self.latches, ids, data if seen is None else seen)
+        self._stage = LoopStage(model, data, self.latches, ids, data if seen is None else seen)
         self._combinations: tuple[FloatArray, FloatArray] | None = None
 
     @property
@@ -140,13 +139,13 @@ class ClosedLoops:
         response, here = np.empty_like(J), self._evaluated()
         if len(J):
             mujoco.mj_solveM(self._model, self._data, response, J)
-            response -= solved(here.factor, here.R.dot(response.T)).T.dot(here.response)
+            response -= _solved(here.factor, here.R.dot(response.T)).T.dot(here.response)
         return response
 
     def acceleration(self) -> FloatArray:
         """Generalised acceleration -M^-1 B^T (B M^-1 B^T)^+ gamma that keeps the rates of the rows at zero, (nv,)."""
         here = self._evaluated()
-        return np.asarray(-solved(here.factor, here.gamma).dot(here.response))
+        return np.asarray(-_solved(here.factor, here.gamma).dot(here.response))
 
     def projected(self, J: FloatArray) -> FloatArray:
         """Other rows less what the latches hold, (m, nv); see :meth:`MassWeightedRows.projected`."""
@@ -155,3 +154,12 @@ class ClosedLoops:
     def wrench(self, which: int, forces: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Point in m, force in N and torque about it in N m on body b of a latch, world axes, for forces of all rows."""
         return self._evaluator.wrench(which, forces)
+
+
+def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution x of F F^T x = right with a lower triangular F."""
+    if not len(factor):
+        return right.copy()
+    from scipy.linalg.lapack import dpotrs  # a third of a second to import
+
+    return np.asarray(dpotrs(factor, right, 1)[0])

@@ -143,14 +143,6 @@ def test_a_ball_that_turns_past_half_a_turn_keeps_the_sign_of_its_attitude(tmp_p
     assert again.worst["motion"].size < 1e-12
 
 
-def test_plain_and_compiled_agree(tmp_path, monkeypatch):
-    compiled = ffsm_mj.run(docking(tmp_path, "cylindrical"))
-    monkeypatch.setenv("FFSM_COMPILED", "0")
-    plain = ffsm_mj.run(docking(tmp_path, "cylindrical"))
-    for key in compiled.keys:
-        np.testing.assert_allclose(compiled[key], plain[key], rtol=0, atol=1e-12, err_msg=key)
-
-
 @pytest.mark.parametrize("at_s", [0.05, 0.15])
 def test_a_saved_state_goes_on_bit_by_bit(tmp_path, at_s):
     """Saved while latched softly or hard, and restored by a simulator in which nothing has closed yet."""

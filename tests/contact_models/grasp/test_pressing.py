@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj._core.stages import Smooth
 from ffsm_mj.balance.exchange import ExchangeIntegrator
+from ffsm_mj.contact_models.grasp import loops
+from ffsm_mj.contact_models.persistent import force_solver
 from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
-from ffsm_mj.contact_models.persistent.smooth import Smooth
 from ffsm_mj.records.signals import COMPONENTS
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
@@ -321,13 +323,8 @@ def test_mistakes_on_purpose_are_noticed(tmp_path, monkeypatch, wrong):
         elif wrong == "not taken off":
             patched.setattr(PersistentContactModel, "wrenches", lambda *_: ())
         elif wrong == "stale efforts":
-            made = Smooth.__init__
-
-            def stale(self, motion, _):
-                made(self, motion, motion.data)
-
-            patched.setattr(Smooth, "__init__", stale)
-            patched.setenv("FFSM_COMPILED", "0")  # the twin has an initialiser of its own
+            for module in (force_solver, loops):
+                patched.setattr(module, "Smooth", lambda motion, _: Smooth(motion, motion.data))
         else:
             begin = ExchangeIntegrator.begin
             patched.setattr(ExchangeIntegrator, "begin", lambda self, _: begin(self, frozenset()))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.dynamics.free_stepper import WHOLE_STATE
+from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.dynamics.step_path import StepPath
 from tests.scenes import ball, box, scene, two_balls
 

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
-from ffsm_mj.contact_models.persistent.rows import RowEvaluator
 from ffsm_mj.replay import replay_log
 from ffsm_mj.replay.truncation import analyze_truncation
-from ffsm_mj.simulation import grid_step
 from tests.contact_models.grasp.scenes import ARM as HAND
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, FLYWEIGHTS, GRIPPER, PANEL, driven_by, failures, sentences
@@ -296,38 +293,6 @@ def test_a_changed_log_is_detected(tmp_path):
     rows_ = log.rows.copy()
     rows_[350, log.header.layout.index["contact.robot_left_limit_force_N"]] += 1e-6
     assert "contact complementarity" in failures(replay_log(replace(log, rows=rows_)).checks())
-
-
-def judged(run):
-    """What is wrong with a run by its own checks, or by its states and the code that is in now."""
-    again = replay_log(run.log)
-    found = failures(run.checks()) | failures(again.checks()) | ({run.outcome} - {"completed"})
-    return found | (set() if again.agrees else {"replay"})
-
-
-def test_wrong_signs_are_noticed(tmp_path, monkeypatch):
-    """Forces, rows and second rates of the wrong sign: the runs do not end well, or their checks or replays fail."""
-    assert not judged(gripper(tmp_path, 1.5))
-    monkeypatch.setenv("FFSM_COMPILED", "0")  # a compiled class cannot be changed
-    held = ContactAcceleration.bilateral_forces
-    with monkeypatch.context() as wrong:
-        wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)
-        wrong.setattr(ContactAcceleration, "bilateral_forces", lambda self, which: -held(self, which))
-        run = gripper(tmp_path, 1.5)
-    assert judged(run)
-    right = RowEvaluator.rows
-
-    def turned(evaluator):
-        found = right(evaluator)
-        found.J[evaluator.at_limits] *= -1.0
-        return found
-
-    with monkeypatch.context() as wrong:
-        wrong.setattr(grid_step, "MOST_EVENTS_PER_STEP", 20)
-        wrong.setattr(RowEvaluator, "rows", turned)
-        wrong.setenv("FFSM_COMPILED", "0")  # the twin has rows of its own
-        run = gripper(tmp_path, 1.5)
-    assert judged(run)
 
 
 def test_a_release_is_seen_by_the_phases(tmp_path):

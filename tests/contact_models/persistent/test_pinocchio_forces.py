@@ -7,10 +7,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ffsm_mj._core.contacts import ContactAcceleration
+from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.persistent.acceleration import ContactAcceleration
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, rows
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.model.test_pinocchio import oracle, to_pinocchio
@@ -69,7 +70,7 @@ def test_forces_and_accelerations_of_held_contacts(system, rng):
         found = [features(pair, model, data, pair.proximity(model, data)) for pair in pairs]
         contact_points = [ContactPoint(pair, feature) for pair, (feature,) in zip(pairs, found, strict=True)]
         force = rng.uniform(-5, 5, model.nv)
-        here = rows(motion, data, contact_points)
+        here = RowEvaluator(motion, data, contact_points).rows()
         problem = ContactAcceleration(lambda: mass_matrix(model, data), here, force - data.qfrc_bias)
         held = problem.bilateral_forces(range(2))
         ours = np.linalg.solve(mass_matrix(model, data), force - data.qfrc_bias + here.J.T @ held)

@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj.contact.features.search import features
-from ffsm_mj.contact_models.persistent.rows import ContactPoint, frictional_rows, rows
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
 from tests.contact.features.test_gap_functions import CHAIN, in_contact, moved, pair_of, slip
 from tests.contact.test_geometry import shape
@@ -56,7 +57,8 @@ def check(pair, model, data, found):
         moved(model, data)
 
     go_to(0.0)
-    here, normal_rows = frictional_rows(motion, data, contact_points), rows(motion, data, contact_points)
+    evaluator = RowEvaluator(motion, data, contact_points)
+    here, normal_rows = evaluator.frictional_rows(), evaluator.rows()
     J, gamma = here.J.reshape(-1, 3, model.nv), here.gamma.reshape(-1, 3)
     states = [feature.at(data) for feature in found]
 
@@ -117,8 +119,9 @@ def test_single_points(tmp_path, rng, a, b):
 def test_a_pair_without_friction_has_no_tangents(tmp_path, rng):
     pair, model, data, found = face_to_face(tmp_path, rng, BOX, PLATE)
     contact_points = [ContactPoint(pair, feature) for feature in found]
-    here = frictional_rows(Motion(model, data), data, contact_points)
+    evaluator = RowEvaluator(Motion(model, data), data, contact_points)
+    here = evaluator.frictional_rows()
     J = here.J.reshape(4, 3, -1)
     assert np.all(J[:, 1:] == 0.0)
     assert np.all(here.axes[:, 1:] == 0.0)
-    np.testing.assert_array_equal(J[:, 0], rows(Motion(model, data), data, contact_points).J)
+    np.testing.assert_array_equal(J[:, 0], evaluator.rows().J)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
-from ffsm_mj.contact_models.persistent.steady import SteadyContacts
 from ffsm_mj.tolerances import PROJECTED_SLIP_M_S
 
-COMPILED = pytest.param("1", marks=pytest.mark.skipif(not find_spec("ffsm_mj_fast"), reason="needs the extra 'fast'"))
 # Sums of some twenty terms are taken in another order, over 60 steps.
 ROUNDING = 1e-12
 HALF, REACH, WIDE, THIN = 0.2, 0.4, 0.12, 0.02
@@ -54,7 +52,8 @@ def held(folder, *, pad="plates", mu=0.5, one_rule=True, squeeze=4.0, drift=0.0,
     (folder / "robot.xml").write_text(gripper(form, inwards))
     (folder / "object.xml").write_text(OBJECT)
     close = REACH - inwards - THIN - HALF
-    sides = [["robot", "box"]] if one_rule else [["low", "box/left"], ["high", "box/right"]]
+    # The last of three rules never has a closed pair.
+    sides = [["robot", "box"]] if one_rule else [["low", "box/left"], ["high", "box/right"], ["low", "high"]]
     rules = [{"between": each, "restitution": 0.0, "mu": mu} for each in sides]
     scenario = {
         "name": "held",
@@ -109,17 +108,18 @@ def decided(monkeypatch):
 class NeverSteady(SteadyContacts):
     """No state is steady."""
 
-    def _may_be(self):
-        return False
+    def __init__(self, closed, system):
+        super().__init__(closed, system)
+        self.push = closed.push
+        self.is_now = self.goes_on = self.write = lambda: False
+        self.exchange = lambda _: None
 
 
-def both(folder, monkeypatch, decided, switch, **scene):
+def both(folder, monkeypatch, decided, **scene):
     """Rows with the shortcut and without, and how many problems of forces were set up outside it in the first."""
-    monkeypatch.setenv("FFSM_COMPILED", switch)
     with_shortcut = ffsm_mj.run(held(folder / "with", **scene))
     taken = len(decided)
-    fastest = active_set.fastest
-    monkeypatch.setattr(active_set, "fastest", lambda kind: NeverSteady if kind is SteadyContacts else fastest(kind))
+    monkeypatch.setattr(active_set, "SteadyContacts", NeverSteady)
     without = ffsm_mj.run(held(folder / "without", **scene))
     assert (with_shortcut.outcome, without.outcome) == ("completed", "completed")
     return with_shortcut.log, without.log, taken
@@ -129,36 +129,21 @@ TURNS = (0.3, -0.2, 0.4)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("switch", ["0", COMPILED])
 @pytest.mark.parametrize("one_rule", [True, False])
 @pytest.mark.parametrize("mu", [0.0, 0.5])
 @pytest.mark.parametrize("pad", PADS)
-def test_the_log_is_that_without_the_shortcut(tmp_path, monkeypatch, decided, pad, mu, one_rule, switch):
+def test_the_log_is_that_without_the_shortcut(tmp_path, monkeypatch, decided, pad, mu, one_rule):
     """Grips of one, two and four points on each side, in one rule and in two, turning, under a load that changes."""
-    log, other, taken = both(
-        tmp_path, monkeypatch, decided, switch, pad=pad, mu=mu, one_rule=one_rule, spin=TURNS, drift=0.5
-    )
+    log, other, taken = both(tmp_path, monkeypatch, decided, pad=pad, mu=mu, one_rule=one_rule, spin=TURNS, drift=0.5)
     np.testing.assert_allclose(np.array(log.rows), np.array(other.rows), rtol=ROUNDING, atol=ROUNDING)
     # The first ticks find the active set and the modes; every tick sets up three problems and more without the shortcut.
     if pad != "rods":  # whose clearance elsewhere is looked at in each state
         assert taken < 20, taken
 
 
-@pytest.mark.skipif(not find_spec("ffsm_mj_fast"), reason="needs the extra 'fast'")
-@pytest.mark.parametrize("pad", PADS)
-def test_the_log_is_that_of_plain_python(tmp_path, monkeypatch, pad):
-    """Forces of a patch by its wrench, of a ball's point, and of rods that touch at two points each; all share a load."""
-    logs = []
-    for switch in "01":
-        monkeypatch.setenv("FFSM_COMPILED", switch)
-        logs.append(ffsm_mj.run(held(tmp_path / switch, pad=pad, spin=TURNS)).log)
-    np.testing.assert_allclose(*(np.array(log.rows) for log in logs), rtol=10.0 * ROUNDING, atol=10.0 * ROUNDING)
-
-
-@pytest.mark.parametrize("switch", ["0", COMPILED])
-def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided, switch):
+def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided):
     """The box slides through the pads, and is steady once it sticks: at the same time to rounding."""
-    log, other, taken = both(tmp_path, monkeypatch, decided, switch, mu=0.1, squeeze=1.0, slip=3e-3)
+    log, other, taken = both(tmp_path, monkeypatch, decided, mu=0.1, squeeze=1.0, slip=3e-3)
     stops, others = ([record.time_s for record in each.records["contact_sticks"]] for each in (log, other))
     assert len(stops) > 0
     assert 0.01 < stops[0] < 0.05
@@ -167,45 +152,41 @@ def test_a_grip_that_slides_until_it_holds(tmp_path, monkeypatch, decided, switc
     assert taken < len(decided) - taken, "the second run has as many while it slides, and more where it sticks"
 
 
-@pytest.mark.parametrize("switch", ["0", COMPILED])
 @pytest.mark.parametrize("pad", ["plates", "balls"])
-def test_slip_that_is_drift_is_projected_out(tmp_path, monkeypatch, pad, switch):
+def test_slip_that_is_drift_is_projected_out(tmp_path, monkeypatch, pad):
     """Points that stick are given 1e-11 m/s, ten times what may remain; without a projection they would keep it."""
-    slips, steady = nudged(tmp_path, monkeypatch, pad, switch, 1e-11)
+    slips, steady = nudged(tmp_path, monkeypatch, pad, 1e-11)
     assert steady == [True, True]
     assert abs(slips[20]) < PROJECTED_SLIP_M_S
 
 
-@pytest.mark.parametrize("switch", ["0", COMPILED])
 @pytest.mark.parametrize("pad", ["plates", "balls"])
-def test_points_that_slip_are_not_steady(tmp_path, monkeypatch, pad, switch):
+def test_points_that_slip_are_not_steady(tmp_path, monkeypatch, pad):
     """The box is given 1e-6 m/s along the pads, which is no drift."""
-    _, steady = nudged(tmp_path, monkeypatch, pad, switch, 1e-6)
+    _, steady = nudged(tmp_path, monkeypatch, pad, 1e-6)
     assert steady == [True, False]
 
 
-@pytest.mark.parametrize("switch", ["0", COMPILED])
 @pytest.mark.parametrize("flag", ["released", "struck", "stops"])
-def test_modes_are_chosen_after_events(tmp_path, monkeypatch, flag, switch):
+def test_modes_are_chosen_after_events(tmp_path, monkeypatch, flag):
     """After an impact elsewhere, or where points begin to slide or stop, sticking forces alone do not tell the modes."""
 
     def change(closed):
         setattr(closed.modes, flag, True)
         return lambda: setattr(closed.modes, flag, False)
 
-    _, steady = nudged(tmp_path, monkeypatch, "plates", switch, 0.0, change)
+    _, steady = nudged(tmp_path, monkeypatch, "plates", 0.0, change)
     assert steady == [True, False]
 
 
-def nudged(folder, monkeypatch, pad, switch, slip, change=lambda _: lambda: None):
+def nudged(folder, monkeypatch, pad, slip, change=lambda _: lambda: None):
     """A grip whose box is given a slip in m/s at the start of a step: slips at the starts of all steps, whether steady.
 
     ``change`` changes the closed contacts there, and returns what takes this back.
     """
-    monkeypatch.setenv("FFSM_COMPILED", switch)
-    slips, steady, fastest, (bus_z, box_z) = [], [], active_set.fastest, (2, 11)
+    slips, steady, (bus_z, box_z) = [], [], (2, 11)
 
-    class Nudged(fastest(SteadyContacts)):
+    class Nudged(SteadyContacts):
         def __init__(self, closed, system):
             super().__init__(closed, system)
             self.given = closed
@@ -222,6 +203,6 @@ def nudged(folder, monkeypatch, pad, switch, slip, change=lambda _: lambda: None
                 take_back()
             return super().goes_on()
 
-    monkeypatch.setattr(active_set, "fastest", lambda kind: Nudged if kind is SteadyContacts else fastest(kind))
+    monkeypatch.setattr(active_set, "SteadyContacts", Nudged)
     ffsm_mj.run(held(folder, pad=pad))
     return slips, steady

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, sliding
@@ -13,9 +16,10 @@ from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPair
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, Mode, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
-from ffsm_mj.contact_models.persistent.friction.state import FrictionState
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.events import Outcome, RunEnded
+
+if TYPE_CHECKING:
+    from ffsm_mj._core.contacts import FrictionState
 
 _OPENS = 10.0
 """A gap opens where a gap'' exceeds its rounding by this factor."""

@@ -25,11 +25,11 @@ from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import held_rate_tolerance
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cone_depth import depth
 from ffsm_mj.contact_models.persistent.friction.cone_shares import least_in_cones
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.point_modes import Mode, unit_slips
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import RANK, SAME_POINT_M
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK, TOGETHER, UNKNOWN, PointModes
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED
 
 if TYPE_CHECKING:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, partners, wedged
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
-from ffsm_mj.contact_models.persistent.friction.state import FrictionState
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
+
+if TYPE_CHECKING:
+    from ffsm_mj._core.contacts import FrictionState
 
 
 class PairFriction(NamedTuple):

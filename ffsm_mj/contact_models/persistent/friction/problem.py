@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ffsm_mj._core.forces import HeldForces
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact_models.persistent.friction.held_rows import HeldForces, HeldProblems, HeldRows, Structures
+from ffsm_mj.contact_models.persistent.friction.held_rows import HeldProblems, HeldRows, Structures
 from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, STICK
 from ffsm_mj.tolerances import CANCELLED, RANK
 
@@ -93,7 +94,7 @@ class FrictionProblem:
         key = kinds.tobytes(), structure.key
         found = self._held.get(key)
         if found is None:
-            found = self._held[key] = structure.problem(self, structure)
+            found = self._held[key] = HeldForces(self, structure)
         return found
 
     def redundant(self, kinds: IntArray) -> bool:

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.exchange import Stage, TwistStage
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.pair_state import PairFriction
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import CONTACT_WORK, SLIDING_HEAT, Signal, identifier
 
@@ -93,7 +93,7 @@ class FrictionReport:
     def add_step(
         self,
         contact_points: Sequence[ContactPoint],
-        stages: Sequence[Stage | TwistStage],
+        stages: Sequence[Stage],
         weights_s: FloatArray,
         work_J: float,
     ) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -10,8 +10,10 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.persistent.exchange import Slide, Stage
 from ffsm_mj.contact_models.persistent.friction.decision import slip_directions
 from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
-from ffsm_mj.contact_models.persistent.friction.state import FrictionState
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
+
+if TYPE_CHECKING:
+    from ffsm_mj._core.contacts import FrictionState
 
 
 def stage_of(here: FrictionState, directions: FloatArray | None = None) -> tuple[Stage, FloatArray]:

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.rows import ContactPoint
 
 _STIFF = 0.1
 """Settled points make a step implicit where its duration times their rate exceeds this. RK4 is stable up to 2.8, but beyond

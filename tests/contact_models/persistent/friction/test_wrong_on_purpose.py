@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent import active_set, single_point
+from ffsm_mj._core import contacts
+from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.contact_models.persistent.exchange import Slide
 from ffsm_mj.contact_models.persistent.friction import choice, stage
 from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK
@@ -15,12 +16,6 @@ from tests.contact_models.persistent.friction import test_slip_in_space as slip_
 from tests.contact_models.persistent.friction.reading import final
 from tests.contact_models.persistent.friction.scenes import BALL_TIP, block, cube, gripped, load, sphere, thrust
 from tests.contact_models.persistent.test_wrong_on_purpose import faults, judged
-
-
-@pytest.fixture(autouse=True)
-def _plain(monkeypatch):
-    """The mistakes are put into the originals of compiled twins."""
-    monkeypatch.setenv("FFSM_COMPILED", "0")
 
 
 def along_the_slip(monkeypatch):
@@ -50,22 +45,6 @@ def freed_one_at_a_time(monkeypatch):
     monkeypatch.setattr(choice.ModeChoice, "_solved", wrong)
 
 
-def fixed_in_the_bodies(monkeypatch):
-    """The rate of a row is that of a point fixed in each body, as from ``mj_jacDot``."""
-    monkeypatch.setenv("FFSM_COMPILED", "0")  # the twin has rates of its own
-    group = single_point.SingleState
-    right = group.frictional_rows
-
-    def wrong(self, axes, rows, gamma):
-        right(self, axes, rows, gamma)
-        c, rate = self._here.point, self._here.point_rate
-        for sign, body in ((1.0, self._twist.b), (-1.0, self._twist.a)):
-            relative = rate - np.array(body.velocity) - np.cross(body.omega, c - np.array(body.centre))
-            gamma[0, 1:] -= sign * (axes[1:] @ np.cross(body.omega, relative))
-
-    monkeypatch.setattr(group, "frictional_rows", wrong)
-
-
 def frozen_for_a_step(monkeypatch):
     """The direction of slip is that of the start of the step in all of its stages."""
     monkeypatch.setattr(stage, "slip_directions", lambda _problem, _u, at_start, *_: (at_start, np.inf))
@@ -89,7 +68,7 @@ def heat_of_sizes(monkeypatch):
         found.slide = Slide(np.full(len(u), heat), np.hypot(*here.rows.slips.T))
         return found, generalised
 
-    for module in (active_set, stage):
+    for module in (active_set, contacts, stage):
         monkeypatch.setattr(module, "stage_of", wrong)
 
 
@@ -120,7 +99,6 @@ def test_a_spinning_roller_goes_straight_on(tmp_path):
     ("mistake", "noticed_by"),
     [
         (along_the_slip, sliding_block),
-        (fixed_in_the_bodies, spinning_roller),
         (frozen_for_a_step, spinning_block),
         (explicit_stages, curving_foot),
         (heat_of_sizes, spinning_block),
@@ -170,7 +148,6 @@ HEAT, FORCES = {"heat of sliding"}, {"contact complementarity"}
         (along_the_slip, slides, HEAT | {"heat of friction"}, {"energy"}),
         (freed_one_at_a_time, breaks_away, set(), FORCES),
         (freed_one_at_a_time, pulled_out, set(), FORCES),
-        (fixed_in_the_bodies, rolls, HEAT, FORCES),
         (frozen_for_a_step, slides, set(), {"motion"}),
         (heat_of_sizes, slides, HEAT, {"motion"}),
     ],
@@ -185,7 +162,7 @@ def test_a_mistake_is_noticed_in_the_log(tmp_path, monkeypatch, mistake, scene, 
 
 def test_heat_that_is_positive_whatever_friction_does_fails_a_check(tmp_path, monkeypatch):
     """At a single point the heat of sizes is right, unless friction drives the slip."""
-    for mistakes, expected in (((heat_of_sizes,), set()), ((heat_of_sizes, along_the_slip), HEAT | {"heat of friction"})):
+    for mistakes, expected in (((heat_of_sizes,), set()), ((heat_of_sizes, along_the_slip), HEAT)):
         folder = tmp_path / str(len(mistakes))
         folder.mkdir()
         with monkeypatch.context() as wrong:

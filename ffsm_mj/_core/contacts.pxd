@@ -1,0 +1,75 @@
+from ffsm_mj._core.forces cimport HeldForces, StuckPatches
+from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
+from ffsm_mj._core.stages cimport Smooth, StageInMemory
+
+
+cdef class ContactAcceleration:
+    cdef readonly object rows
+    cdef object M
+    cdef dict held
+    cdef RowMemory own
+    cdef bytearray block
+    # Second rates of gaps without contact forces, their rounding, forces that hold all contacts, (k,); forces, (nv,)
+    cdef double* without
+    cdef double* allowed
+    cdef double* holding
+    cdef double* pushed
+    cdef bint is_rounded, has_forces
+
+    cdef int set_up(self, M, rows, RowMemory own) except -1
+    cdef void accelerate(self) noexcept
+    cdef double* roundings(self) except NULL
+    cdef double* all_held(self) except NULL
+    cdef HeldForces problem(self, key)
+    cdef StageInMemory held_stage(self, const double* qvel, double* generalised)
+    cdef bint holds_all(self) except -1
+
+cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, const double* pushes)
+
+
+cdef class FrictionState:
+    cdef readonly object contact_points, rows, modes
+    cdef RowMemory own
+    cdef object kept_problem
+    cdef bytearray block
+    # Accelerations without contact forces, forces of sticking points, (m,); rounding, (k,); generalised forces, (nv,)
+    cdef double* b
+    cdef double* stuck
+    cdef double* roughness
+    cdef double* pushed
+    cdef const double[::1] mu
+    cdef double kept_margin
+    cdef bint has_margin, has_rounding, has_forces
+
+    cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1
+    cdef void accelerate(self) noexcept
+    cdef HeldForces held(self)
+    cdef double* stuck_forces(self) except NULL
+    cdef double* roundings(self) except NULL
+    cdef double largest_slip(self) noexcept
+    cdef bint creeps(self) noexcept
+    cdef double margin(self) except? -2.0
+    cdef double own_margin(self) except? -2.0
+    cdef StageInMemory stuck_into(self, double* generalised)
+
+cdef object structure_of(modes, RowMemory own)
+cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes)
+cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept
+
+
+cdef class StageForces:
+    cdef readonly object contact_points, modes
+    cdef object given, structure
+    cdef Smooth smooth
+    cdef RowEvaluator evaluator
+    cdef RowMemory own
+    cdef HeldForces held
+    cdef StuckPatches patches
+    cdef list states
+    cdef bint frictional
+    cdef double[::1] force, b, sums
+
+    cdef object add_to(self, double[::1] applied)
+    cdef object add_one_by_one(self, double[::1] applied)
+    cdef int hold_rows(self, StageInMemory stage) except -1
+    cdef int hold(self) except -1

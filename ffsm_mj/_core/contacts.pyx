@@ -1,0 +1,536 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Contact problems at one state, without friction and with it, and contact forces in the stages of a step.
+
+States inside a step are evaluated once. Points over faces and joint limits are evaluated in memory that is used again from
+stage to stage; others, and points of which some slide with friction, one by one.
+"""
+
+cimport cython
+
+import numpy as np
+
+from ffsm_mj._core.forces import Active
+from ffsm_mj.contact_models.persistent.complementarity import CLEARLY, IMMOVABLE, complementary_forces
+from ffsm_mj.contact_models.persistent.friction.cone_depth import ON_CONE
+from ffsm_mj.contact_models.persistent.friction.held_rows import NONE, HeldRows
+from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+from ffsm_mj.contact_models.persistent.friction.solution import Solution
+from ffsm_mj.contact_models.persistent.friction.stage import stage_of
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED
+
+from libc.math cimport fabs, INFINITY, sqrt
+from libc.string cimport memcpy, memset
+
+from ffsm_mj._core.forces cimport HeldForces, of_rows, patches_of
+from ffsm_mj._core.memory cimport numbers, room
+from ffsm_mj._core.rows cimport RowEvaluator, RowMemory, write_rounding, write_scales
+from ffsm_mj._core.stages cimport empty_stage, finish_stage, generalise, Smooth, StageInMemory
+
+
+cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
+cdef double _CLEARLY = CLEARLY, _IMMOVABLE = IMMOVABLE
+
+
+@cython.no_gc  # no cycle contains it
+cdef class ContactAcceleration:
+    """The contact problem at one state."""
+
+    def __init__(self, M, rows, const double[::1] force not None):
+        self.set_up(M, rows, rows.memory)
+        if self.own.nv:
+            memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
+        self.accelerate()
+
+    cdef int set_up(self, M, rows, RowMemory own) except -1:
+        self.M, self.rows, self.own, self.held = M, rows, own, {}
+        self.block = room(3 * own.rows + own.nv + 1)
+        self.without = numbers(self.block)
+        self.allowed = self.without + own.rows
+        self.holding = self.allowed + own.rows
+        self.pushed = self.holding + own.rows
+        return 0
+
+    cdef void accelerate(self) noexcept:
+        cdef Py_ssize_t i, d, nv = self.own.nv
+        cdef double total
+        cdef const double* response
+        for i in range(self.own.rows):
+            response, total = self.own.response + i * nv, self.own.gamma[i]
+            for d in range(nv):
+                total += response[d] * self.pushed[d]
+            self.without[i] = total
+
+    @property
+    def free(self):
+        """Gap'' without contact forces, m/s^2, (k,)."""
+        return np.frombuffer(self.block)[: self.own.rows]
+
+    @property
+    def force(self):
+        """Generalised forces without the contact forces, less the bias, (nv,)."""
+        at = 3 * self.own.rows
+        return np.frombuffer(self.block)[at : at + self.own.nv]
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.M, self.rows, self.force)
+
+    @property
+    def rounding(self):
+        """Rounding of each gap'', m/s^2, (k,): a share of its largest term."""
+        cdef Py_ssize_t i
+        cdef const double* rounding = self.roundings()
+        return [rounding[i] for i in range(self.own.rows)]
+
+    cdef double* roundings(self) except NULL:
+        cdef RowMemory own = self.own
+        cdef const double* response
+        cdef Py_ssize_t i, d
+        cdef double most
+        if not self.is_rounded:
+            write_scales(self.rows.groups, self.allowed)
+            for i in range(own.rows):
+                response, most = own.response + i * own.nv, max(self.allowed[i], fabs(own.gamma[i]))
+                for d in range(own.nv):
+                    most = max(most, fabs(response[d] * self.pushed[d]))
+                self.allowed[i] = _ACCELERATION_M_S2 + _ACCELERATION * most
+            self.is_rounded = True
+        return self.allowed
+
+    def pushing(self, const double[::1] forces not None):
+        """Contacts whose force accelerates their gap by more than rounding."""
+        cdef Py_ssize_t i, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        cdef const double* rounding = self.roundings()
+        return [i for i in range(k) if forces[i] * G[i * (k + 1)] > rounding[i]]
+
+    def own_acceleration(self, const double[:] forces not None):
+        """Contribution of each force to gap'' at its own contact, m/s^2, (k,)."""
+        cdef Py_ssize_t i, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        rates = np.empty(k)
+        cdef double[::1] found = rates
+        for i in range(k):
+            found[i] = forces[i] * G[i * (k + 1)]
+        return rates
+
+    def gap_accelerations(self, const double[:] forces not None):
+        """Gap'' under given forces, m/s^2, (k,)."""
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        rates = np.empty(k)
+        cdef double[::1] found = rates
+        for i in range(k):
+            found[i] = self.without[i]
+            for j in range(k):
+                found[i] += G[i * k + j] * forces[j]
+        return rates
+
+    def bilateral_forces(self, which):
+        """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
+        cdef double[::1] found
+        cdef Py_ssize_t i, k = self.own.rows
+        key = tuple(which)
+        forces = self.held.get(key)
+        if forces is None and len(key) == k:
+            self.all_held()
+            forces = self.held[key] = np.frombuffer(self.block)[2 * k : 3 * k]
+        elif forces is None:
+            forces = self.held[key] = np.zeros(k)
+            found = forces
+            if len(key) == 1:
+                i = key[0]
+                found[i] = -self.without[i] / self.own.delassus()[i * (k + 1)]
+            elif key:
+                self.problem(key).write_forces(self.without, &found[0])
+        return forces
+
+    cdef double* all_held(self) except NULL:
+        """Forces that keep gap'' = 0 at all contacts, N, (k,)."""
+        cdef Py_ssize_t k = self.own.rows
+        if not self.has_forces:
+            memset(self.holding, 0, k * sizeof(double))
+            if k == 1:
+                self.holding[0] = -self.without[0] / self.own.delassus()[0]
+            elif k:
+                self.problem(tuple(range(k))).write_forces(self.without, self.holding)
+            self.has_forces = True
+        return self.holding
+
+    cdef HeldForces problem(self, key):
+        """The linear problem of active contacts: the same under several efforts."""
+        problem = self.rows.held.get(key)
+        if problem is None:
+            active = Active(self.own.rows, np.array(key, dtype=np.intp))
+            problem = self.rows.held[key] = of_rows(self.own, active)
+        return problem
+
+    def validity(self, which):
+        """Margin by which some active contacts push and gap'' = 0 everywhere, m/s^2."""
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        cdef const double[::1] forces = self.bilateral_forces(which)
+        cdef double opens, allowed, least = INFINITY
+        cdef const double* rounding = self.roundings()
+        for i in range(k):
+            opens, allowed = self.without[i], _CLEARLY * rounding[i]
+            for j in range(k):
+                opens += G[i * k + j] * forces[j]
+            least = min(least, min(forces[i] * G[i * (k + 1)] + allowed, allowed - fabs(opens)))
+        return least
+
+    def stage(self, const double[::1] qvel not None):
+        """A stage in which all contacts are active, and the generalised forces, (nv,)."""
+        generalised = np.empty(self.own.nv)
+        cdef double[::1] sums = generalised
+        return self.held_stage(&qvel[0], &sums[0]), generalised
+
+    cdef StageInMemory held_stage(self, const double* qvel, double* generalised):
+        cdef RowMemory own = self.own
+        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), False)
+        memcpy(stage.along, self.all_held(), own.rows * sizeof(double))
+        generalise(stage.along, own, generalised)
+        finish_stage(stage, own, qvel, generalised)
+        return stage
+
+    cdef bint holds_all(self) except -1:
+        """Whether all contacts push, each by more than rounding: their forces are then those that hold them."""
+        cdef Py_ssize_t i, j, k = self.own.rows
+        cdef const double* G = self.own.delassus()
+        cdef const double* rounding = self.roundings()
+        cdef const double* forces
+        cdef double opens, allowed
+        if k == 1 and not G[0] > _IMMOVABLE:
+            return False
+        forces = self.all_held()
+        if k == 1:
+            return forces[0] * G[0] > rounding[0]
+        for i in range(k):
+            opens, allowed = self.without[i], _CLEARLY * rounding[i]
+            for j in range(k):
+                opens += G[i * k + j] * forces[j]
+            if not (forces[i] * G[i * (k + 1)] > allowed and fabs(opens) <= allowed):
+                return False
+        return True
+
+    def unilateral_forces(self, expected=()):
+        """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm.
+
+        Args:
+            expected: Contacts that probably carry force, such as the active set of the last step; tried first.
+        """
+        if self.own.rows > 1 and len(expected) == self.own.rows and self.holds_all():
+            return self.bilateral_forces(range(self.own.rows))
+        return complementary_forces(self, self.M, expected)
+
+
+cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, const double* pushes):
+    """The problem under the smooth forces at the current state and applied forces, (nv,)."""
+    cdef ContactAcceleration found = ContactAcceleration.__new__(ContactAcceleration)
+    found.set_up(M, rows, own)
+    smooth.write_force(pushes, found.pushed)
+    found.accelerate()
+    return found
+
+
+cdef double _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED
+
+
+cdef object structure_of(modes, RowMemory own):
+    """The rows held in the modes of a step: as at the first of its states that needs them."""
+    cdef const double* G
+    cdef Py_ssize_t i, m = own.rows
+    cdef double largest = 1.0
+    structure = modes.structures.get(modes.key)
+    if structure is not None:
+        return structure
+    if modes.all_stick:
+        G = own.delassus()
+        for i in range(m):
+            largest = max(largest, G[i * (m + 1)])
+        movable = [i for i in range(m) if G[i * (m + 1)] > _CANCELLED * largest]
+        structure = HeldRows(m, np.array(movable, dtype=np.intp), NONE, modes.mu)
+    else:
+        own.delassus()
+        structure = HeldRows.of(FrictionProblem(own.array("G"), np.empty(m), modes.mu), modes.kinds)
+    modes.structures[modes.key] = structure
+    return structure
+
+
+@cython.no_gc  # no cycle contains it
+cdef class FrictionState:
+    """What stages and decisions need of k contact points at one state."""
+
+    def __init__(self, contact_points, rows, const double[::1] force not None, modes):
+        self.set_up(contact_points, rows, rows.memory, modes)
+        if self.own.nv:
+            memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
+        self.accelerate()
+
+    cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1:
+        self.contact_points, self.rows, self.own, self.modes, self.mu = contact_points, rows, own, modes, modes.mu
+        self.block = room(2 * own.rows + own.points + own.nv + 1)
+        self.b = numbers(self.block)
+        self.stuck = self.b + own.rows
+        self.roughness = self.stuck + own.rows
+        self.pushed = self.roughness + own.points
+        return 0
+
+    cdef void accelerate(self) noexcept:
+        cdef const double* response
+        cdef Py_ssize_t i, d, nv = self.own.nv
+        cdef double total
+        for i in range(self.own.rows):
+            response, total = self.own.response + i * nv, self.own.gamma[i]
+            for d in range(nv):
+                total += response[d] * self.pushed[d]
+            self.b[i] = total
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.contact_points, self.rows, self.force, self.modes)
+
+    @property
+    def force(self):
+        """Generalised forces without the contact forces, less the bias, (nv,)."""
+        at = 2 * self.own.rows + self.own.points
+        return np.frombuffer(self.block)[at : at + self.own.nv]
+
+    @property
+    def problem(self):
+        """The problem of the accelerations of the points."""
+        if self.kept_problem is None:
+            rows, modes = self.rows, self.modes
+            b = np.frombuffer(self.block)[: self.own.rows]
+            self.kept_problem = FrictionProblem(rows.G, b, modes.mu, modes.structures, rows.held)
+        return self.kept_problem
+
+    @property
+    def rounding(self):
+        """Rounding of the accelerations of each point, m/s^2, (k,)."""
+        self.roundings()
+        return np.frombuffer(self.block)[2 * self.own.rows : 2 * self.own.rows + self.own.points]
+
+    cdef double* roundings(self) except NULL:
+        if not self.has_rounding:
+            write_rounding(self.rows.groups, self.own, self.pushed, self.roughness)
+            self.has_rounding = True
+        return self.roughness
+
+    cdef HeldForces held(self):
+        """The linear problem in the present modes."""
+        structure = structure_of(self.modes, self.own)
+        both = self.modes.key, structure.key
+        held = self.rows.held.get(both)
+        if held is None:
+            held = self.rows.held[both] = of_rows(self.own, structure)
+        return held
+
+    cdef double* stuck_forces(self) except NULL:
+        """Forces (n, t1, t2) in the present modes, in which no point slides with friction, N, (k, 3)."""
+        if not self.has_forces:
+            memset(self.stuck, 0, self.own.rows * sizeof(double))
+            if self.own.points:
+                self.held().write_forces(self.b, self.stuck)
+            self.has_forces = True
+        return self.stuck
+
+    cdef bint creeps(self) noexcept:
+        """Whether no point slips by more than the drift of sticking points."""
+        cdef Py_ssize_t p
+        cdef double u, v, most = self.modes.drift_m_s
+        for p in range(self.own.points):
+            u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
+            if not u * u + v * v <= most * most:
+                return False
+        return True
+
+    cdef double largest_slip(self) noexcept:
+        """Largest slip along a tangent, m/s."""
+        cdef Py_ssize_t p
+        cdef double most = 0.0
+        for p in range(self.own.points):
+            most = max(most, max(fabs(self.own.velocity(3 * p + 1)), fabs(self.own.velocity(3 * p + 2))))
+        return most
+
+    cdef double margin(self) except? -2.0:
+        """Least margin of the points to their own cones, m/s^2, if all stick and none slips; negative otherwise."""
+        if not self.has_margin:
+            self.has_margin = True
+            self.kept_margin = self.own_margin() if self.modes.all_stick and self.creeps() else -1.0
+        return self.kept_margin
+
+    cdef double own_margin(self) except? -2.0:
+        cdef const double* forces = self.stuck_forces()
+        cdef const double* rounding = self.roundings()
+        cdef Py_ssize_t p
+        cdef int j
+        cdef double least = 0.0, largest = 0.0, roughest = 0.0, inertia = 0.0, depth
+        for p in range(self.own.points):
+            depth = self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2])
+            least = depth if p == 0 or depth < least else least
+            roughest, inertia = max(roughest, rounding[p]), inertia + self.own.inverse_mass(3 * p)
+            for j in range(3):
+                largest = max(largest, fabs(forces[j]))
+            forces += 3
+        inertia /= self.own.points
+        return least * inertia + _ON_CONE * (largest * inertia + roughest)
+
+    def sticking(self):
+        """The solution if all points stick and may go on to do so: none slips, and each is inside its own cone."""
+        cdef double[:, ::1] accelerations
+        cdef const double* G
+        cdef const double* forces
+        cdef Py_ssize_t i, j, m = self.own.rows
+        cdef double total, least = self.margin()
+        if not least >= 0.0:
+            return None
+        rates, forces, G = np.empty((self.own.points, 3)), self.stuck_forces(), self.own.delassus()
+        found, accelerations = np.frombuffer(self.block)[m : 2 * m].reshape(-1, 3), rates
+        for i in range(m):
+            total = self.b[i]
+            for j in range(m):
+                total += G[i * m + j] * forces[j]
+            (&accelerations[0, 0])[i] = total
+        return Solution(self.modes.kinds, self.modes.no_slips, found, rates, least, least, False)
+
+    def limit_ratios(self, const double[:, :] forces not None):
+        """Ratios of friction to its limit; infinite where a normal force pulls, zero where there is no friction."""
+        cdef const double[:, ::1] given = np.ascontiguousarray(forces)
+        cdef Py_ssize_t p, n = forces.shape[0]
+        cdef bytearray block = room(n + 1)
+        cdef double* ratios = numbers(block)
+        if n:
+            largest_ratio(&given[0, 0], self.mu, ratios)
+        return [ratios[p] for p in range(n)]
+
+    def stuck_stage(self):
+        """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
+        generalised = np.empty(self.own.nv)
+        cdef double[::1] sums = generalised
+        return self.stuck_into(&sums[0]), generalised
+
+    cdef StageInMemory stuck_into(self, double* generalised):
+        cdef RowMemory own = self.own
+        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), True)
+        memcpy(stage.along, self.stuck_forces(), own.rows * sizeof(double))
+        generalise(stage.along, own, generalised)
+        finish_stage(stage, own, own.qvel, generalised)
+        return stage
+
+
+cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes):
+    """The points under the smooth forces at the current state and applied forces, (nv,)."""
+    cdef FrictionState here = FrictionState.__new__(FrictionState)
+    here.set_up(contact_points, rows, own, modes)
+    smooth.write_force(pushes, here.pushed)
+    here.accelerate()
+    return here
+
+
+cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept:
+    """Ratios of friction to its limit, see ``FrictionState.limit_ratios``, and the largest of them."""
+    cdef Py_ssize_t p
+    cdef double friction, limit, rounding = 0.0, largest = 0.0
+    for p in range(3 * mu.shape[0]):
+        rounding = max(rounding, _FRICTION_ROUNDING * fabs(forces[p]))
+    for p in range(mu.shape[0]):
+        friction = sqrt(forces[1] * forces[1] + forces[2] * forces[2])
+        limit = mu[p] * forces[0]
+        ratios[p] = 0.0 if friction <= rounding else friction / limit if limit > 0.0 else INFINITY
+        largest, forces = max(largest, ratios[p]), forces + 3
+    return largest
+
+
+cdef class StageForces:
+    """Contact forces of some points in the modes of a step."""
+
+    def __init__(self, smooth, evaluator, contact_points, modes):
+        self.given = smooth, evaluator, contact_points, modes
+        self.contact_points, self.modes, self.frictional = contact_points, modes, modes is not None
+        self.smooth, self.evaluator = smooth, evaluator
+        if self.smooth.motion.loops is None and not (self.frictional and modes.any_slides):
+            self.states = self.evaluator.groups_in_memory()
+        if self.states is None:
+            return
+        self.own = self.evaluator.empty(self.frictional)
+        self.force, self.b, self.sums = np.empty(self.own.nv), np.empty(self.own.rows), np.empty(self.own.nv)
+        if self.frictional:
+            self.patches = patches_of(self.evaluator) if modes.all_stick else None
+        else:
+            self.structure = Active(self.own.rows, np.arange(self.own.rows))
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory."""
+        return type(self), self.given
+
+    def add(self, double[::1] applied not None):
+        """Add the forces at the current state to the applied ones, (nv,), and return the stage."""
+        return self.add_to(applied)
+
+    cdef object add_to(self, double[::1] applied):
+        cdef RowMemory own = self.own
+        cdef StageInMemory stage
+        cdef Py_ssize_t d
+        if self.states is None:
+            return self.add_one_by_one(applied)
+        self.smooth.write_force(&applied[0], &self.force[0])
+        self.evaluator.evaluate(self.states, own, self.frictional)
+        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.frictional)
+        if self.patches is not None and self.patches.prepare(self.states, own):
+            self.patches.solve(own, &self.force[0], stage.along, &self.sums[0])
+        else:
+            self.hold_rows(stage)
+        finish_stage(stage, own, &self.evaluator.rates[0], &self.sums[0])
+        for d in range(own.nv):
+            applied[d] += self.sums[d]
+        return stage
+
+    cdef object add_one_by_one(self, double[::1] applied):
+        """The same of points that are not evaluated in memory, or of which some slide with friction."""
+        cdef Py_ssize_t d
+        cdef const double[::1] sums
+        motion = self.smooth.motion
+        force = self.smooth.force(applied.base)
+        rows = self.evaluator.frictional_rows() if self.frictional else self.evaluator.rows()
+        if motion.loops is not None:
+            rows.close_loops(motion.loops)
+        if self.frictional:
+            stage, generalised = stage_of(FrictionState(self.contact_points, rows, force, self.modes))
+        else:
+            stage, generalised = ContactAcceleration(None, rows, force).stage(motion.data.qvel)
+        sums = generalised
+        for d in range(applied.shape[0]):
+            applied[d] += sums[d]
+        return stage
+
+    cdef int hold_rows(self, StageInMemory stage) except -1:
+        """Find the forces that hold the rows of all points, and the generalised forces."""
+        cdef RowMemory own = self.own
+        cdef Py_ssize_t i, d
+        cdef double total
+        cdef const double* response
+        self.evaluator.combine(own, 3 if self.frictional else 1)
+        for i in range(own.rows):
+            response, total = own.response + i * own.nv, own.gamma[i]
+            for d in range(own.nv):
+                total += response[d] * self.force[d]
+            self.b[i] = total
+        memset(stage.along, 0, own.rows * sizeof(double))
+        self.hold()
+        self.held.write_forces(&self.b[0], stage.along)
+        generalise(stage.along, own, &self.sums[0])
+        return 0
+
+    cdef int hold(self) except -1:
+        """Take the rows that are held in this step, as the start of the step determined them, and their matrix."""
+        if self.frictional:
+            structure = structure_of(self.modes, self.own)
+            if structure is not self.structure:
+                self.structure, self.held = structure, None
+        if self.held is None:
+            self.held = of_rows(self.own, self.structure)
+        else:
+            self.held.take(self.own.delassus())
+        return 0

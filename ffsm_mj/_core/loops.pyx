@@ -1,0 +1,454 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Closed loops in the stages of a step: their rows, and the state of the logged system of a motion that they close."""
+
+from math import pi
+
+import numpy as np
+
+from ffsm_mj.dynamics.body_twists import chain
+from ffsm_mj.dynamics.loops.latch_rows import LENGTH_M
+
+from libc.math cimport atan2, fabs, rint, sqrt
+from libc.string cimport memcmp, memcpy
+
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjOBJ_XBODY
+
+
+# Bounds of the Cholesky pivots of R M^-1 R^T, which is 1 where T is found, within which T is kept.
+cdef double LEAST_PIVOT = 0.25, LARGEST_PIVOT = 4.0
+# Combinations of rows below this share of the largest element of the rows vanish still.
+cdef double VANISHES = 1e-9
+
+
+cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
+    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+cdef inline void turned(const double* matrix, const double* v, double* out) noexcept nogil:
+    """Product of a matrix and a vector."""
+    cdef int i
+    for i in range(3):
+        out[i] = matrix[3 * i] * v[0] + matrix[3 * i + 1] * v[1] + matrix[3 * i + 2] * v[2]
+
+
+cdef struct Body:
+    double[3] centre
+    double[3] omega
+    double[3] velocity  # of the material point at the centre
+    double[3] alpha
+    double[3] acceleration
+
+
+cdef class Latch:
+    """One latch in a model."""
+
+    cdef Py_ssize_t first, second, start, count
+    cdef bint together, about_axis
+    cdef double[::1] on_first, on_second, point_in_first, point_in_second
+    cdef double[:, ::1] components  # linear rows, then angular ones, along axes of the first body
+    cdef double[:, ::1] axes_in_first, axes_in_second  # by row
+
+    def __init__(self, model, latch, bodies, start):
+        self.first, self.second = bodies[latch.first], bodies[latch.second]
+        self.start, self.count = start, latch.count
+        self.together = model.body_rootid[self.first] == model.body_rootid[self.second]
+        self.about_axis = not latch.stopped[:, 5].any() and latch.stopped[:, 3].any()
+        self.on_first, self.on_second = chain(model, self.first), chain(model, self.second)
+        self.point_in_first, self.point_in_second = latch.point_in_first.copy(), latch.point_in_second.copy()
+        stopped = np.concatenate((latch.stopped[:, :3], LENGTH_M * latch.stopped[:, 3:]))
+        self.components = np.ascontiguousarray(stopped @ latch.axes_in_first.T)
+        self.axes_in_first, self.axes_in_second = (
+            np.ascontiguousarray(each.T) for each in (latch.axes_in_first, latch.axes_in_second)
+        )
+
+
+cdef class LoopStage:
+    """Rows R = T B of some latches in the stages of a step."""
+
+    cdef readonly object J, R, response, factor, gamma, y
+    cdef object model, data, seen, latches, bodies, combinations
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef list places
+    cdef Py_ssize_t n, r, nv
+    cdef bint current
+    cdef double[:, ::1] cdof, cdof_dot, cvel, centres, xpos, xmat
+    cdef int[::1] roots
+    cdef double[::1] qpos, qvel, passive, bias, actuator, applied, ctrl, seen_ctrl
+    cdef double[::1] last_qpos, last_qvel, all_gamma, force, own_gamma, own_y
+    cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor
+
+    def __init__(self, model, data, latches, bodies, seen):
+        self.model, self.data, self.latches, self.bodies, self.seen = model, data, latches, bodies, seen
+        self.m, self.d, self.nv = <const mjModel*>address(model), <mjData*>address(data), model.nv
+        self.places, self.n = [], 0
+        for latch in latches:
+            self.places.append(Latch(model, latch, bodies, self.n))
+            self.n += latch.count
+        self.cdof, self.cdof_dot, self.cvel = data.cdof, data.cdof_dot, data.cvel
+        self.centres, self.xpos, self.xmat = data.subtree_com, data.xpos, data.xmat
+        self.roots = np.array(model.body_rootid, dtype=np.intc)
+        self.qpos, self.qvel, self.applied = data.qpos, data.qvel, data.qfrc_applied
+        self.passive, self.bias, self.actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
+        self.ctrl, self.seen_ctrl = data.ctrl, seen.ctrl
+        self.last_qpos, self.last_qvel = np.empty(model.nq), np.empty(model.nv)
+        self.J, self.force, self.all_gamma = np.zeros((self.n, self.nv)), np.empty(self.nv), np.empty(self.n)
+        self.rows = self.J
+        self.combine(np.empty((0, self.n)), np.empty((0, self.n)))
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.model, self.data, self.latches, self.bodies, self.seen), self.combinations
+
+    def __setstate__(self, combinations):
+        self.combine(*combinations)
+
+    def combine(self, T, others):
+        """Use some combinations of the rows, (r, n), and others that vanish, (n - r, n)."""
+        self.combinations = T, others
+        self.T, self.others, self.r, self.current = T, others, len(T), False
+        self.R, self.response = np.zeros((self.r, self.nv)), np.zeros((self.r, self.nv))
+        self.factor, self.gamma, self.y = np.zeros((self.r, self.r)), np.zeros(self.r), np.zeros(self.r)
+        self.own_R, self.own_response, self.own_factor = self.R, self.response, self.factor
+        self.own_gamma, self.own_y = self.gamma, self.y
+
+    cdef void body(self, Py_ssize_t number, const double[::1] moves, Body* found) noexcept:
+        cdef const double* velocity = &self.cvel[number, 0]
+        cdef const double* centre = &self.centres[self.roots[number], 0]
+        cdef Py_ssize_t dof
+        cdef int i
+        cdef double rate
+        for i in range(3):
+            found.centre[i], found.omega[i], found.velocity[i] = centre[i], velocity[i], velocity[3 + i]
+            found.alpha[i], found.acceleration[i] = 0.0, 0.0
+        for dof in range(self.nv):
+            rate = moves[dof] * self.qvel[dof]
+            if rate != 0.0:
+                for i in range(3):
+                    found.alpha[i] += rate * self.cdof_dot[dof, i]
+                    found.acceleration[i] += rate * self.cdof_dot[dof, 3 + i]
+
+    cdef void point(self, Latch latch, double* found) noexcept:
+        """The point of the second body, world axes."""
+        cdef int i
+        turned(&self.xmat[latch.second, 0], &latch.point_in_second[0], found)
+        for i in range(3):
+            found[i] += self.xpos[latch.second, i]
+
+    cdef void evaluate_latch(self, Latch latch) noexcept:
+        """Rows of a latch, and their rates at zero acceleration."""
+        cdef Body a, b
+        cdef double[3] place, arm_a, arm_b, own, other, along, turning, linear, angular, moment, here
+        cdef Py_ssize_t i, dof, k, n = latch.count
+        cdef int c
+        cdef double total, on_a, on_b
+        self.body(latch.first, latch.on_first, &a)
+        self.body(latch.second, latch.on_second, &b)
+        self.point(latch, place)
+        for c in range(3):
+            arm_a[c], arm_b[c] = place[c] - a.centre[c], place[c] - b.centre[c]
+        # Accelerations of the material points at the place, relative to axes fixed in the first body.
+        cross(b.omega, arm_b, own)
+        cross(a.omega, arm_a, other)
+        for c in range(3):
+            own[c] += b.velocity[c]
+            other[c] += a.velocity[c]
+        cross(b.alpha, arm_b, along)
+        cross(b.omega, own, here)
+        for c in range(3):
+            along[c] += b.acceleration[c] + here[c]
+        cross(a.alpha, arm_a, moment)
+        cross(a.omega, other, here)
+        for c in range(3):
+            along[c] -= moment[c] + a.acceleration[c] + here[c]
+            own[c] = 2.0 * (own[c] - other[c])
+        cross(a.omega, own, here)
+        cross(a.omega, b.omega, moment)
+        for c in range(3):
+            along[c] -= here[c]
+            turning[c] = b.alpha[c] - a.alpha[c] - moment[c]
+        for i in range(n):
+            k = latch.start + i
+            turned(&self.xmat[latch.first, 0], &latch.components[i, 0], linear)
+            turned(&self.xmat[latch.first, 0], &latch.components[n + i, 0], angular)
+            total = 0.0
+            for c in range(3):
+                total += linear[c] * along[c] + angular[c] * turning[c]
+            self.all_gamma[k] = total
+            cross(arm_a, linear, moment)
+            cross(arm_b, linear, here)
+            for dof in range(self.nv):
+                on_a, on_b, total = latch.on_first[dof], latch.on_second[dof], 0.0
+                if on_b != on_a or (on_b != 0.0 and not latch.together):
+                    if on_b != 0.0:
+                        for c in range(3):
+                            total += (angular[c] + here[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
+                    if on_a != 0.0:
+                        for c in range(3):
+                            total -= (angular[c] + moment[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
+                self.rows[k, dof] = total
+
+    cpdef int evaluate(self) except -1:
+        """Update the attributes for the state in ``data``."""
+        cdef size_t positions = self.qpos.shape[0] * sizeof(double), rates = self.nv * sizeof(double)
+        cdef Py_ssize_t i, j, k
+        cdef double total
+        if (
+            self.current
+            and memcmp(&self.qpos[0], &self.last_qpos[0], positions) == 0
+            and memcmp(&self.qvel[0], &self.last_qvel[0], rates) == 0
+        ):
+            return 0
+        self.current = False
+        for latch in self.places:
+            self.evaluate_latch(<Latch>latch)
+        for i in range(self.r):
+            total = 0.0
+            for k in range(self.n):
+                total += self.T[i, k] * self.all_gamma[k]
+            self.own_gamma[i] = total
+            for j in range(self.nv):
+                total = 0.0
+                for k in range(self.n):
+                    total += self.T[i, k] * self.rows[k, j]
+                self.own_R[i, j] = total
+        if self.r:
+            mj.solveM(self.m, self.d, &self.own_response[0, 0], &self.own_R[0, 0], <int>self.r)
+            self.factorise()
+        memcpy(&self.last_qpos[0], &self.qpos[0], positions)
+        memcpy(&self.last_qvel[0], &self.qvel[0], rates)
+        self.current = True
+        return 0
+
+    cdef int factorise(self) except -1:
+        """Cholesky factor of R M^-1 R^T."""
+        cdef Py_ssize_t i, j, k
+        cdef double total
+        for i in range(self.r):
+            for j in range(i + 1):
+                total = 0.0
+                for k in range(self.nv):
+                    total += self.own_response[i, k] * self.own_R[j, k]
+                for k in range(j):
+                    total -= self.own_factor[i, k] * self.own_factor[j, k]
+                if i > j:
+                    self.own_factor[i, j] = total / self.own_factor[j, j]
+                elif total > 0.0:
+                    self.own_factor[i, i] = sqrt(total)
+                else:
+                    raise np.linalg.LinAlgError("latches of closed grasps depend on each other within a step")
+        return 0
+
+    def fits(self):
+        """Whether the combinations T are independent here, and the others vanish."""
+        cdef Py_ssize_t i, j, k
+        cdef double total, most = 0.0, left = 0.0
+        self.evaluate()
+        for i in range(self.r):
+            if self.own_factor[i, i] < LEAST_PIVOT or self.own_factor[i, i] > LARGEST_PIVOT:
+                return False
+        for k in range(self.n):
+            for j in range(self.nv):
+                most = max(most, fabs(self.rows[k, j]))
+        for i in range(self.others.shape[0]):
+            for j in range(self.nv):
+                total = 0.0
+                for k in range(self.n):
+                    total += self.others[i, k] * self.rows[k, j]
+                left = max(left, fabs(total))
+        return left <= VANISHES * most
+
+    def errors(self):
+        """Errors in position of the rows R, (r,)."""
+        cdef double[3] place, offset, rotation, one, other, part, row
+        cdef Py_ssize_t i, k, n
+        cdef int c
+        cdef Latch latch
+        found, own = np.empty(self.n), np.zeros(self.r)
+        cdef double[::1] every = found, combined = own
+        for latch in self.places:
+            n = latch.count
+            self.point(latch, place)
+            turned(&self.xmat[latch.first, 0], &latch.point_in_first[0], offset)
+            for c in range(3):
+                offset[c] = place[c] - self.xpos[latch.first, c] - offset[c]
+                rotation[c] = 0.0
+            for k in range(2 if latch.about_axis else 0, 3):
+                turned(&self.xmat[latch.first, 0], &latch.axes_in_first[k, 0], one)
+                turned(&self.xmat[latch.second, 0], &latch.axes_in_second[k, 0], other)
+                cross(one, other, part)
+                for c in range(3):
+                    rotation[c] += part[c] if latch.about_axis else 0.5 * part[c]
+            for i in range(n):
+                turned(&self.xmat[latch.first, 0], &latch.components[i, 0], row)
+                every[latch.start + i] = row[0] * offset[0] + row[1] * offset[1] + row[2] * offset[2]
+                turned(&self.xmat[latch.first, 0], &latch.components[n + i, 0], row)
+                every[latch.start + i] += row[0] * rotation[0] + row[1] * rotation[1] + row[2] * rotation[2]
+        for i in range(self.r):
+            for k in range(self.n):
+                combined[i] += self.T[i, k] * every[k]
+        return own
+
+    def drift(self):
+        """Largest error in position, and largest velocity, of the rows R."""
+        cdef const double[::1] errors = self.errors()
+        cdef Py_ssize_t i, j
+        cdef double total, gap = 0.0, rate = 0.0
+        self.evaluate()
+        for i in range(self.r):
+            total = 0.0
+            for j in range(self.nv):
+                total += self.own_R[i, j] * self.qvel[j]
+            gap, rate = max(gap, fabs(errors[i])), max(rate, fabs(total))
+        return gap, rate
+
+    cdef int solve(self, const double* force) except -1:
+        """Forces y of the rows R."""
+        cdef Py_ssize_t i, j
+        cdef double total
+        self.evaluate()
+        for i in range(self.r):
+            total = self.own_gamma[i]
+            for j in range(self.nv):
+                total += self.own_response[i, j] * force[j]
+            for j in range(i):
+                total -= self.own_factor[i, j] * self.own_y[j]
+            self.own_y[i] = total / self.own_factor[i, i]
+        for i in range(self.r - 1, -1, -1):
+            total = self.own_y[i]
+            for j in range(i + 1, self.r):
+                total -= self.own_factor[j, i] * self.own_y[j]
+            self.own_y[i] = total / self.own_factor[i, i]
+        for i in range(self.r):
+            self.own_y[i] = -self.own_y[i]
+        return 0
+
+    cdef void add_to(self, double* generalised) noexcept:
+        cdef Py_ssize_t i, j
+        for i in range(self.r):
+            for j in range(self.nv):
+                generalised[j] += self.own_y[i] * self.own_R[i, j]
+
+    def generalised(self, force):
+        """Generalised forces of the latches under all other forces, (nv,)."""
+        cdef const double[::1] given = np.ascontiguousarray(force)
+        found = np.zeros(self.nv)
+        cdef double[::1] generalised = found
+        self.solve(&given[0])
+        self.add_to(&generalised[0])
+        return found
+
+    def push(self):
+        """Add the generalised forces of the latches to ``data.qfrc_applied``."""
+        cdef Py_ssize_t i
+        if self.data is not self.seen:
+            self.ctrl[:] = self.seen_ctrl
+        mj.fwdActuation(self.m, self.d)
+        for i in range(self.nv):
+            self.force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + self.applied[i]
+        self.solve(&self.force[0])
+        self.add_to(&self.applied[0])
+
+
+cdef double TURN = 2.0 * pi
+
+
+cdef class StateTransfer:
+    """Transfers the state of the moving system to the data of the logged system."""
+
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef const mjModel* moving
+    cdef mjData* state_of
+    cdef int root
+    cdef bint free, reads, turns
+    cdef double zero
+    cdef double[::1] qpos, qvel, momentum, other_qpos, other_qvel, base_qpos, base_qvel, position, quaternion, axes, twist
+    cdef double[::1] axis, sine, cosine
+    cdef double[:, ::1] slides
+    cdef const Py_ssize_t[::1] coordinates, other_coordinates, rates, other_rates
+    cdef object keep, data, other, placing
+
+    def __init__(self, logged, moving, shared, placing):
+        model, self.data, self.momentum = logged
+        other_model, self.other, self.root = moving
+        self.keep = model, other_model
+        self.m, self.d = <const mjModel*>address(model), <mjData*>address(self.data)
+        self.moving, self.state_of = <const mjModel*>address(other_model), <mjData*>address(self.other)
+        (self.coordinates, self.other_coordinates), (self.rates, self.other_rates) = (
+            [np.ascontiguousarray(places, dtype=np.intp) for places in both] for both in shared
+        )
+        self.qpos, self.qvel = self.data.qpos, self.data.qvel
+        self.other_qpos, self.other_qvel = self.other.qpos, self.other.qvel
+        self.position, self.quaternion, self.twist = self.other.xpos[self.root], self.other.xquat[self.root], np.empty(6)
+        self.base_qpos, self.base_qvel, self.axes = placing.base
+        self.placing, self.free, read = placing, placing.free, placing.reading
+        self.reads = read is not None
+        if self.reads:
+            self.slides, self.zero, self.sine, self.cosine = read.slides, read.zero, read.sine, read.cosine
+            self.turns = read.axis is not None
+            self.axis = read.axis if self.turns else np.zeros(3)
+
+    def state(self):
+        """Transfer positions and velocities, and compute derived quantities."""
+        cdef Py_ssize_t i
+        for i in range(self.coordinates.shape[0]):
+            self.qpos[self.coordinates[i]] = self.other_qpos[self.other_coordinates[i]]
+        for i in range(self.rates.shape[0]):
+            self.qvel[self.rates[i]] = self.other_qvel[self.other_rates[i]]
+        self.data.time = self.other.time
+        self.pose()
+        mj.fwdPosition(self.m, self.d)
+        mj.objectVelocity(self.moving, self.state_of, mjOBJ_XBODY, self.root, &self.twist[0], 0)
+        self.rate()
+        mj.fwdVelocity(self.m, self.d)
+
+    def step(self):
+        """The same, with M qdot and the actuator forces for the efforts in the data of the logged system."""
+        self.state()
+        mj.mulM(self.m, self.d, &self.momentum[0], &self.qvel[0])
+        mj.fwdActuation(self.m, self.d)
+
+    cdef int pose(self) except -1:
+        cdef double[::1] own = self.base_qpos
+        cdef double[::1] q = self.quaternion
+        cdef double sine = 0.0, cosine = 0.0, angle
+        cdef Py_ssize_t i, last = own.shape[0] - 1
+        if self.free:
+            own[0], own[1], own[2] = self.position[0], self.position[1], self.position[2]
+            own[3], own[4], own[5], own[6] = q[0], q[1], q[2], q[3]
+            return 0
+        if not self.reads:
+            self.placing.pose(self.position.base, self.quaternion.base)
+            return 0
+        for i in range(self.slides.shape[0]):
+            own[i] = self.slides[i, 0] + self.along(i, self.position[0], self.position[1], self.position[2])
+        if self.turns:
+            for i in range(4):
+                sine += self.sine[i] * q[i]
+                cosine += self.cosine[i] * q[i]
+            angle = self.zero + 2.0 * atan2(sine, cosine)
+            own[last] = angle + TURN * rint((own[last] - angle) / TURN)
+        return 0
+
+    cdef double along(self, Py_ssize_t slide, double x, double y, double z) noexcept:
+        return self.slides[slide, 1] * x + self.slides[slide, 2] * y + self.slides[slide, 3] * z
+
+    cdef int rate(self) except -1:
+        cdef double[::1] own = self.base_qvel
+        cdef double[::1] v = self.twist
+        cdef double[::1] R = self.axes
+        cdef Py_ssize_t i
+        if self.free:
+            own[0], own[1], own[2] = v[3], v[4], v[5]
+            for i in range(3):
+                own[3 + i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2]
+            return 0
+        if not self.reads:
+            self.placing.rates(self.twist.base)
+            return 0
+        for i in range(self.slides.shape[0]):
+            own[i] = self.along(i, v[3], v[4], v[5])
+        if self.turns:
+            own[own.shape[0] - 1] = self.axis[0] * v[0] + self.axis[1] * v[1] + self.axis[2] * v[2]
+        return 0

@@ -1,0 +1,350 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""The OSDRE law, paper (32): for two outputs in floats, for any number of them in small arrays.
+
+Singular values of the latter come from one-sided Jacobi rotations, which make the rows of a matrix orthogonal.
+"""
+
+cimport cython
+
+import numpy as np
+
+from libc.math cimport fabs, hypot, sqrt
+
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
+from ffsm_mj._core.riccati_doubling cimport Doubling
+from ffsm_mj._core.riccati_planar cimport blocks_t, matrix_t, pair_t, PlanarRiccati, principal_axes
+
+# Rows of alpha M_c^-1 that are smaller, relative to the largest, do not move the output (numpy's limit for pinv).
+cdef double NO_MOTION = 1e-15
+cdef double ORTHOGONAL = 1e-16
+cdef int SWEEPS = 60
+
+
+cdef class TipKinematics:
+    """Quantities of the output y at the state in ``data`` at the last ``update``."""
+
+    cdef readonly object J, jac_dot, W, point
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef int site, body
+    cdef const int[::1] axes
+    cdef double[:, ::1] jacp, rows, dot, w
+    cdef double[::1] place
+    cdef object made_of
+
+    def __init__(self, model, data, int site, axes):
+        if not 0 <= site < model.nsite or not set(axes) <= {0, 1, 2}:
+            raise ValueError(f"no site {site}, or axes {axes} that are none of 0, 1, 2")
+        self.m, self.d, self.made_of = <const mjModel*>address(model), <mjData*>address(data), (model, data, site, axes)
+        self.site, self.body, self.axes = site, model.site_bodyid[site], np.array(axes, dtype=np.intc)
+        count, nv = len(axes), model.nv
+        self.J, self.jac_dot, self.W = np.zeros((count, nv)), np.zeros((3, nv)), np.zeros((count, nv))
+        self.jacp, self.rows, self.dot, self.w = np.zeros((3, nv)), self.J, self.jac_dot, self.W
+        self.point = self.place = data.site_xpos[site]
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: all quantities are computed anew at each tick."""
+        return type(self), self.made_of
+
+    cpdef void update(self) noexcept:
+        """Compute all quantities at the current state; derived quantities in ``data`` must be current."""
+        cdef Py_ssize_t k, j
+        mj.jacSite(self.m, self.d, &self.jacp[0, 0], NULL, self.site)
+        mj.jacDot(self.m, self.d, &self.dot[0, 0], NULL, &self.place[0], self.body)
+        for k in range(self.rows.shape[0]):
+            for j in range(self.rows.shape[1]):
+                self.rows[k, j] = self.jacp[self.axes[k], j]
+        mj.solveM(self.m, self.d, &self.w[0, 0], &self.rows[0, 0], <int>self.rows.shape[0])
+
+
+cpdef pair_t turned_pair(pair_t x, pair_t axes):
+    """A vector by axes at an angle, given as (cosine, sine)."""
+    return axes[0] * x[0] + axes[1] * x[1], axes[0] * x[1] - axes[1] * x[0]
+
+
+@cython.locals(y0=double, y1=double, scale=double)
+cpdef blocks_t lower_block(pair_t drift, pair_t y, pair_t y_dot, bint whole_stack):
+    """Lower block (A21, A22) of the factorised dynamics, paper (30).
+
+    With v^+ = v^T / |v|^2, zero at zero, it is d z^+ for the whole stack z = [y; ydot] and [0, d ydot^+] otherwise.
+
+    Args:
+        drift: Acceleration of the output without torques, d.
+        y: Output.
+        y_dot: Its rate.
+        whole_stack: Which of the two parameterizations.
+    """
+    y0, y1 = y[0] if whole_stack else 0.0, y[1] if whole_stack else 0.0
+    v0, v1 = y_dot
+    square = v0 * v0 + v1 * v1 + y0 * y0 + y1 * y1
+    scale = 1.0 / square if square > 0.0 else 0.0
+    d0, d1 = drift[0] * scale, drift[1] * scale
+    return (d0 * y0, d0 * y1, d1 * y0, d1 * y1), (d0 * v0, d0 * v1, d1 * v0, d1 * v1)
+
+
+@cython.locals(P2=matrix_t, P3=matrix_t)
+cpdef pair_t feedback(blocks_t blocks, pair_t error, pair_t y_dot):
+    """-[P2^T, P3] [y - y_d; ydot]."""
+    P2, P3 = blocks
+    e0, e1 = error
+    v0, v1 = y_dot
+    return (
+        -(P2[0] * e0 + P2[2] * e1 + P3[0] * v0 + P3[1] * v1),
+        -(P2[1] * e0 + P2[3] * e1 + P3[2] * v0 + P3[3] * v1),
+    )
+
+
+@cython.locals(A21=matrix_t, A22=matrix_t, blocks=blocks_t, residual=double, fallback=bint)
+cpdef (pair_t, pair_t, double, bint) answer(
+    PlanarRiccati riccati, pair_t S, pair_t axes, pair_t drift, pair_t y, pair_t error, pair_t y_dot, bint whole_stack
+):
+    """The law (32) without the gains R^-1 B^T of the torques.
+
+    Args:
+        riccati: Solver of the equation.
+        S: Its eigenvalues.
+        axes: Principal axes of S, as (cosine, sine) in those of the outputs.
+        drift: Acceleration of the output without torques.
+        y: Output.
+        error: Its distance from the target.
+        y_dot: Its rate.
+        whole_stack: Which of the two parameterizations.
+
+    Returns:
+        What the gains take, in the axes of the outputs; the error along the principal axes; residual of the equation, and
+        whether the robust method was needed.
+
+    Raises:
+        RiccatiError: The equation has no stabilising solution here.
+    """
+    error, y_dot = turned_pair(error, axes), turned_pair(y_dot, axes)
+    A21, A22 = lower_block(turned_pair(drift, axes), turned_pair(y, axes), y_dot, whole_stack)
+    blocks, residual, fallback = riccati.solve(A21, A22, S, axes)
+    return turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1])), error, residual, fallback
+
+
+cdef class PlanarLaw:
+    """u = -R^-1 B^T K [y - y_d; ydot], along the principal axes of S."""
+
+    cdef readonly object effort, report
+    cdef object made_of
+    cdef TipKinematics kinematics
+    cdef PlanarRiccati riccati
+    cdef const double[:, ::1] driven
+    cdef double[:, ::1] gains
+    cdef double[::1] qvel, bias, passive, u, told
+    cdef int first, second
+    cdef pair_t target
+    cdef bint whole_stack
+
+    def __init__(
+        self,
+        TipKinematics kinematics not None,
+        data,
+        PlanarRiccati riccati not None,
+        const double[:, ::1] driven,
+        axes,
+        target_m,
+        bint whole_stack,
+    ):
+        if driven.shape[1] != len(data.qvel) or kinematics.rows.shape[0] != 2 or not set(axes) <= {0, 1, 2}:
+            raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
+        self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
+        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
+        self.first, self.second = axes
+        self.target = (target_m[0], target_m[1])
+        self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
+        self.gains = np.zeros((driven.shape[0], 2))
+        self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(4, np.nan)
+        self.u, self.told = self.effort, self.report
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
+        return type(self), self.made_of
+
+    def tick(self):
+        """Compute ``effort`` and ``report`` at the current state.
+
+        Raises:
+            RiccatiError: The equation has no stabilising solution here.
+        """
+        cdef TipKinematics tip = self.kinematics
+        cdef double s0 = 0.0, s1 = 0.0, s3 = 0.0, b0 = 0.0, b1 = 0.0, b3 = 0.0
+        cdef double v0 = 0.0, v1 = 0.0, d0 = 0.0, d1 = 0.0, y0, y1, force, smallest
+        cdef Py_ssize_t i, j, n = self.u.shape[0]
+        cdef pair_t values, axes, error, w
+        cdef double residual
+        cdef bint fallback
+        tip.update()
+        for i in range(2 * n):
+            self.gains[i, 0] = self.gains[i, 1] = 0.0
+            for j in range(self.qvel.shape[0]):
+                self.gains[i, 0] += self.driven[i, j] * tip.w[0, j]
+                self.gains[i, 1] += self.driven[i, j] * tip.w[1, j]
+        for i in range(n):
+            s0 += self.gains[n + i, 0] * self.gains[i, 0]
+            s1 += self.gains[n + i, 0] * self.gains[i, 1]
+            s3 += self.gains[n + i, 1] * self.gains[i, 1]
+            b0 += self.gains[i, 0] * self.gains[i, 0]
+            b1 += self.gains[i, 0] * self.gains[i, 1]
+            b3 += self.gains[i, 1] * self.gains[i, 1]
+        for j in range(self.qvel.shape[0]):
+            force = self.bias[j] - self.passive[j]
+            v0 += tip.rows[0, j] * self.qvel[j]
+            v1 += tip.rows[1, j] * self.qvel[j]
+            d0 += tip.dot[self.first, j] * self.qvel[j] - tip.w[0, j] * force
+            d1 += tip.dot[self.second, j] * self.qvel[j] - tip.w[1, j] * force
+        values, axes = principal_axes(s0, s1, s3)
+        smallest = principal_axes(b0, b1, b3)[0][1]
+        y0, y1 = tip.place[self.first], tip.place[self.second]
+        error = (y0 - self.target[0], y1 - self.target[1])
+        w, error, residual, fallback = answer(
+            self.riccati, values, axes, (d0, d1), (y0, y1), error, (v0, v1), self.whole_stack
+        )
+        for i in range(n):
+            self.u[i] = self.gains[n + i, 0] * w[0] + self.gains[n + i, 1] * w[1]
+        self.told[0], self.told[1] = hypot(error[0], error[1]), residual
+        self.told[2], self.told[3] = fallback, sqrt(smallest if smallest > 0.0 else 0.0)
+
+
+cdef void make_orthogonal(double[:, ::1] rows) noexcept:
+    """One-sided Jacobi: rotate pairs of rows until they are orthogonal; their norms are the singular values."""
+    cdef Py_ssize_t i, j, k
+    cdef double a, b, c, t, tangent, cosine, sine
+    cdef bint turned = True
+    for _ in range(SWEEPS):
+        if not turned:
+            return
+        turned = False
+        for i in range(rows.shape[0]):
+            for j in range(i + 1, rows.shape[0]):
+                a = b = c = 0.0
+                for k in range(rows.shape[1]):
+                    a += rows[i, k] * rows[i, k]
+                    b += rows[j, k] * rows[j, k]
+                    c += rows[i, k] * rows[j, k]
+                if not fabs(c) > ORTHOGONAL * sqrt(a * b):
+                    continue
+                turned = True
+                t = (b - a) / (2.0 * c)
+                tangent = (1.0 if t >= 0.0 else -1.0) / (fabs(t) + sqrt(1.0 + t * t))
+                cosine = 1.0 / sqrt(1.0 + tangent * tangent)
+                sine = cosine * tangent
+                for k in range(rows.shape[1]):
+                    t = rows[i, k]
+                    rows[i, k] = cosine * t - sine * rows[j, k]
+                    rows[j, k] = sine * t + cosine * rows[j, k]
+
+
+cdef class BlockLaw:
+    """u = -R^-1 B^T K [y - y_d; ydot]."""
+
+    cdef readonly object effort, report, inputs
+    cdef object made_of
+    cdef TipKinematics kinematics
+    cdef Doubling riccati
+    cdef const double[:, ::1] driven
+    cdef double[:, ::1] gains, rows
+    cdef double[::1] qvel, bias, passive, u, told, lengths, y, y_dot, drift, target
+    cdef bint whole_stack
+
+    def __init__(
+        self,
+        TipKinematics kinematics not None,
+        data,
+        Doubling riccati not None,
+        const double[:, ::1] driven,
+        axes,
+        target_m,
+        bint whole_stack,
+    ):
+        cdef Py_ssize_t p = riccati.p
+        if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
+            raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
+        self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
+        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
+        self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
+        self.gains, self.inputs = np.zeros((driven.shape[0], p)), np.zeros((p, driven.shape[0] // 2))
+        self.lengths, self.y, self.y_dot, self.drift = np.zeros((4, p))
+        self.target = np.array(target_m, dtype=np.float64)
+        self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(5, np.nan)
+        self.u, self.told, self.rows = self.effort, self.report, self.inputs
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
+        return type(self), self.made_of
+
+    def tick(self):
+        """Compute ``effort``, ``report`` and ``inputs`` at the current state.
+
+        Raises:
+            RiccatiError: The equation has no stabilising solution here.
+        """
+        cdef Doubling riccati = self.riccati
+        cdef Py_ssize_t i, j, k, p = riccati.p, n = self.u.shape[0]
+        cdef double square, residual, asked, distance = 0.0, smallest
+        self.kinematics.update()
+        square = self.reduce()
+        for i in range(p):
+            for j in range(p):
+                riccati.A[p + i, j] = self.drift[i] * self.y[j] if self.whole_stack else 0.0
+                riccati.A[p + i, p + j] = self.drift[i] * self.y_dot[j]
+                riccati.S[p + i, p + j] = 0.0
+                for k in range(n):
+                    riccati.S[p + i, p + j] += self.gains[n + k, i] * self.gains[k, j]
+        residual = riccati.solution()
+        self.u[:] = 0.0
+        for i in range(p):
+            asked = 0.0
+            for j in range(p):
+                asked -= riccati.K[p + i, j] * (self.y[j] - self.target[j]) + riccati.K[p + i, p + j] * self.y_dot[j]
+            for k in range(n):
+                self.u[k] += self.gains[n + k, i] * asked
+            distance += (self.y[i] - self.target[i]) ** 2
+        smallest = self.decompose()
+        self.told[0], self.told[1], self.told[2] = sqrt(distance), residual, riccati.doublings
+        self.told[3], self.told[4] = riccati.corrections, smallest
+
+    cdef double reduce(self) noexcept:
+        """Gains, output, output rate, and drift over the square of the parameterization vector; returns that square."""
+        cdef TipKinematics tip = self.kinematics
+        cdef Py_ssize_t i, j, k, p = self.y.shape[0]
+        cdef double square = 0.0
+        for k in range(self.driven.shape[0]):
+            for i in range(p):
+                self.gains[k, i] = 0.0
+                for j in range(self.qvel.shape[0]):
+                    self.gains[k, i] += self.driven[k, j] * tip.w[i, j]
+        for i in range(p):
+            self.y[i], self.y_dot[i], self.drift[i] = tip.place[tip.axes[i]], 0.0, 0.0
+            for j in range(self.qvel.shape[0]):
+                self.y_dot[i] += tip.rows[i, j] * self.qvel[j]
+                self.drift[i] += tip.dot[tip.axes[i], j] * self.qvel[j] - tip.w[i, j] * (self.bias[j] - self.passive[j])
+            square += self.y_dot[i] * self.y_dot[i]
+            if self.whole_stack:
+                square += self.y[i] * self.y[i]
+        if square > 0.0:
+            for i in range(p):
+                self.drift[i] /= square
+        return square
+
+    cdef double decompose(self) noexcept:
+        """Compute an orthonormal basis of the rows of alpha M_c^-1; returns the smallest singular value."""
+        cdef Py_ssize_t i, k, p = self.y.shape[0], n = self.u.shape[0]
+        cdef double smallest, greatest
+        for i in range(p):
+            for k in range(n):
+                self.rows[i, k] = self.gains[k, i]
+        make_orthogonal(self.rows)
+        for i in range(p):
+            self.lengths[i] = 0.0
+            for k in range(n):
+                self.lengths[i] += self.rows[i, k] * self.rows[i, k]
+            self.lengths[i] = sqrt(self.lengths[i])
+        smallest = greatest = self.lengths[0]
+        for i in range(1, p):
+            smallest, greatest = min(smallest, self.lengths[i]), max(greatest, self.lengths[i])
+        for i in range(p):
+            for k in range(n):
+                self.rows[i, k] = self.rows[i, k] / self.lengths[i] if self.lengths[i] > NO_MOTION * greatest else 0.0
+        return smallest

@@ -1,0 +1,9 @@
+from ffsm_mj.arrays import FloatArray
+
+class RiccatiError(ArithmeticError): ...
+
+class Doubling:
+    doublings: int
+    corrections: int
+    def __init__(self, Q: FloatArray) -> None: ...
+    def solve(self, A21: FloatArray, A22: FloatArray, S: FloatArray) -> tuple[FloatArray, float]: ...

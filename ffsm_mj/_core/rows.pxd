@@ -1,0 +1,69 @@
+from ffsm_mj._core.features cimport FaceGroup, Twist
+from ffsm_mj._core.functions cimport mjData, mjModel
+
+
+cdef class RowMemory:
+    cdef readonly Py_ssize_t points, rows, nv
+    cdef readonly tuple counts
+    cdef bytearray block, G_block
+    cdef bint frictional
+    cdef double* start
+    cdef double* J
+    cdef double* response
+    cdef double* gamma
+    cdef double* wrenches
+    cdef double* centres
+    cdef double* axes
+    cdef double* qvel
+    cdef double* G
+    cdef bint has_G
+
+    cdef void renew(self) noexcept
+    cdef double velocity(self, Py_ssize_t i) noexcept
+    cdef double inverse_mass(self, Py_ssize_t i) noexcept
+    cdef double* delassus(self) except NULL
+    cdef int write_resultants(self, const double* forces, double* out) except -1
+
+
+cdef class Group:
+    cdef FaceGroup on_face
+    cdef object other
+    cdef Py_ssize_t start, count, pair, b, a
+    cdef bint rubs, is_limit
+
+cdef class RowEvaluator:
+    cdef readonly list at_limits
+    cdef list groups, limits
+    cdef tuple counts, frictional_counts
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef readonly object data
+    cdef object motion, made_of
+    cdef Py_ssize_t k, nv, bodies
+    cdef double[:, ::1] chains, screws, screw_rates, velocities, centres
+    cdef double[:, ::1] own, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1
+    cdef Py_ssize_t[:, ::1] pairs
+    cdef double[::1] rates
+    cdef Py_ssize_t[::1] ids, roots
+    cdef double[:, ::1] memory
+    cdef Twist* twists
+
+    cdef int evaluate_twists(self) except -1
+    cdef int evaluate_pairs(self) except -1
+    cdef int combine(self, RowMemory own, Py_ssize_t per_point) except -1
+    cdef object twist(self, Py_ssize_t body)
+    cdef list states(self)
+    cdef object state(self, Group group)
+    cdef list groups_in_memory(self)
+    cdef RowMemory empty(self, bint frictional)
+    cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1
+    cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1
+    cdef int write_wrenches(self, list states, RowMemory own, bint frictional) except -1
+    cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1
+    cdef int write_frictional_rows(self, Group group, state, RowMemory own) except -1
+    cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1
+
+cdef int write_scales(list groups, double* scales) except -1
+cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1
+cdef int find_extremes(list groups, double* found) except -1
+cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* found) except -1

@@ -1,0 +1,619 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point and joint limit, at one state.
+
+With friction, rows of two tangents follow each normal: the relative velocity u = v_b(c) - v_a(c) of the two material points
+at the contact point c, which moves at c' over both, has the rate
+
+    u' = a_b(c) + omega_b x (c' - v_b(c)) - a_a(c) - omega_a x (c' - v_a(c))
+
+along tangents that are fixed in space, with the accelerations a(c) of the material points.
+
+The rows of a point are combinations of the six of the relative twist of its bodies, see ``wrench_rows.py``. They are in one
+block of memory, of which arrays are made when Python asks for them. Points over faces are evaluated here, points of other
+features and joint limits one by one (``single_point.py``).
+"""
+
+cimport cython
+
+from collections import Counter
+
+import numpy as np
+
+from ffsm_mj.cached_property import cached_property
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
+from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.persistent.point_rows import ContactRows, Extremes, FrictionalRows
+from ffsm_mj.contact_models.persistent.contact_points import point_runs
+from ffsm_mj.contact_models.persistent.single_point import SinglePoint
+from ffsm_mj.dynamics.body_twists import BodyTwist, chain, PairTwist
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
+
+from libc.math cimport fabs, INFINITY, sqrt
+from libc.string cimport memset
+
+from ffsm_mj._core.features cimport add_point, FaceGroup, FaceState, Twist
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
+from ffsm_mj._core.memory cimport numbers, room, zeros
+
+
+@cython.no_gc  # no cycle contains it
+cdef class RowMemory:
+    """Rows of groups of points at one state.
+
+    J and J M^-1, (m, nv), gamma, (m,), the wrench rows, (m, 6), and their centres, (g, 3); with friction axes, (k, 3, 3), and
+    rates, (nv,). The Delassus matrix J M^-1 J^T, (m, m), is computed when it is needed.
+    """
+
+    def __init__(self, Py_ssize_t points, tuple counts, Py_ssize_t nv, bint frictional, block=None):
+        cdef Py_ssize_t rows = 0, count, size
+        for count in counts:
+            rows += count
+        self.points, self.rows, self.nv, self.counts, self.frictional = points, rows, nv, counts, frictional
+        size = 2 * rows * nv + 7 * rows + 3 * len(counts) + (9 * points + nv if frictional else 0)
+        self.block = zeros(size + 1) if block is None else bytearray(block)
+        self.start = self.J = numbers(self.block)
+        self.response, self.gamma = self.J + rows * nv, self.J + 2 * rows * nv
+        self.wrenches = self.gamma + rows
+        self.centres = self.wrenches + 6 * rows
+        self.axes = self.centres + 3 * <Py_ssize_t>len(counts)
+        self.qvel = self.axes + 9 * points
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.points, self.counts, self.nv, self.frictional, bytes(self.block))
+
+    cdef int write_resultants(self, const double* forces, double* out) except -1:
+        """Write force, and moment about the world origin, on geom b of each group, (g, 6), for forces along the rows."""
+        cdef const double* row = self.wrenches
+        cdef const double* centre = self.centres
+        cdef double[6] wrench
+        cdef Py_ssize_t count
+        cdef int j
+        for count in self.counts:
+            for j in range(6):
+                wrench[j] = 0.0
+            for _ in range(count):
+                for j in range(6):
+                    wrench[j] += forces[0] * row[j]
+                forces, row = forces + 1, row + 6
+            for j in range(3):
+                out[j] = wrench[3 + j]
+            out[3] = wrench[0] + centre[1] * wrench[5] - centre[2] * wrench[4]
+            out[4] = wrench[1] + centre[2] * wrench[3] - centre[0] * wrench[5]
+            out[5] = wrench[2] + centre[0] * wrench[4] - centre[1] * wrench[3]
+            out, centre = out + 6, centre + 3
+        return 0
+
+    def resultants(self, const double[:] forces not None):
+        """The same as a table, (g, 6)."""
+        cdef double[::1] given = np.ascontiguousarray(forces)
+        cdef double[:, ::1] found
+        table = np.empty((len(self.counts), 6))
+        found = table
+        if self.rows:
+            self.write_resultants(&given[0], &found[0, 0])
+        return table
+
+    cdef void renew(self) noexcept:
+        """Set all rows to zero, for another state."""
+        memset(self.start, 0, (2 * self.rows * self.nv + 7 * self.rows) * sizeof(double))
+        self.has_G = False
+
+    cdef double* delassus(self) except NULL:
+        cdef Py_ssize_t i, j, d, rows = self.rows, nv = self.nv
+        cdef double total
+        cdef double* G
+        cdef const double* response
+        cdef const double* J
+        if not self.has_G:
+            if self.G == NULL:
+                self.G_block = room(rows * rows + 1)
+                self.G = numbers(self.G_block)
+            G, self.has_G = self.G, True
+            for i in range(rows):
+                response = self.response + i * nv
+                for j in range(i + 1):
+                    J, total = self.J + j * nv, 0.0
+                    for d in range(nv):
+                        total += response[d] * J[d]
+                    G[i * rows + j] = G[j * rows + i] = total
+        return self.G
+
+    cdef double velocity(self, Py_ssize_t i) noexcept:
+        """Velocity along a row, m/s; with friction."""
+        cdef Py_ssize_t d
+        cdef const double* J = self.J + i * self.nv
+        cdef double total = 0.0
+        for d in range(self.nv):
+            total += J[d] * self.qvel[d]
+        return total
+
+    cdef double inverse_mass(self, Py_ssize_t i) noexcept:
+        """Diagonal element of the Delassus matrix, 1/kg."""
+        cdef Py_ssize_t d
+        cdef double total = 0.0
+        for d in range(i * self.nv, (i + 1) * self.nv):
+            total += self.response[d] * self.J[d]
+        return total
+
+    def array(self, str name):
+        """One of the arrays."""
+        cdef Py_ssize_t m = self.rows, nv = self.nv
+        if name == "G":
+            self.delassus()
+            return np.frombuffer(self.G_block)[: m * m].reshape(m, m)
+        block = np.frombuffer(self.block)
+        if name == "J":
+            return block[: m * nv].reshape(m, nv)
+        if name == "response":
+            return block[m * nv : 2 * m * nv].reshape(m, nv)
+        if name == "gamma":
+            return block[2 * m * nv : 2 * m * nv + m]
+        at = 2 * m * nv + m
+        if name == "wrenches":
+            return block[at : at + 6 * m].reshape(m, 6)
+        at += 6 * m + 3 * len(self.counts)
+        if name == "axes":
+            return block[at : at + 9 * self.points].reshape(self.points, 3, 3)
+        at += 9 * self.points
+        return block[at : at + nv]
+
+
+cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
+
+
+cdef void tangents(const double* n, double* out) noexcept:
+    """Two tangents of a normal, (2, 3); see ffsm_mj.contact_models.impact.friction.tangents."""
+    cdef double x = n[0], y = n[1], z = n[2], length
+    cdef int i
+    if fabs(x) <= fabs(y) and fabs(x) <= fabs(z):
+        out[0], out[1], out[2] = 0.0, -z, y
+    elif fabs(y) <= fabs(z):
+        out[0], out[1], out[2] = z, 0.0, -x
+    else:
+        out[0], out[1], out[2] = -y, x, 0.0
+    length = sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+    for i in range(3):
+        out[i] /= length
+    out[3], out[4], out[5] = y * out[2] - z * out[1], z * out[0] - x * out[2], x * out[1] - y * out[0]
+
+
+cdef int write_scales(list groups, double* scales) except -1:
+    """Write the largest curvature term of each point of some groups, m/s^2."""
+    cdef Py_ssize_t p, at = 0
+    for state in groups:
+        if isinstance(state, FaceState):
+            at += (<FaceState>state).write_scales(scales + at)
+        else:
+            for scale in state.scales:
+                scales[at] = scale
+                at += 1
+    return 0
+
+
+cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1:
+    """Write the rounding of the accelerations of each point with friction under a generalised force, m/s^2."""
+    cdef Py_ssize_t p, j, d, nv = own.nv
+    cdef const double* response
+    cdef double most
+    write_scales(groups, found)
+    for p in range(own.points):
+        most = found[p]
+        for j in range(3 * p, 3 * p + 3):
+            most, response = max(most, fabs(own.gamma[j])), own.response + j * nv
+            for d in range(nv):
+                most = max(most, fabs(response[d] * force[d]))
+        found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most
+    return 0
+
+
+cdef int find_extremes(list groups, double* found) except -1:
+    """Write the extremes over the points of some groups: inside, gap, rate, lowest; see ``Extremes``."""
+    found[0], found[1], found[2], found[3] = INFINITY, 0.0, 0.0, INFINITY
+    for state in groups:
+        if isinstance(state, FaceState):
+            (<FaceState>state).find_extremes(found, found + 1, found + 2, found + 3)
+        else:
+            found[0], found[3] = min(found[0], <double>min(state.insides)), min(found[3], <double>min(state.gaps))
+            found[1] = max(found[1], <double>max(map(abs, state.gaps)))
+            found[2] = max(found[2], <double>max(map(abs, state.rates)))
+    return 0
+
+
+cdef object extremes_of(list groups):
+    """Extremes over the points of some groups."""
+    cdef double[4] found
+    find_extremes(groups, found)
+    return Extremes(found[0], found[1], found[2], found[3])
+
+
+cdef int sum_up(list groups, Py_ssize_t start, Py_ssize_t stop, const double* forces, double* found) except -1:
+    """Add up the points of one pair: force, centre, and mean normal, which is not normalised; (3, 3) zeros before."""
+    cdef Py_ssize_t p, at = 0
+    cdef double total = 0.0
+    cdef const double[:, :] normals, points
+    for p in range(start, stop):
+        total += forces[p]
+    for state in groups:
+        if start <= at < stop:
+            if isinstance(state, FaceState):
+                (<FaceState>state).add_resultant(forces, at, total, stop - start, found)
+            else:
+                normals, points = np.array(state.normals), np.array(state.points)
+                for p in range(points.shape[0]):
+                    add_point(&normals[p, 0], &points[p, 0], forces[at + p], total, stop - start, found)
+        at += state.count
+    return 0
+
+
+cdef object resultant_of(list groups, part, const double[:] forces, friction):
+    """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+    cdef const double[:, :] across
+    cdef Py_ssize_t p, start = part.start, stop = part.stop
+    cdef int i
+    cdef double length
+    vectors = np.zeros((3, 3))
+    cdef double[:, ::1] found = vectors  # force, centre, normal
+    cdef const double[::1] along = np.ascontiguousarray(forces)
+    sum_up(groups, start, stop, &along[0], &found[0, 0])
+    if friction is not None:
+        across = friction
+        for p in range(start, stop):
+            for i in range(3):
+                found[0, i] += across[p, i]
+    length = sqrt(found[2, 0] * found[2, 0] + found[2, 1] * found[2, 1] + found[2, 2] * found[2, 2])
+    for i in range(3):
+        found[2, i] /= length if length > 0.0 and stop - start > 1 else 1.0
+    return vectors[0], vectors[1], vectors[2]
+
+
+class RowsInMemory(ContactRows):
+    """Rows of the normals; arrays are made when they are needed."""
+
+    def __init__(self, groups, memory):
+        self._groups = self.groups = groups
+        self.memory, self.held = memory, {}
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.groups, self.memory)
+
+    extremes = cached_property(lambda self: extremes_of(self._groups))
+
+    def wrenches(self, forces):
+        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows."""
+        return self.memory.resultants(forces)
+
+    def resultant(self, part, forces, friction):
+        """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+        return resultant_of(self._groups, part, forces, friction)
+
+    J = cached_property(lambda self: self.memory.array("J"))
+    gamma = cached_property(lambda self: self.memory.array("gamma"))
+    response = cached_property(lambda self: self.memory.array("response"))
+    G = cached_property(lambda self: self.memory.array("G"))
+
+
+class FrictionalRowsInMemory(FrictionalRows):
+    """Rows of normals and tangents; arrays are made when they are needed, and sums over points are loops."""
+
+    def __init__(self, groups, memory):
+        self._groups = self.groups = groups
+        self.memory, self.held = memory, {}
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.groups, self.memory)
+
+    J = cached_property(lambda self: self.memory.array("J"))
+    gamma = cached_property(lambda self: self.memory.array("gamma"))
+    response = cached_property(lambda self: self.memory.array("response"))
+    G = cached_property(lambda self: self.memory.array("G"))
+    axes = cached_property(lambda self: self.memory.array("axes"))
+    qvel = cached_property(lambda self: self.memory.array("qvel"))
+
+    extremes = cached_property(lambda self: extremes_of(self._groups))
+
+    def wrenches(self, forces):
+        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows."""
+        return self.memory.resultants(forces)
+
+    def resultant(self, part, forces, friction):
+        """Resultant force of the points of one pair, its centre, and the mean unit normal."""
+        return resultant_of(self._groups, part, forces, friction)
+
+    def largest_slip(self, which):
+        """Largest slip of some points along a tangent, m/s; which, (k,)."""
+        cdef RowMemory own = self.memory
+        cdef const unsigned char[::1] chosen = which.view(np.uint8)
+        cdef Py_ssize_t p
+        cdef double most = 0.0
+        for p in range(own.points):
+            if chosen[p]:
+                most = max(most, max(fabs(own.velocity(3 * p + 1)), fabs(own.velocity(3 * p + 2))))
+        return most
+
+    def acceleration_rounding(self, const double[::1] force not None):
+        """Rounding of the accelerations under a generalised force, m/s^2, (k,): a share of the largest term."""
+        cdef RowMemory own = self.memory
+        rounding = np.empty(own.points)
+        cdef double[::1] found = rounding
+        if own.points:
+            write_rounding(self.groups, own, &force[0], &found[0])
+        return rounding
+
+    def across(self, components):
+        """Vectors with given components along the tangents of each point, world axes, (k, 3)."""
+        cdef const double[:, :] given = components
+        cdef RowMemory own = self.memory
+        cdef const double* axes
+        cdef Py_ssize_t p
+        cdef int i
+        vectors = np.empty((own.points, 3))
+        cdef double[:, ::1] found = vectors
+        for p in range(own.points):
+            axes = own.axes + 9 * p
+            for i in range(3):
+                found[p, i] = given[p, 0] * axes[3 + i] + given[p, 1] * axes[6 + i]
+        return vectors
+
+
+cdef tuple vector(const double* v):
+    return v[0], v[1], v[2]
+
+
+cdef class Group:
+    """Points evaluated together: their places among all, their pair of bodies b and a, and whether it has friction."""
+
+
+cdef class RowEvaluator:
+    """Evaluates the rows of some contact points of a motion, state by state.
+
+    The rows of a point are combinations of the six of the relative twist of its bodies: the mass matrix is solved for these.
+    """
+
+    def __init__(self, motion, data, contact_points, flat=()):
+        cdef Group group
+        self.made_of = (motion, data, contact_points, flat)
+        model, self.motion, self.data = motion.model, motion, data
+        self.m, self.d = <const mjModel*>address(model), <mjData*>address(motion.data)
+        self.k, self.nv, self.groups = len(contact_points), model.nv, []
+        bodies, pairs, runs = {}, {}, point_runs(contact_points)
+        groups_of_pairs = Counter(contact_points[places.start].pair for places in runs)
+        patches = {pair for pair in flat if groups_of_pairs[pair] > 1}
+        for places in runs:
+            alike, pair, group = contact_points[places], contact_points[places.start].pair, Group()
+            in_patch, both = pair in patches, (motion.bodies[pair.body_b], motion.bodies[pair.body_a])
+            features = [each.feature for each in alike]
+            if len(alike) > 1 or (isinstance(features[0], PointOnFace) and not in_patch):
+                group.on_face = FaceGroup(features, data, in_patch=in_patch)
+            else:
+                group.other = SinglePoint(features[0], in_patch=in_patch)
+            group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
+            group.is_limit = isinstance(pair, JointLimit)
+            group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
+            group.pair = pairs.setdefault((group.b, group.a), len(pairs))
+            self.groups.append(group)
+        self.counts = tuple([len(contact_points[run]) for run in runs])
+        self.frictional_counts = tuple([3 * count for count in self.counts])
+        self.pairs = np.array(list(pairs), dtype=np.intp).reshape(-1, 2)
+        self.bodies = len(bodies)
+        self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
+        self.twists = <Twist*>&self.memory[0, 0]
+        self.chains = np.array([chain(model, body) for body in bodies]).reshape(len(bodies), model.nv)
+        self.screws, self.screw_rates = motion.data.cdof, motion.data.cdof_dot
+        self.rates, self.velocities, self.centres = motion.data.qvel, motion.data.cvel, motion.data.subtree_com
+        self.ids = np.array([*bodies], dtype=np.intp)
+        self.roots = np.array([int(model.body_rootid[body]) for body in bodies], dtype=np.intp)
+        limits = {i: each.pair for i, each in enumerate(contact_points) if isinstance(each.pair, JointLimit)}
+        self.at_limits = list(limits)
+        self.limits = [(i, row) for row, i in enumerate(limits, 6 * len(pairs))]
+        own = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
+        for (_, row), limit in zip(self.limits, limits.values()):
+            own[row, motion.dofs[limit.dof]] = limit.sign
+        self.own, self.responses = own, np.zeros_like(own)
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory."""
+        return type(self), self.made_of
+
+    cdef int evaluate_twists(self) except -1:
+        cdef Py_ssize_t body, dof
+        cdef int i
+        cdef double rate
+        cdef const double* velocity
+        cdef const double* centre
+        cdef Twist* twist
+        for body in range(self.bodies):
+            twist = &self.twists[body]
+            velocity, centre = &self.velocities[self.ids[body], 0], &self.centres[self.roots[body], 0]
+            for i in range(3):
+                twist.centre[i], twist.omega[i], twist.velocity[i] = centre[i], velocity[i], velocity[3 + i]
+                twist.alpha[i], twist.acceleration[i] = 0.0, 0.0
+            for dof in range(self.nv):
+                rate = self.chains[body, dof] * self.rates[dof]
+                if rate != 0.0:
+                    for i in range(3):
+                        twist.alpha[i] += rate * self.screw_rates[dof, i]
+                        twist.acceleration[i] += rate * self.screw_rates[dof, 3 + i]
+        return 0
+
+    cdef int evaluate_pairs(self) except -1:
+        """Rows of the twist of b relative to a, about the centre of b, for each pair, and these times M^-1."""
+        cdef Py_ssize_t p, dof, n = self.nv
+        cdef int i
+        cdef double own, other
+        cdef double[3] offset
+        cdef const double* screw
+        cdef double* row
+        for p in range(self.pairs.shape[0]):
+            for i in range(3):
+                offset[i] = self.twists[self.pairs[p, 0]].centre[i] - self.twists[self.pairs[p, 1]].centre[i]
+            for dof in range(n):
+                own, other = self.chains[self.pairs[p, 0], dof], self.chains[self.pairs[p, 1], dof]
+                screw, row = &self.screws[dof, 0], &self.own[6 * p, dof]
+                for i in range(6):
+                    row[i * n] = (own - other) * screw[i]
+                if other != 0.0:
+                    row[3 * n] -= screw[1] * offset[2] - screw[2] * offset[1]
+                    row[4 * n] -= screw[2] * offset[0] - screw[0] * offset[2]
+                    row[5 * n] -= screw[0] * offset[1] - screw[1] * offset[0]
+        if self.own.shape[0] > 1:
+            mj.solveM(self.m, self.d, &self.responses[0, 0], &self.own[0, 0], <int>(self.own.shape[0] - 1))
+        return 0
+
+    cdef int combine(self, RowMemory own, Py_ssize_t per_point) except -1:
+        """Write J and J M^-1 of all points."""
+        cdef Group group
+        cdef Py_ssize_t i, d, at, row, n = self.nv
+        cdef int j
+        cdef double share
+        cdef const double* twist
+        cdef const double* response
+        cdef double* J
+        cdef double* answers
+        for group in self.groups:
+            for i in range(per_point * group.start, per_point * (group.start + group.count)):
+                J, answers = own.J + i * n, own.response + i * n
+                for j in range(6):
+                    share = own.wrenches[6 * i + j]
+                    if share != 0.0:
+                        twist, response = &self.own[6 * group.pair + j, 0], &self.responses[6 * group.pair + j, 0]
+                        for d in range(n):
+                            J[d] += share * twist[d]
+                        for d in range(n):
+                            answers[d] += share * response[d]
+        for at, row in self.limits:
+            for d in range(n):
+                own.J[per_point * at * n + d] = self.own[row, d]
+                own.response[per_point * at * n + d] = self.responses[row, d]
+        return 0
+
+    cdef object twist(self, Py_ssize_t body):
+        cdef Twist* of = &self.twists[body]
+        return BodyTwist(
+            vector(of.centre), vector(of.omega), vector(of.velocity), vector(of.alpha), vector(of.acceleration)
+        )
+
+    cdef list states(self):
+        """The points of all groups at the current state."""
+        cdef Group group
+        self.evaluate_twists()
+        self.evaluate_pairs()
+        return [self.state(group) for group in self.groups]
+
+    cdef object state(self, Group group):
+        """The points of a group at the current state."""
+        if group.on_face is not None:
+            return group.on_face.at_state(&self.twists[group.b], &self.twists[group.a])
+        return group.other.at_state(self.data, PairTwist.of(self.twist(group.b), self.twist(group.a)))
+
+    cdef list groups_in_memory(self):
+        """Points of all groups, to be evaluated state by state; None for joint limits, or if other features are among them."""
+        cdef Group group
+        if any([(<Group>each).on_face is None and not (<Group>each).is_limit for each in self.groups]):
+            return None
+        return [None if group.is_limit else group.on_face.at_state(&self.twists[group.b], &self.twists[group.a]) for group in self.groups]
+
+    cdef RowMemory empty(self, bint frictional):
+        """Memory for the rows."""
+        return RowMemory(self.k, self.frictional_counts if frictional else self.counts, self.nv, frictional)
+
+    cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1:
+        """Evaluate points of :meth:`groups_in_memory` and their wrench rows at the current state; mass matrix factored.
+
+        :meth:`combine` completes the rows.
+        """
+        cdef Group group
+        self.evaluate_twists()
+        self.evaluate_pairs()
+        for group, state in zip(self.groups, states):
+            if state is not None:
+                (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
+        own.renew()
+        return self.write_wrenches(states, own, frictional)
+
+    cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1:
+        """Write the rows of the points, which are zero."""
+        self.write_wrenches(states, own, frictional)
+        return self.combine(own, 3 if frictional else 1)
+
+    cdef int write_wrenches(self, list states, RowMemory own, bint frictional) except -1:
+        """Write the wrench rows of the points, their centres and gamma."""
+        cdef Group group
+        cdef Py_ssize_t g, d
+        for g in range(len(states)):
+            group, state = self.groups[g], states[g]
+            for d in range(3):
+                own.centres[3 * g + d] = self.twists[group.b].centre[d]
+            if state is None:
+                continue
+            if frictional:
+                self.write_frictional_rows(group, state, own)
+            else:
+                self.write_normal_rows(group, state, own)
+        if frictional:
+            for d in range(self.nv):
+                own.qvel[d] = self.rates[d]
+        return 0
+
+    cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1:
+        if group.on_face is not None:
+            (<FaceState>state).normal_rows(own.wrenches + 6 * group.start, own.gamma + group.start, 1)
+            return 0
+        part = slice(group.start, group.start + group.count)
+        state.normal_rows(own.array("wrenches")[part], own.array("gamma")[part])
+        return 0
+
+    cdef int write_frictional_rows(self, Group group, state, RowMemory own) except -1:
+        cdef Py_ssize_t p
+        cdef int i
+        cdef double[3] normal
+        cdef double[6] across
+        cdef double* rows = own.wrenches + 18 * group.start
+        cdef double* gamma = own.gamma + 3 * group.start
+        if group.on_face is None:
+            return self.other_rows(group, state, own.array("axes"), own.array("wrenches"), own.array("gamma"))
+        (<FaceState>state).normal_rows(rows, gamma, 3)
+        (<FaceState>state).outward(normal)
+        for i in range(6):
+            across[i] = 0.0
+        if group.rubs:
+            tangents(normal, across)
+            (<FaceState>state).tangential_rows(across, rows, gamma)
+        for p in range(group.start, group.start + group.count):
+            for i in range(3):
+                own.axes[9 * p + i], own.axes[9 * p + 3 + i], own.axes[9 * p + 6 + i] = normal[i], across[i], across[3 + i]
+        return 0
+
+    def rows(self):
+        """Rows of the normals; positions and velocities current, mass matrix factored."""
+        cdef RowMemory own = self.empty(False)
+        cdef list states = self.states()
+        self.write_rows(states, own, False)
+        return RowsInMemory(states, own)
+
+    def frictional_rows(self):
+        """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
+        cdef RowMemory own = self.empty(True)
+        cdef list states = self.states()
+        self.write_rows(states, own, True)
+        return FrictionalRowsInMemory(states, own)
+
+    cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1:
+        """Rows of a single point of another feature, or of a joint limit."""
+        cdef double[6] across
+        cdef double[3] normal
+        cdef int i
+        p = group.start
+        rows, gamma = wrenches.reshape(-1, 3, 6)[p : p + 1], gamma.reshape(-1, 3)[p : p + 1]
+        axes[p, 0] = state.normals[0]
+        if not group.rubs:
+            state.normal_rows(rows[:, 0], gamma[:, 0])
+            return 0
+        for i in range(3):
+            normal[i] = axes[p, 0, i]
+        tangents(normal, across)
+        axes[p, 1:] = [vector(across), vector(&across[3])]
+        state.frictional_rows(axes[p], rows, gamma)
+        return 0

@@ -1,0 +1,34 @@
+from ffsm_mj._core.functions cimport mjData, mjModel
+from ffsm_mj._core.rows cimport RowMemory
+
+
+cdef class Smooth:
+    cdef readonly object motion
+    cdef object seen
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef double[::1] qpos, qvel, ctrl, own_ctrl, passive, bias, actuator
+    cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes
+    cdef object last_place, last_load, last_state
+    cdef bint follows
+
+    cdef void write_force(self, const double* pushes, double* force) noexcept
+    cpdef object place(self)
+    cpdef object load(self, double[::1] pushes)
+    cpdef object state(self, double[::1] pushes)
+    cpdef object force(self, double[::1] pushes)
+
+
+cdef class StageInMemory:
+    cdef readonly object rows
+    cdef bytearray block
+    cdef readonly Py_ssize_t count, nv, groups
+    cdef bint frictional
+    cdef double* along
+    cdef double* powers
+    cdef double* found
+
+cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional)
+cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional)
+cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1
+cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept

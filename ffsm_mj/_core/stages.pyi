@@ -1,0 +1,23 @@
+from collections.abc import Sequence
+from typing import Any
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.persistent.exchange import Stage
+from ffsm_mj.dynamics.motion import Motion
+
+class Smooth:
+    motion: Motion
+    def __init__(self, motion: Motion, seen: Any) -> None: ...
+    def place(self) -> object: ...
+    def load(self, pushes: FloatArray) -> object: ...
+    def state(self, pushes: FloatArray) -> tuple[object, object]: ...
+    def force(self, pushes: FloatArray) -> FloatArray: ...
+
+class StageSums:
+    work: FloatArray
+    total: float
+    impulses: FloatArray
+    sizes: list[float]
+    def __init__(self, stages: Sequence[Stage], parts: FloatArray) -> None: ...
+    def exchange(self, from_robot: FloatArray, outside: FloatArray, robot: slice) -> Exchange: ...

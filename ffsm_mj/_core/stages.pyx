@@ -1,0 +1,242 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Contact forces in the stages of a step: the smooth forces, a stage in one block of memory, and integrals over a step."""
+
+cimport cython
+
+import numpy as np
+
+from ffsm_mj.balance.exchange import Exchange
+
+from cpython.bytes cimport PyBytes_FromStringAndSize
+from libc.math cimport sqrt
+from libc.string cimport memcmp, memcpy, memset
+
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
+from ffsm_mj._core.memory cimport numbers, zeros
+from ffsm_mj._core.rows cimport RowMemory
+
+
+cdef bytes copied(double[::1] values):
+    """A token: a new object that a saved state can hold."""
+    return PyBytes_FromStringAndSize(<char*>&values[0], values.shape[0] * <Py_ssize_t>sizeof(double))
+
+
+cdef bint same(double[::1] values, double[::1] last) noexcept:
+    """Whether values are the last ones; those become the last ones."""
+    cdef size_t size = values.shape[0] * sizeof(double)
+    if not size or memcmp(&values[0], &last[0], size) == 0:
+        return True
+    memcpy(&last[0], &values[0], size)
+    return False
+
+
+cdef class Smooth:
+    """State and smooth forces of a motion."""
+
+    def __init__(self, motion, seen):
+        data = motion.data
+        self.seen = seen
+        self.motion, self.m, self.d = motion, <const mjModel*>address(motion.model), <mjData*>address(data)
+        self.qpos, self.qvel, self.ctrl, self.own_ctrl = data.qpos, data.qvel, seen.ctrl, data.ctrl
+        self.passive, self.bias, self.actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
+        self.follows = data is not seen
+        # No state is the last one yet: NaN has many bit patterns, and the efforts of a run are not this one.
+        self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes = (
+            np.full(len(each), np.nan) for each in (data.qpos, data.qvel, seen.ctrl, data.qvel)
+        )
+        self.last_place, self.last_load = copied(self.qpos), copied(self.qvel)
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory."""
+        return type(self), (self.motion, self.seen)
+
+    cpdef object place(self):
+        """Token of the current positions and velocities: the same object while they are the same bit by bit."""
+        cdef bint stays = same(self.qpos, self.last_qpos)
+        if not same(self.qvel, self.last_qvel) or not stays:
+            self.last_place = copied(self.qpos)
+        return self.last_place
+
+    cpdef object load(self, double[::1] pushes):
+        """The same of the current efforts and of applied forces, (nv,)."""
+        cdef bint stays = same(self.ctrl, self.last_ctrl)
+        if not same(pushes, self.last_pushes) or not stays:
+            self.last_load = copied(pushes)
+        return self.last_load
+
+    cpdef object state(self, double[::1] pushes):
+        """The same of the positions, velocities, efforts and applied forces."""
+        place, load = self.place(), self.load(pushes)
+        if self.last_state is None or self.last_state[0] is not place or self.last_state[1] is not load:
+            self.last_state = place, load
+        return self.last_state
+
+    cpdef object force(self, double[::1] pushes):
+        """Generalised forces less the bias, including applied forces ``pushes``, (nv,); positions and velocities current."""
+        total = np.empty(self.qvel.shape[0])
+        cdef double[::1] force = total
+        if force.shape[0]:
+            self.write_force(&pushes[0], &force[0])
+        return total
+
+    cdef void write_force(self, const double* pushes, double* force) noexcept:
+        cdef Py_ssize_t i
+        if self.follows:
+            self.own_ctrl[:] = self.ctrl
+        mj.fwdActuation(self.m, self.d)
+        for i in range(self.qvel.shape[0]):
+            force[i] = self.passive[i] - self.bias[i] + self.actuator[i] + pushes[i]
+
+
+@cython.no_gc  # no cycle contains it
+cdef class StageInMemory:
+    """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6)."""
+
+    slide = None
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional)
+
+    @property
+    def forces(self):
+        """Normal forces, N, (k,)."""
+        along = np.frombuffer(self.block)[: self.count]
+        return along[::3] if self.frictional else along
+
+    @property
+    def friction(self):
+        """Friction force on geom b of each point, world axes, N, (k, 3); None without friction."""
+        return self.rows.friction_forces(np.frombuffer(self.block)[: self.count])
+
+    @property
+    def power(self):
+        """Power of the contact forces by degree of freedom, W, (nv,)."""
+        return np.frombuffer(self.block)[self.count : self.count + self.nv]
+
+    @property
+    def wrenches(self):
+        """Force, and moment about the world origin, on geom b of each group of points of one pair."""
+        return np.frombuffer(self.block)[self.count + self.nv : self.count + self.nv + 6 * self.groups].reshape(-1, 6)
+
+
+def stage_in_memory(rows, block, count, nv, groups, frictional):
+    """A stage that was saved."""
+    return new_stage(rows, bytearray(block), count, nv, groups, frictional)
+
+
+cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
+    cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
+    stage.rows, stage.block, stage.count, stage.nv, stage.groups = rows, block, count, nv, groups
+    stage.frictional, stage.along = frictional, numbers(block)
+    stage.powers, stage.found = stage.along + count, stage.along + count + nv
+    return stage
+
+
+cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
+    """A stage without forces."""
+    return new_stage(rows, zeros(count + nv + 6 * groups + 1), count, nv, groups, frictional)
+
+
+cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:
+    """Generalised forces, (nv,), of forces along rows."""
+    cdef Py_ssize_t i, d, nv = own.nv
+    cdef const double* J
+    memset(generalised, 0, nv * sizeof(double))
+    for i in range(own.rows):
+        if along[i] != 0.0:
+            J = own.J + i * nv
+            for d in range(nv):
+                generalised[d] += along[i] * J[d]
+
+
+cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1:
+    """Write power and wrenches of the forces of a stage."""
+    cdef Py_ssize_t d
+    for d in range(own.nv):
+        stage.powers[d] = generalised[d] * qvel[d]
+    return own.write_resultants(stage.along, stage.found)
+
+
+cdef class StageSums:
+    """Integrals over a step of the contact forces in its stages."""
+
+    cdef readonly object work, impulses
+    cdef readonly double total
+    cdef readonly list sizes
+
+    def __init__(self, stages, const double[::1] parts not None):
+        cdef StageInMemory first = stages[0] if isinstance(stages[0], StageInMemory) else None
+        cdef Py_ssize_t groups = first.groups if first is not None else len(stages[0].wrenches)
+        cdef Py_ssize_t nv = first.nv if first is not None else len(stages[0].power)
+        cdef Py_ssize_t s, i
+        self.work, self.impulses, self.total = np.zeros(nv), np.zeros((groups, 6)), 0.0
+        cdef double[::1] work = self.work
+        cdef double[:, ::1] impulses = self.impulses
+        cdef const double[::1] power
+        cdef double[:, ::1] wrenches
+        cdef StageInMemory stage
+        self.sizes = [0.0] * groups
+        for s in range(parts.shape[0]):
+            if isinstance(stages[s], StageInMemory):
+                stage = stages[s]
+                self.add(parts[s], stage.powers, &work[0], nv, stage.found, &impulses[0, 0] if groups else NULL, groups)
+            else:
+                power, wrenches = stages[s].power, np.array(stages[s].wrenches, dtype=np.float64).reshape(-1, 6)
+                self.add(
+                    parts[s], &power[0], &work[0], nv, &wrenches[0, 0] if groups else NULL, &impulses[0, 0] if groups else NULL, groups
+                )
+        for i in range(nv):
+            self.total += work[i]
+
+    cdef int add(
+        self,
+        double part,
+        const double* power,
+        double* work,
+        Py_ssize_t nv,
+        const double* wrenches,
+        double* impulses,
+        Py_ssize_t groups,
+    ) except -1:
+        """Add a stage with its weight."""
+        cdef Py_ssize_t i, g
+        for i in range(nv):
+            work[i] += part * power[i]
+        for i in range(6 * groups):
+            impulses[i] += part * wrenches[i]
+        for g in range(groups):
+            self.sizes[g] += part * sqrt(
+                wrenches[6 * g] * wrenches[6 * g]
+                + wrenches[6 * g + 1] * wrenches[6 * g + 1]
+                + wrenches[6 * g + 2] * wrenches[6 * g + 2]
+            )
+        return 0
+
+    def exchange(self, const double[::1] from_robot not None, const double[:, ::1] outside not None, robot):
+        """Energy and momentum exchanged between the subsystems."""
+        cdef const double[::1] work = self.work
+        cdef const double[:, ::1] impulses = self.impulses
+        cdef Py_ssize_t i, g
+        found = np.zeros(21)
+        cdef double[::1] sums = found
+        for i in range(<Py_ssize_t>robot.start, <Py_ssize_t>robot.stop):
+            sums[1] += work[i]
+        sums[0], sums[2] = self.total, self.total - sums[1]
+        for g in range(impulses.shape[0]):
+            for i in range(6):
+                sums[3 + i] += from_robot[g] * impulses[g, i]
+                sums[9 + i] += outside[0, g] * impulses[g, i]
+                sums[15 + i] += outside[1, g] * impulses[g, i]
+        return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return stage_sums, (self.work, self.impulses, self.total, self.sizes)
+
+
+def stage_sums(work, impulses, total, sizes):
+    """Integrals that were saved."""
+    cdef StageSums sums = StageSums.__new__(StageSums)
+    sums.work, sums.impulses, sums.total, sums.sizes = work, impulses, total, sizes
+    return sums

@@ -1,0 +1,414 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Shortcut through steady states, and their log columns: all contact points carry force and none slides, as most of the time.
+
+States are evaluated by the contact problems that the choice of active set and modes finds where a state is not steady.
+"""
+
+from functools import partial
+
+import numpy as np
+
+from ffsm_mj._core.steppers import WEIGHTS
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
+from ffsm_mj.contact_models.persistent.exchange import robot_dofs, Shares
+from ffsm_mj.contact_models.persistent.rule_columns import IMPULSE, NOTHING, PRESSING, STICKING
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S
+
+from libc.math cimport sqrt
+from libc.string cimport memcpy, memset
+
+from ffsm_mj._core.contacts cimport (
+    ContactAcceleration,
+    FrictionState,
+    largest_ratio,
+    problem_under,
+    StageForces,
+    state_under,
+)
+from ffsm_mj._core.forces cimport patches_of, StuckPatches
+from ffsm_mj._core.memory cimport numbers, room
+from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, RowMemory, sum_up
+from ffsm_mj._core.stages cimport Smooth, StageInMemory
+
+
+cdef double _PRESSING = PRESSING, _STICKING = STICKING
+cdef const double[::1] _NOTHING = NOTHING
+cdef Py_ssize_t COLUMNS = IMPULSE
+cdef enum:
+    MODE = 0  # columns of a rule
+    PAIRS = 1
+    POINTS = 2
+    SIZE = 3
+    FORCE = 4
+    CENTRE = 7
+    USE = 4  # of those of friction
+    OF_FRICTION = 6
+    START = 0  # of a pair: first of its points, end; rows of its rule, with friction or -1; first group of points, end
+    STOP = 1
+    ROW = 2
+    FRICTION_ROW = 3
+    GROUP = 4
+    LAST_GROUP = 5
+
+
+cdef inline double norm(const double* v) noexcept nogil:
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+cdef class RuleColumns:
+    """Columns of the rules of pairs all of whose points carry force, without sliding."""
+
+    cdef Py_ssize_t[:, ::1] parts
+    cdef double[:, ::1] values, friction_values
+    cdef double[::1] work_J
+
+    def __init__(self, by_pair, shares, tables):
+        """Find the points, groups of points and rows of each pair."""
+        cdef Py_ssize_t at = 0, i
+        groups = {pair: each for pair, each, _ in shares.pairs}
+        self.values, rows, self.friction_values, friction_rows, self.work_J = tables
+        self.parts = np.empty((len(by_pair), 6), dtype=np.intp)
+        for i, (pair, own) in enumerate(by_pair.items()):
+            self.parts[i, START], at = at, at + <Py_ssize_t>len(own)
+            self.parts[i, STOP], self.parts[i, ROW] = at, rows[pair.rule]
+            self.parts[i, FRICTION_ROW] = friction_rows[pair.rule] if pair.mu > 0.0 else -1
+            self.parts[i, GROUP], self.parts[i, LAST_GROUP] = min(groups[pair]), max(groups[pair]) + 1
+
+    cdef int write(
+        self, list groups, const double* axes, const double* normal_forces, const double* forces, const double* use
+    ) except -1:
+        """Write all columns but the impulses.
+
+        Args:
+            groups: The points at the state.
+            axes: Normal and tangents of each point; without friction, they and the next are not read.
+            normal_forces: Normal force of each point, N.
+            forces: Forces (n, t1, t2) of each point, N.
+            use: Share of the friction limit of each point.
+        """
+        cdef Py_ssize_t i
+        cdef double[9] found
+        self.clear()
+        for i in range(self.parts.shape[0]):
+            memset(found, 0, sizeof(found))
+            sum_up(groups, self.parts[i, START], self.parts[i, STOP], normal_forces, found)
+            if self.parts[i, FRICTION_ROW] >= 0:
+                self.add_friction(i, axes, forces, use, found)
+            self.add_pair(i, found)
+        self.finish()
+        return 0
+
+    cdef void clear(self) noexcept:
+        """Begin without pairs."""
+        cdef Py_ssize_t row
+        for row in range(self.values.shape[0]):
+            self.values[row, PAIRS] = 0.0
+        for row in range(self.friction_values.shape[0]):
+            memset(&self.friction_values[row, 0], 0, OF_FRICTION * sizeof(double))
+
+    cdef void finish(self) noexcept:
+        """Divide the centres of several pairs by the sum of their weights; rules without a pair have the columns of these."""
+        cdef Py_ssize_t row
+        cdef double* values
+        cdef int j
+        for row in range(self.values.shape[0]):
+            values = &self.values[row, 0]
+            if values[PAIRS] == 0.0:
+                memcpy(values, &_NOTHING[0], COLUMNS * sizeof(double))
+            elif values[PAIRS] > 1.0:
+                for j in range(3):
+                    values[CENTRE + j] /= values[SIZE]
+
+    cdef void add_pair(self, Py_ssize_t i, const double* found) noexcept:
+        """Add a pair, with its force and centre, to its rule: of several, centres are weighted by the sizes of the forces."""
+        cdef double* values = &self.values[self.parts[i, ROW], 0]
+        cdef Py_ssize_t points = self.parts[i, STOP] - self.parts[i, START]
+        cdef double size = norm(found)
+        cdef int j
+        if values[PAIRS] == 0.0:
+            values[MODE] = _STICKING if self.parts[i, FRICTION_ROW] >= 0 else _PRESSING
+            values[PAIRS], values[POINTS], values[SIZE] = 1.0, points, size
+            memcpy(values + FORCE, found, 6 * sizeof(double))
+            return
+        for j in range(3):
+            if values[PAIRS] == 1.0:
+                values[CENTRE + j] *= values[SIZE]
+            values[FORCE + j] += found[j]
+            values[CENTRE + j] += size * found[3 + j]
+        values[PAIRS], values[POINTS], values[SIZE] = values[PAIRS] + 1.0, values[POINTS] + points, values[SIZE] + size
+
+    cdef void add_friction(
+        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, double* found
+    ) noexcept:
+        """Add a pair to the columns of friction of its rule, and its friction to the force."""
+        cdef double* values = &self.friction_values[self.parts[i, FRICTION_ROW], 0]
+        cdef double[3] across
+        cdef Py_ssize_t p
+        cdef int j
+        across[0] = across[1] = across[2] = 0.0
+        for p in range(self.parts[i, START], self.parts[i, STOP]):
+            values[USE] = max(values[USE], use[p])
+            for j in range(3):
+                across[j] += forces[3 * p + 1] * axes[9 * p + 3 + j] + forces[3 * p + 2] * axes[9 * p + 6 + j]
+        values[0] += norm(across)
+        for j in range(3):
+            values[1 + j] += across[j]
+            found[j] += across[j]
+
+    cdef void add_impulses(self, double part, const double* wrenches) noexcept:
+        """Add the sizes of the resultants of all pairs in a stage, with its weight, to the impulses of their rules."""
+        cdef Py_ssize_t i, g
+        cdef double[3] force
+        cdef int j
+        for i in range(self.parts.shape[0]):
+            force[0] = force[1] = force[2] = 0.0
+            for g in range(self.parts[i, GROUP], self.parts[i, LAST_GROUP]):
+                for j in range(3):
+                    force[j] += wrenches[6 * g + j]
+            self.values[self.parts[i, ROW], COLUMNS] += part * norm(force)
+
+
+cdef double _DRIFT_M = DRIFT_M, _DRIFT_M_S = DRIFT_M_S, _FEATURE_BOUND_M = FEATURE_BOUND_M, _LEVEL_M = LEVEL_M
+cdef double GAP_M = PROJECTED_GAP_M, RATE_M_S = PROJECTED_RATE_M_S, SLIP_M_S = PROJECTED_SLIP_M_S
+cdef double[::1] _WEIGHTS = WEIGHTS
+STEP = slice(-5, -1)  # the stages of an explicit step; the last one of all is at its end
+
+
+cdef class SteadyContacts:
+    """Closed contacts of which all points carry force and none slides."""
+
+    cdef object closed, modes, solver, system, tables
+    # Closed contacts, as they were taken over
+    cdef object points, pressing, generation, point_modes, evaluator, M
+    cdef bint possible, frictional, others, is_level
+    cdef Smooth smooth
+    cdef StageForces inside
+    cdef StuckPatches patches
+    cdef object data, pushes
+    cdef double[::1] applied, other, sums
+    cdef bytearray memory
+    cdef double* normal_forces
+    cdef double* use
+    cdef RuleColumns columns
+    cdef const double[::1] from_robot
+    cdef const double[:, ::1] outside
+    cdef Py_ssize_t robot_start, robot_stop
+    cdef const double[::1] mu
+    # State seen last
+    cdef object place, state, rows
+    cdef RowMemory own
+    cdef list groups
+    cdef FrictionState here
+    cdef ContactAcceleration problem
+    cdef double[4] extremes
+    cdef readonly double lowest
+    cdef bint is_steady, is_reduced
+
+    def __init__(self, closed, system):
+        self.closed, self.modes, self.solver, self.system = closed, closed.modes, closed.solver, system
+        self.generation = -1
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it: it has no memory."""
+        return type(self), (self.closed, self.system), (self.tables,)
+
+    def __setstate__(self, held):
+        self.tables = held[0]
+
+    def report_to(self, tables):
+        """Set the tables of :meth:`write` and :meth:`exchange`."""
+        self.tables = tables
+
+    cdef bint may_be(self) except -1:
+        """Whether the closed contacts may be steady; takes them over if they have changed."""
+        closed = self.closed
+        if (
+            closed.contact_points is not self.points
+            or closed.pressing is not self.pressing
+            or self.modes.generation != self.generation
+        ):
+            self.take()
+        return self.possible
+
+    cdef int take(self) except -1:
+        closed, solver = self.closed, self.solver
+        self.points, self.pressing, self.generation = closed.contact_points, closed.pressing, self.modes.generation
+        self.place, self.state, self.possible, self.frictional = None, None, False, closed.has_friction
+        if not closed.may_be_steady:
+            return 0
+        if self.frictional:
+            self.point_modes = self.modes.of(self.points)
+            if not self.point_modes.all_stick:
+                return 0
+            self.mu = self.point_modes.mu
+            self.patches = patches_of(solver.evaluator(self.points))
+        self.possible, motion = True, closed.motion
+        self.smooth, self.evaluator = solver.smooth, solver.evaluator(self.points)
+        self.inside, self.data = solver.stage_forces(self.points, friction=self.frictional), motion.data
+        self.applied, self.pushes = motion.data.qfrc_applied, np.zeros(motion.model.nv)
+        self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(2 * len(self.points))
+        self.normal_forces = numbers(self.memory)
+        self.use = self.normal_forces + <Py_ssize_t>len(self.points)
+        self.M, pairs = partial(mass_matrix, motion.model, motion.data), closed.clearance.pairs
+        self.others, self.is_level = bool(pairs), closed.clearance.flat_pairs.issuperset(pairs)
+        shares = Shares.of(self.system, self.points, motion.grasped_bodies)
+        self.from_robot, self.outside = shares.of_groups
+        robot = robot_dofs(self.system, motion)
+        self.robot_start, self.robot_stop = robot.start, robot.stop
+        self.columns = RuleColumns(closed.by_pair, shares, self.tables)
+        return 0
+
+    cdef bint holds(self) except -1:
+        """Whether the state in ``data`` under its efforts is steady."""
+        modes = self.modes
+        if not self.may_be():
+            return False
+        if self.frictional and (modes.released or modes.struck or modes.stops or modes.beginning):
+            return False
+        pushes = self.solver.other_forces
+        state = self.smooth.state(self.other if pushes is self.pushes else pushes)
+        if state is not self.state:
+            self.state, self.is_steady = state, False
+            self.is_steady = self.evaluate(state[0], state[1], pushes)
+            if self.is_steady:
+                self.lowest = self.extremes[3]
+        return self.is_steady
+
+    cdef bint evaluate(self, place, load, pushes) except -1:
+        solver = self.solver
+        cdef const double[::1] pushed = self.other
+        if place is not self.place:
+            self.find_rows(place)
+            find_extremes(self.groups, self.extremes)
+        if pushes is not self.pushes:
+            pushed = pushes
+        if self.frictional:
+            self.here = state_under(self.points, self.rows, self.own, self.point_modes, self.smooth, &pushed[0])
+            if self.is_reduced:
+                self.patches.solve(self.own, self.here.pushed, self.here.stuck, &self.sums[0])
+                self.here.has_forces = True
+            solver.last_friction_state = place, load, self.here
+        else:
+            self.problem = problem_under(self.M, self.rows, self.own, self.smooth, &pushed[0])
+            solver.last_problem = place, load, self.problem
+        if not (
+            self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
+        ):
+            return False
+        if not (self.here.margin() >= 0.0 if self.frictional else self.problem.holds_all()):
+            return False
+        return self.touches_nowhere_else()
+
+    cdef int find_rows(self, place) except -1:
+        """Find the rows of the points at the current positions and velocities, as the choice of modes keeps them."""
+        cdef RowEvaluator evaluator = self.evaluator
+        solver = self.solver
+        known, self.is_reduced = solver.last_friction_rows if self.frictional else solver.last_rows, False
+        if known is None or known[1] is not place or known[0] is not self.points:
+            known = self.points, place, evaluator.frictional_rows() if self.frictional else evaluator.rows()
+            if self.frictional:
+                solver.last_friction_rows = known
+                self.is_reduced = self.patches is not None and self.patches.prepare(known[2].groups, known[2].memory)
+            else:
+                solver.last_rows = known
+        self.place, self.rows = place, known[2]
+        self.own, self.groups = self.rows.memory, self.rows.groups
+        return 0
+
+    cdef bint touches_nowhere_else(self) except -1:
+        if not self.others or (self.is_level and self.extremes[1] <= _LEVEL_M):
+            return True
+        return self.closed.clearance.least(self.place, self.extremes[1], self.closed.gaps_of) >= 0.0
+
+    def is_now(self):
+        """Whether the state in ``data`` under its efforts is steady: nothing changes, and no gap has drifted too far."""
+        return self.holds()
+
+    def goes_on(self):
+        """Begin a step with the contacts and modes of the step before, if the state is steady; returns whether it is."""
+        if not self.holds() or self.extremes[1] > GAP_M or self.extremes[2] > RATE_M_S:
+            return False
+        if self.frictional:
+            if self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds):
+                return False
+        self.closed.begin_steady_step()
+        return True
+
+    def push(self, data):
+        """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
+        cdef StageInMemory stage
+        cdef Py_ssize_t i, n
+        closed, flight = self.closed, self.closed.motion.forced
+        if data is not self.data or flight.implicit or not self.may_be():
+            closed.push(data)
+            return
+        if flight.inside:
+            closed.stages.append(self.inside.add_to(self.applied))
+            return
+        n = self.applied.shape[0]
+        memcpy(&self.other[0], &self.applied[0], n * sizeof(double))
+        self.solver.other_forces = self.pushes
+        if not self.holds():
+            closed.push(data)
+            return
+        if self.frictional:
+            stage = self.here.stuck_into(&self.sums[0])
+        else:
+            stage = self.problem.held_stage(&self.smooth.qvel[0], &self.sums[0])
+        for i in range(n):
+            self.applied[i] += self.sums[i]
+        closed.stages.append(stage)
+
+    def write(self):
+        """Write the columns of all contact rules, if the state is steady; returns whether it is."""
+        cdef const double* forces = NULL
+        cdef Py_ssize_t p, n
+        if not self.holds():
+            return False
+        n = self.own.points
+        if self.frictional:
+            forces = self.here.stuck_forces()
+            for p in range(n):
+                self.normal_forces[p] = max(forces[3 * p], 0.0)
+            if not largest_ratio(forces, self.mu, self.use) <= 1.0:
+                return False  # shares of least use are to be found
+        else:
+            memcpy(self.normal_forces, self.problem.all_held(), n * sizeof(double))
+        self.columns.write(self.groups, self.own.axes, self.normal_forces, forces, self.use)
+        return True
+
+    def exchange(self, double duration_s):
+        """Energy and momentum exchanged in a (sub-)step, if the state at its end is steady; adds impulses and work."""
+        cdef list stages
+        cdef StageInMemory stage
+        cdef double part, power, total = 0.0, own = 0.0
+        cdef double[::1] sums
+        cdef const double* wrench
+        cdef Py_ssize_t s, i, g
+        if not self.holds():
+            return None
+        stages = self.closed.stages[STEP]
+        if len(stages) < 4 or not all([isinstance(each, StageInMemory) for each in stages]):
+            return None
+        found = np.zeros(21)
+        sums = found
+        for s in range(4):
+            stage, part = stages[s], duration_s * _WEIGHTS[s]
+            for i in range(stage.nv):
+                power = part * stage.powers[i]
+                total += power
+                if self.robot_start <= i < self.robot_stop:
+                    own += power
+            for g in range(stage.groups):
+                wrench = stage.found + 6 * g
+                for i in range(6):
+                    sums[3 + i] += part * self.from_robot[g] * wrench[i]
+                    sums[9 + i] += part * self.outside[0, g] * wrench[i]
+                    sums[15 + i] += part * self.outside[1, g] * wrench[i]
+            self.columns.add_impulses(part, stage.found)
+        sums[0], sums[1], sums[2] = total, own, total - own
+        if self.frictional:
+            self.columns.work_J[0] += total
+        return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))

@@ -1,0 +1,42 @@
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.implicit_stages import ImplicitStep
+
+WHOLE_STATE: int
+BOUND_MARGIN: float
+WEIGHTS: FloatArray
+
+class FreeStepper:
+    energy: float
+    motion_bound: float
+    last_increment: float
+    event_bound: float
+    def __init__(self, model: Any, data: Any, state: FloatArray, momentum: FloatArray) -> None: ...
+    def clear(self, event_bound: float) -> None: ...
+    def step(self, duration_s: float) -> bool: ...
+    def account(self, duration_s: float) -> bool: ...
+
+class ForcedStepper(FreeStepper):
+    implicit: bool
+    inside: bool
+    solved: bool
+    repeats: int
+    stage: ImplicitStep | None
+    start_rates: FloatArray
+    rotations: Sequence[slice]
+    def __init__(
+        self,
+        model: Any,
+        data: Any,
+        state: FloatArray,
+        momentum: FloatArray,
+        pushes: Sequence[Callable[[Any], None]],
+        follow: Callable[[], None],
+    ) -> None: ...
+    @property
+    def weights(self) -> FloatArray: ...
+    def refresh(self) -> None: ...
+    def integrate(self, duration_s: float) -> None: ...
+    def move_by(self, increment: FloatArray) -> None: ...

@@ -1,0 +1,239 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Steps of a motion: free of applied forces, and under them, by Runge-Kutta methods of order four.
+
+Free steps are those of mj_step and mj_forward with one exception: mj_step begins with the position, velocity and constraint
+stages of the initial state, which the last mj_forward has already computed. RK4 without an active constraint reuses them; all
+other steps call mj_step.
+
+Applied forces are evaluated in every stage. MuJoCo's callbacks would be too, but are global to the process. A step under
+them is explicit (the classical method), or implicit where a force is stiff in the velocities
+(:mod:`ffsm_mj.dynamics.implicit_stages`). Rotations are integrated as the rotation vector since the start of the step
+(Runge-Kutta-Munthe-Kaas), which keeps the order on the rotation group.
+"""
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.dynamics.implicit_stages import IMPLICIT_WEIGHTS, integrate_implicitly
+from ffsm_mj.dynamics.rigid_body import rotation_dofs
+
+from libc.math cimport fabs, INFINITY, sqrt
+from libc.string cimport memcpy, memset
+
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL
+
+
+WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""State that MuJoCo needs to repeat a step bit by bit. A plain int, as enum lookup in the bindings is slow."""
+BOUND_MARGIN = 1.1
+"""Safety factor: the energy inside a step may exceed that at its ends."""
+WEIGHTS = np.array((1.0, 2.0, 2.0, 1.0)) / 6.0
+"""Quadrature weights of the four stages of an explicit step."""
+cdef double _BOUND_MARGIN = BOUND_MARGIN
+cdef int _WHOLE_STATE = WHOLE_STATE
+
+
+cdef class FreeStepper:
+    """Integrates steps and accumulates the motion bound, the integral of sqrt(2 T) dt."""
+
+    cdef readonly double energy, motion_bound, last_increment
+    cdef public double event_bound
+    cdef const mjModel* m
+    cdef mjData* d
+    cdef double[::1] state, momentum, rates
+    cdef bint runge_kutta, unconstrained
+    cdef object model, data
+
+    def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None):
+        if len(state) != mujoco.mj_stateSize(model, WHOLE_STATE) or len(momentum) != model.nv:
+            raise ValueError(f"a state of {len(state)} and a momentum of {len(momentum)} numbers do not fit the model")
+        self.m, self.d, self.model, self.data = <const mjModel*>address(model), <mjData*>address(data), model, data
+        self.state, self.momentum, self.rates = state, momentum, data.qvel
+        self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self.clear(INFINITY)
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        held = self.energy, self.motion_bound, self.last_increment, self.event_bound, self.unconstrained
+        return type(self), (self.model, self.data, np.asarray(self.state), np.asarray(self.momentum)), held
+
+    def __setstate__(self, held):
+        self.energy, self.motion_bound, self.last_increment, self.event_bound, self.unconstrained = held
+
+    def clear(self, double event_bound):
+        """Reset the motion bound at the state in ``data``."""
+        self.motion_bound, self.last_increment, self.event_bound = 0.0, 0.0, event_bound
+        self.energy = self.kinetic()
+        self.unconstrained = self.data.nefc == 0
+
+    def step(self, double duration_s):
+        """Integrate for the model's time step; returns whether no event is possible."""
+        mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
+        if self.runge_kutta and self.unconstrained:
+            mj.checkPos(self.m, self.d)
+            mj.checkVel(self.m, self.d)
+            mj.forwardSkip(self.m, self.d, mjSTAGE_VEL, 1)
+            mj.checkAcc(self.m, self.d)
+            mj.RungeKutta(self.m, self.d, 4)
+        else:
+            mj.step(self.m, self.d)
+        mj.forward(self.m, self.d)
+        # Evaluated here, not when it is needed: collision detection in between discards the constraints.
+        self.unconstrained = self.data.nefc == 0
+        return self.add(duration_s)
+
+    def account(self, double duration_s):
+        """Add a finished step to the motion bound; derived quantities must be current."""
+        return self.add(duration_s)
+
+    cdef bint add(self, double duration_s) noexcept:
+        cdef double before = self.energy
+        self.energy = self.kinetic()
+        self.last_increment = _BOUND_MARGIN * duration_s * sqrt(2.0 * fabs(before if before > self.energy else self.energy))
+        self.motion_bound += self.last_increment
+        return self.motion_bound < self.event_bound
+
+    cdef double kinetic(self) noexcept:
+        cdef double twice = 0.0
+        cdef Py_ssize_t i
+        mj.mulM(self.m, self.d, &self.momentum[0], &self.rates[0])
+        for i in range(self.rates.shape[0]):
+            twice += self.momentum[i] * self.rates[i]
+        return 0.5 * twice
+
+
+cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
+    """Replace a body-frame angular velocity by the rate of the rotation vector."""
+    cdef double a = turned[0], b = turned[1], c = turned[2], x = spin[0], y = spin[1], z = spin[2]
+    cdef double u = b * z - c * y, v = c * x - a * z, w = a * y - b * x, twelfth = 1.0 / 12.0
+    spin[0] = x + 0.5 * u + twelfth * (b * w - c * v)
+    spin[1] = y + 0.5 * v + twelfth * (c * u - a * w)
+    spin[2] = z + 0.5 * w + twelfth * (a * v - b * u)
+
+
+cdef class ForcedStepper(FreeStepper):
+    """Integrates steps under state-dependent applied forces."""
+
+    cdef public bint implicit, inside, solved
+    cdef public int repeats
+    cdef public object stage
+    cdef readonly object start_rates, rotations
+    cdef tuple pushes
+    cdef object follow
+    cdef double[::1] qpos, accelerations, applied, start_qpos, start_qvel
+    cdef double[:, :, ::1] slopes  # of four stages: rates of rotation vectors and other coordinates, accelerations
+    cdef double[::1] mean
+    cdef object flat_slopes, flat_mean
+    cdef Py_ssize_t[::1] turning
+
+    def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None, pushes, follow):
+        FreeStepper.__init__(self, model, data, state, momentum)
+        self.pushes, self.follow, self.rotations = tuple(pushes), follow, rotation_dofs(model)
+        self.turning = np.array([part.start for part in self.rotations], dtype=np.intp)
+        self.qpos, self.accelerations, self.applied = data.qpos, data.qacc, data.qfrc_applied
+        self.start_rates = np.empty(model.nv)
+        self.start_qpos, self.start_qvel = np.empty(model.nq), self.start_rates
+        self.flat_slopes, self.flat_mean = np.empty((4, 2 * model.nv)), np.empty(2 * model.nv)
+        self.slopes, self.mean = self.flat_slopes.reshape(4, 2, -1), self.flat_mean
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        given = self.model, self.data, np.asarray(self.state), np.asarray(self.momentum), (), None
+        return type(self), given, (FreeStepper.__reduce__(self)[2], self.pushes, self.follow, self.implicit)
+
+    def __setstate__(self, held):
+        FreeStepper.__setstate__(self, held[0])
+        self.pushes, self.follow, self.implicit = held[1:]
+
+    @property
+    def weights(self):
+        """Quadrature weights of the stages of a step."""
+        return IMPLICIT_WEIGHTS if self.implicit else WEIGHTS
+
+    def refresh(self):
+        """Update forces and all derived quantities for the state in ``data``."""
+        self.update()
+
+    cdef int update(self) except -1:
+        mj.fwdPosition(self.m, self.d)
+        mj.fwdVelocity(self.m, self.d)
+        return self.update_forces()
+
+    cdef int update_forces(self) except -1:
+        """The same if positions and velocities are current and only efforts may have changed."""
+        self.follow()
+        memset(&self.applied[0], 0, self.applied.shape[0] * sizeof(double))
+        for push in self.pushes:
+            push(self.data)
+        mj.forwardSkip(self.m, self.d, mjSTAGE_VEL, 1)
+        return 0
+
+    def integrate(self, double duration_s):
+        """Integrate for a time; forces and derived quantities are current at its end."""
+        self.update()
+        self.integrate_step(duration_s)
+
+    cdef int integrate_step(self, double duration_s) except -1:
+        """The same if forces are current at the start."""
+        cdef double start_s = self.data.time
+        memcpy(&self.start_qpos[0], &self.qpos[0], self.qpos.shape[0] * sizeof(double))
+        memcpy(&self.start_qvel[0], &self.rates[0], self.rates.shape[0] * sizeof(double))
+        self.solved = True
+        if self.implicit:
+            self.solved = integrate_implicitly(self, self.data, duration_s)
+        else:
+            self.integrate_explicitly(start_s, duration_s)
+        self.data.time = start_s + duration_s
+        return self.update()
+
+    cdef int integrate_explicitly(self, double start_s, double h) except -1:
+        """Set the state at the end of a step, by the classical tableau."""
+        cdef Py_ssize_t n = self.rates.shape[0]
+        cdef double* slopes = &self.slopes[0, 0, 0]
+        memcpy(slopes, &self.rates[0], n * sizeof(double))
+        memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
+        self.data.time, self.inside = start_s + 0.5 * h, True
+        try:
+            self.evaluate(0.5 * h, slopes, slopes + 2 * n)
+            self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
+            self.data.time = start_s + h
+            self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
+        finally:
+            self.inside = False
+        WEIGHTS.dot(self.flat_slopes, self.flat_mean)  # its order of summation is not ours to know
+        self.set_state(h, &self.mean[0])
+        return 0
+
+    def move_by(self, const double[:, ::1] increment not None):
+        """Set the state at increments of (rotation vectors and other coordinates, rates) from the start, (2, nv)."""
+        self.set_state(1.0, &increment[0, 0])
+
+    cdef void set_state(self, double after_s, const double* slope) noexcept:
+        """Set the state reached from the start of the step with constant rates and accelerations, (2, nv)."""
+        cdef Py_ssize_t i, n = self.rates.shape[0]
+        memcpy(&self.qpos[0], &self.start_qpos[0], self.qpos.shape[0] * sizeof(double))
+        mj.integratePos(self.m, &self.qpos[0], slope, after_s)
+        for i in range(n):
+            self.rates[i] = self.start_qvel[i] + after_s * slope[n + i]
+
+    cdef int evaluate(self, double after_s, const double* slope, double* found) except -1:
+        """Evaluate one stage: rates and accelerations at the state that given ones lead to, (2, nv) each."""
+        cdef Py_ssize_t i, j, first, n = self.rates.shape[0]
+        cdef double[3] turned
+        self.set_state(after_s, slope)
+        self.update()
+        memcpy(found, &self.rates[0], n * sizeof(double))
+        memcpy(found + n, &self.accelerations[0], n * sizeof(double))
+        for j in range(self.turning.shape[0]):
+            first = self.turning[j]
+            for i in range(3):
+                turned[i] = after_s * slope[first + i]
+            rotation_vector_rate(turned, found + first)
+        return 0
+
+    def step(self, double duration_s):
+        """Integrate for a time; returns whether the motion bound excludes any event."""
+        mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
+        self.update_forces()
+        self.integrate_step(duration_s)
+        return self.add(duration_s)
