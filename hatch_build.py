@@ -21,8 +21,8 @@ CORE = Path("ffsm_mj", "_core")
 # What memoryviews need, once for all modules: in each of them it would be 17 000 lines of C.
 SHARED = "_memoryviews"
 _LINK = ["-bundle", "-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-shared"]
-# -O2 takes ten seconds more of processor time and runs are no faster. Products and sums are rounded separately, as in Python:
-# fused ones would change last bits from one compiler to another.
+# -O2 takes ten seconds more of processor time, and runs are no faster. Products and sums are rounded separately, as in
+# Python: fused ones would change last bits from one compiler to another.
 _FLAGS = ["-O1", "-DNDEBUG", "-fPIC", "-fwrapv", "-ffp-contract=off", *_LINK]
 _NO_HEADERS = (
     "ffsm-mj: Python.h is not in {folder}: install Python's headers (Debian, Ubuntu: apt install python3-dev), "

@@ -66,10 +66,16 @@ cdef class StageForces:
     cdef HeldForces held
     cdef StuckPatches patches
     cdef list states
-    cdef bint frictional
+    cdef bint frictional, sliding
     cdef double[::1] force, b, sums
+    # Of points that slide with friction: which, which go straight on, directions at the start of the step, and directions
+    cdef const unsigned char[::1] slides, straight
+    cdef const double[:, ::1] directions
+    cdef double[:, ::1] slips
 
     cdef object add_to(self, double[::1] applied)
     cdef object add_one_by_one(self, double[::1] applied)
+    cdef object slide(self, const double* along)
+    cdef int find_directions(self) except -1
     cdef int hold_rows(self, StageInMemory stage) except -1
     cdef int hold(self) except -1

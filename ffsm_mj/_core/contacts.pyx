@@ -2,7 +2,7 @@
 """Contact problems at one state, without friction and with it, and contact forces in the stages of a step.
 
 States inside a step are evaluated once. Points over faces and joint limits are evaluated in memory that is used again from
-stage to stage; others, and points of which some slide with friction, one by one.
+stage to stage; others one by one.
 """
 
 cimport cython
@@ -10,6 +10,7 @@ cimport cython
 import numpy as np
 
 from ffsm_mj._core.forces import Active
+from ffsm_mj.contact_models.persistent.exchange import Slide
 from ffsm_mj.contact_models.persistent.complementarity import CLEARLY, IMMOVABLE, complementary_forces
 from ffsm_mj.contact_models.persistent.friction.cone_depth import ON_CONE
 from ffsm_mj.contact_models.persistent.friction.held_rows import NONE, HeldRows
@@ -17,9 +18,9 @@ from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
 
-from libc.math cimport fabs, INFINITY, sqrt
+from libc.math cimport atan2, cos, fabs, hypot, INFINITY, sin, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.forces cimport HeldForces, of_rows, patches_of
@@ -234,7 +235,7 @@ cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, co
     return found
 
 
-cdef double _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED
+cdef double _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED, _RANK = RANK
 
 
 cdef object structure_of(modes, RowMemory own):
@@ -450,7 +451,7 @@ cdef class StageForces:
         self.given = smooth, evaluator, contact_points, modes
         self.contact_points, self.modes, self.frictional = contact_points, modes, modes is not None
         self.smooth, self.evaluator = smooth, evaluator
-        if self.smooth.motion.loops is None and not (self.frictional and modes.any_slides):
+        if self.smooth.motion.loops is None:
             self.states = self.evaluator.groups_in_memory()
         if self.states is None:
             return
@@ -458,6 +459,10 @@ cdef class StageForces:
         self.force, self.b, self.sums = np.empty(self.own.nv), np.empty(self.own.rows), np.empty(self.own.nv)
         if self.frictional:
             self.patches = patches_of(self.evaluator) if modes.all_stick else None
+            self.sliding = modes.any_slides
+            if self.sliding:
+                self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
+                self.directions, self.slips = modes.directions, np.zeros((self.own.points, 2))
         else:
             self.structure = Active(self.own.rows, np.arange(self.own.rows))
 
@@ -483,12 +488,56 @@ cdef class StageForces:
         else:
             self.hold_rows(stage)
         finish_stage(stage, own, &self.evaluator.rates[0], &self.sums[0])
+        if self.sliding:
+            stage.slide = self.slide(stage.along)
         for d in range(own.nv):
             applied[d] += self.sums[d]
         return stage
 
+    cdef object slide(self, const double* along):
+        """Heat and slip of the points."""
+        cdef Py_ssize_t p
+        cdef double u, v
+        heats, speeds = np.zeros(self.own.points), np.zeros(self.own.points)
+        cdef double[::1] heat = heats, speed = speeds
+        for p in range(self.own.points):
+            if self.slides[p]:
+                u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
+                heat[p], speed[p] = -(along[3 * p + 1] * u + along[3 * p + 2] * v), hypot(u, v)
+        return Slide(heats, speeds)
+
+    cdef int find_directions(self) except -1:
+        """Directions of slip: see ``slip_directions`` in ``friction/decision.py``."""
+        cdef RowMemory own = self.own
+        cdef const double* G = own.delassus()
+        cdef const double* axes
+        cdef Py_ssize_t p, at, m = own.rows
+        cdef double u, v, first, second, size, a, b, c, largest, angle
+        for p in range(own.points):
+            if not self.slides[p]:
+                continue
+            axes, at = own.axes + 9 * p, (3 * p + 1) * (m + 1)
+            first = axes[3] * self.directions[p, 0] + axes[4] * self.directions[p, 1] + axes[5] * self.directions[p, 2]
+            second = axes[6] * self.directions[p, 0] + axes[7] * self.directions[p, 1] + axes[8] * self.directions[p, 2]
+            size = hypot(first, second)
+            if size > 0.0:
+                first, second = first / size, second / size
+            a, b, c = G[at], G[at + 1], G[at + m + 1]
+            largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+            u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
+            size = hypot(u, v)
+            if a * c - b * b <= _RANK * largest * largest:  # it can slip along a line only
+                angle = 0.5 * atan2(2.0 * b, a - c)
+                u, v, size = cos(angle), sin(angle), 1.0
+            elif self.straight[p] or size == 0.0:
+                u, v, size = first, second, 1.0
+            if u * first + v * second < 0.0:
+                size = -size
+            self.slips[p, 0], self.slips[p, 1] = u / size, v / size
+        return 0
+
     cdef object add_one_by_one(self, double[::1] applied):
-        """The same of points that are not evaluated in memory, or of which some slide with friction."""
+        """The same of points that are not evaluated in memory."""
         cdef Py_ssize_t d
         cdef const double[::1] sums
         motion = self.smooth.motion
@@ -519,6 +568,9 @@ cdef class StageForces:
             self.b[i] = total
         memset(stage.along, 0, own.rows * sizeof(double))
         self.hold()
+        if self.sliding:
+            self.find_directions()
+            self.held.turn(&self.slips[0, 0])
         self.held.write_forces(&self.b[0], stage.along)
         generalise(stage.along, own, &self.sums[0])
         return 0

@@ -110,7 +110,10 @@ cdef class FaceState:
         """Take the current state, with the twists of both bodies of the contact there."""
         self.first = b[0] if self.group.swapped else a[0]
         self.second = a[0] if self.group.swapped else b[0]
-        self.place_points(&a.omega[0] if self.group.in_patch else &self.first.omega[0])
+        if self.group.in_patch:
+            self.place_points(a.omega)
+        else:
+            self.place_points(self.first.omega)
 
     cdef void place_points(self, const double* omega) noexcept:
         cdef FaceGroup group = self.group

@@ -24,6 +24,7 @@ cdef class HeldForces:
     cdef void take(self, const double* G) noexcept
     cdef object delassus(self)
     cdef void find_system(self) noexcept
+    cdef void turn(self, const double* slips) noexcept
     cdef void find_range(self) noexcept
     cdef object independent(self)
     cdef void add_forces(self, double* forces) noexcept

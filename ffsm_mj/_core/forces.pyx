@@ -98,14 +98,18 @@ cdef class HeldForces:
                 row = self.G + self.rows[i] * self.count + 3 * self.slides[c]
                 self.system[i * n + self.columns[c]] += row[1] * self.friction[2 * c] + row[2] * self.friction[2 * c + 1]
 
-    def turn_to(self, const double[:, :] slips not None):
+    def turn_to(self, slips):
         """Set the directions of slip, (k, 2)."""
+        cdef const double[:, ::1] given = np.ascontiguousarray(slips)
+        if self.slides.shape[0]:
+            self.turn(&given[0, 0])
+
+    cdef void turn(self, const double* slips) noexcept:
+        """The same, for slips in memory."""
         cdef Py_ssize_t c, p
-        if not self.slides.shape[0]:
-            return
         for c in range(self.slides.shape[0]):
             p = self.slides[c]
-            self.friction[2 * c], self.friction[2 * c + 1] = -self.mu[p] * slips[p, 0], -self.mu[p] * slips[p, 1]
+            self.friction[2 * c], self.friction[2 * c + 1] = -self.mu[p] * slips[2 * p], -self.mu[p] * slips[2 * p + 1]
         self.find_system()
 
     cdef object delassus(self):

@@ -21,6 +21,7 @@ cdef class Smooth:
 
 cdef class StageInMemory:
     cdef readonly object rows
+    cdef readonly object slide  # heat and slip of points; None where none slides with friction
     cdef bytearray block
     cdef readonly Py_ssize_t count, nv, groups
     cdef bint frictional

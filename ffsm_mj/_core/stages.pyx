@@ -92,11 +92,12 @@ cdef class Smooth:
 cdef class StageInMemory:
     """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6)."""
 
-    slide = None
-
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional)
+        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional), self.slide
+
+    def __setstate__(self, slide):
+        self.slide = slide
 
     @property
     def forces(self):
