@@ -21,6 +21,8 @@ CORE = Path("ffsm_mj", "_core")
 # What memoryviews need, once for all modules: in each of them it would be 17 000 lines of C.
 SHARED = "_memoryviews"
 _LINK = ["-bundle", "-undefined", "dynamic_lookup"] if sys.platform == "darwin" else ["-shared"]
+# Initialisers set every array, and classes say themselves how they are pickled; code for both is a tenth of the modules.
+_CYTHON = ("-3", "-X", "initializedcheck=False,auto_pickle=False")
 # -O2 takes ten seconds more of processor time, and runs are no faster. Products and sums are rounded separately, as in
 # Python: fused ones would change last bits from one compiler to another.
 _FLAGS = ["-O1", "-DNDEBUG", "-fPIC", "-fwrapv", "-ffp-contract=off", *_LINK]
@@ -72,7 +74,7 @@ def build(root: Path, modules: Iterable[str] = ()) -> list[Path]:
         (copy.parent / "__init__.py").touch()  # Cython tells packages by it
         shared = ".".join((*CORE.parts, SHARED))
         _cython(scratch, f"--generate-shared={CORE / SHARED}.c")
-        _cython(scratch, "-3", f"--shared={shared}", *(str(CORE / f"{name}.pyx") for name in names if name != SHARED))
+        _cython(scratch, *_CYTHON, f"--shared={shared}", *(str(CORE / f"{name}.pyx") for name in names if name != SHARED))
         suffix = sysconfig.get_config_var("EXT_SUFFIX")
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             for done in [
@@ -81,6 +83,8 @@ def build(root: Path, modules: Iterable[str] = ()) -> list[Path]:
             ]:
                 done.result()
         built = [root / CORE / f"{name}{suffix}" for name in names]
+        for module in () if modules else set((root / CORE).glob(f"*{suffix}")) - {*built}:
+            module.unlink()  # of a source that is gone
         for module in built:
             module.unlink(missing_ok=True)  # what has it loaded keeps it, and so does a link to it
             shutil.move(copy / module.name, module)
