@@ -249,6 +249,10 @@ class EventDrivenIntegrator:
         control = self.control
         if control is not None:
             control.begin(left_s, pushed=bool(self._active))
+        elif not self._active and self._event_s is None:  # as in most steps: nothing limits it
+            motion, step_s = self.motion, min(most_s, left_s)
+            clear, motion.path.at_s = motion.step(step_s), step_s
+            return step_s, clear
         self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
         reach_s = left_s

@@ -69,7 +69,11 @@ def _smallest(rule: BroadPhase, model: Any, data: Any) -> float:
 
     A query may be wrong by DISTANCE_QUERY_M: each pair that may be the nearest is evaluated to rounding.
     """
-    bounds = rule.gaps(data) if len(rule.pairs) > 1 else np.full(1, -math.inf)
+    if len(rule.pairs) == 1:
+        (pair,) = rule.pairs
+        gap = pair.gap(model, data, DISTANCE_LIMIT_M)
+        return pair.gap_to_rounding(model, data, gap) if gap < DISTANCE_LIMIT_M else DISTANCE_LIMIT_M
+    bounds = rule.gaps(data)
     gaps: list[tuple[float, ContactPair]] = []
     reach = DISTANCE_LIMIT_M
     for i in np.argsort(bounds).tolist():
