@@ -2,8 +2,8 @@
 
 ``uv run python benchmarks/lasting.py`` prints microseconds of CPU time per control tick of 1 ms, in contact and
 free, with the same models and the same law; medians over interleaved repeats, ratios within each, and the ratios that are
-required. Two jaws press on a cube between them, with four points each; with friction, all points stick. ``--parts`` prints
-where a tick of one case goes instead: of several runs the quickest.
+required. Two jaws press on a cube between them, with four points each. With friction all points stick; in the last case
+all of them slide throughout. ``--parts`` prints where a tick of one case goes instead: of several runs the quickest.
 """
 
 # ruff: noqa: E402
@@ -42,6 +42,7 @@ PUSH_N = 1.0
 FAR_M = 1e3
 SPHERE, CORNERS, JAWS = "sphere on box", "box on box, four points", "two jaws, eight points"
 RUBS, MU = ", friction", 0.5
+SLIDES, SMOOTH_MU, SLIP_M_S = ", sliding", 0.02, 0.08
 GOALS = {
     SPHERE: (1.6, 1.8),
     CORNERS: (1.9, 2.1),
@@ -89,11 +90,15 @@ def jaws() -> str:
     <actuator><motor name="ml" joint="left"/><motor name="mr" joint="right"/></actuator></mujoco>"""
 
 
-def pressed(pad: str, *, away_m: float, mu: float = 0.0, duration_s: float = 1.0) -> PreparedRun:
-    """A pad that is pushed with a constant force, at a box or, ``away_m`` from it, at nothing; plastic and at rest."""
+def pressed(pad: str, *, away_m: float, mu: float = 0.0, duration_s: float = 1.0, slip_m_s: float = 0.0) -> PreparedRun:
+    """A pad that is pushed with a constant force, at a box or, ``away_m`` from it, at nothing; plastic.
+
+    The box is at rest, or passes the pad at ``slip_m_s``.
+    """
     law = {"kind": "pd", "joints": ["rod"], "kp": PUSH_N / FAR_M, "kd": 0.0, "target": [FAR_M]}
     pairs = [{"between": ["pad", "box/box"], "restitution": 0.0, "mu": mu}]
-    return _prepared(pusher(pad), pairs, law, [REACH_M + THICK_M + HALF_M + away_m, 0.0, 0.0], duration_s)
+    place = [REACH_M + THICK_M + HALF_M + away_m, -0.5 * slip_m_s * duration_s, 0.0]
+    return _prepared(pusher(pad), pairs, law, place, duration_s, slip_m_s=slip_m_s)
 
 
 def gripped(*, away_m: float, mu: float = 0.0, duration_s: float = 1.0) -> PreparedRun:
@@ -111,6 +116,7 @@ def _prepared(
     place: list[float],
     duration_s: float,
     joints: dict[str, float] | None = None,
+    slip_m_s: float = 0.0,
 ) -> PreparedRun:
     scenario = {
         "name": "lasting",
@@ -119,7 +125,10 @@ def _prepared(
         "control_period_s": 0.001,
         "robot": {"mjcf": "robot.xml"},
         "objects": {"box": {"mjcf": "box.xml"}},
-        "initial": {"joints": {"box/free": [*place, 1.0, 0.0, 0.0, 0.0], **(joints or {})}},
+        "initial": {
+            "joints": {"box/free": [*place, 1.0, 0.0, 0.0, 0.0], **(joints or {})},
+            "rates": {"box/free": [0.0, slip_m_s, 0.0, 0.0, 0.0, 0.0]},
+        },
         "contacts": {"rules": pairs},
         "phases": [{"name": "push", "until": "end", "controller": law}],
     }
@@ -154,6 +163,7 @@ def main() -> None:
     cases: dict[str, Callable[..., PreparedRun]] = {name: partial(pressed, pad) for name, pad in PADS.items()}
     cases[JAWS] = gripped
     cases |= {name + RUBS: partial(cases[name], mu=MU) for name in GOALS}
+    cases[CORNERS + SLIDES] = partial(pressed, PADS[CORNERS], mu=SMOOTH_MU, slip_m_s=SLIP_M_S)
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument(

@@ -87,6 +87,16 @@ def test_what_presses_in_a_benchmark_presses_all_the_while(benchmark):
         assert not free["contact.pad_box_box_force_N"].any()
 
 
+def test_what_slides_in_a_benchmark_slides_all_the_while(benchmark):
+    """On all four corners: friction of some 0.02 N takes less than a tenth of its momentum, 3 kg at 0.08 m/s."""
+    lasting = benchmark("lasting")
+    pad, slip = lasting.PADS[lasting.CORNERS], lasting.SLIP_M_S
+    run = simulate(lasting.pressed(pad, away_m=0.0, mu=lasting.SMOOTH_MU, slip_m_s=slip).assemble())
+    force, speed = run["contact.pad_box_box_force_N"], run["contact.pad_box_box_slip_m_s"]
+    assert force.min() > 0.5
+    assert speed.min() > 0.8 * slip
+
+
 def test_ticks_of_a_capture_are_those_before_it_and_while_it_holds(benchmark, monkeypatch):
     """And both events are timed; a stretch has ticks of one kind only."""
     capture = benchmark("capture")

@@ -17,7 +17,6 @@ cdef class ContactAcceleration:
     cdef bint is_rounded, has_forces
 
     cdef int set_up(self, M, rows, RowMemory own) except -1
-    cdef void accelerate(self) noexcept
     cdef double* roundings(self) except NULL
     cdef double* all_held(self) except NULL
     cdef HeldForces problem(self, key)
@@ -42,7 +41,6 @@ cdef class FrictionState:
     cdef bint has_margin, has_rounding, has_forces
 
     cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1
-    cdef void accelerate(self) noexcept
     cdef HeldForces held(self)
     cdef double* stuck_forces(self) except NULL
     cdef double* roundings(self) except NULL

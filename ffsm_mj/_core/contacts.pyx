@@ -41,7 +41,7 @@ cdef class ContactAcceleration:
         self.set_up(M, rows, rows.memory)
         if self.own.nv:
             memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
-        self.accelerate()
+        self.own.accelerate(self.pushed, self.without)
 
     cdef int set_up(self, M, rows, RowMemory own) except -1:
         self.M, self.rows, self.own, self.held = M, rows, own, {}
@@ -51,16 +51,6 @@ cdef class ContactAcceleration:
         self.holding = self.allowed + own.rows
         self.pushed = self.holding + own.rows
         return 0
-
-    cdef void accelerate(self) noexcept:
-        cdef Py_ssize_t i, d, nv = self.own.nv
-        cdef double total
-        cdef const double* response
-        for i in range(self.own.rows):
-            response, total = self.own.response + i * nv, self.own.gamma[i]
-            for d in range(nv):
-                total += response[d] * self.pushed[d]
-            self.without[i] = total
 
     @property
     def free(self):
@@ -231,7 +221,7 @@ cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, co
     cdef ContactAcceleration found = ContactAcceleration.__new__(ContactAcceleration)
     found.set_up(M, rows, own)
     smooth.write_force(pushes, found.pushed)
-    found.accelerate()
+    own.accelerate(found.pushed, found.without)
     return found
 
 
@@ -267,7 +257,7 @@ cdef class FrictionState:
         self.set_up(contact_points, rows, rows.memory, modes)
         if self.own.nv:
             memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
-        self.accelerate()
+        self.own.accelerate(self.pushed, self.b)
 
     cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1:
         self.contact_points, self.rows, self.own, self.modes, self.mu = contact_points, rows, own, modes, modes.mu
@@ -277,16 +267,6 @@ cdef class FrictionState:
         self.roughness = self.stuck + own.rows
         self.pushed = self.roughness + own.points
         return 0
-
-    cdef void accelerate(self) noexcept:
-        cdef const double* response
-        cdef Py_ssize_t i, d, nv = self.own.nv
-        cdef double total
-        for i in range(self.own.rows):
-            response, total = self.own.response + i * nv, self.own.gamma[i]
-            for d in range(nv):
-                total += response[d] * self.pushed[d]
-            self.b[i] = total
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
@@ -426,7 +406,7 @@ cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smoot
     cdef FrictionState here = FrictionState.__new__(FrictionState)
     here.set_up(contact_points, rows, own, modes)
     smooth.write_force(pushes, here.pushed)
-    here.accelerate()
+    own.accelerate(here.pushed, here.b)
     return here
 
 
@@ -557,15 +537,8 @@ cdef class StageForces:
     cdef int hold_rows(self, StageInMemory stage) except -1:
         """Find the forces that hold the rows of all points, and the generalised forces."""
         cdef RowMemory own = self.own
-        cdef Py_ssize_t i, d
-        cdef double total
-        cdef const double* response
         self.evaluator.combine(own, 3 if self.frictional else 1)
-        for i in range(own.rows):
-            response, total = own.response + i * own.nv, own.gamma[i]
-            for d in range(own.nv):
-                total += response[d] * self.force[d]
-            self.b[i] = total
+        own.accelerate(&self.force[0], &self.b[0])
         memset(stage.along, 0, own.rows * sizeof(double))
         self.hold()
         if self.sliding:

@@ -1,7 +1,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Points of one body over a face of another, evaluated together: gaps, their rates, and the rows of the points.
 
-Formulas are those of ``affine_motion.py`` and of :mod:`ffsm_mj.dynamics.body_twists`, point by point.
+Formulas are those of :mod:`ffsm_mj.dynamics.body_twists`, point by point.
 """
 
 cimport cython
@@ -65,9 +65,9 @@ cdef class FaceGroup:
         """Store the points.
 
         Args:
-            features: The points, see ``PointsOnFace.together``.
+            features: The points, see ``contact_points.py``.
             data: Data of the logged system.
-            in_patch: See ``point_groups.py``.
+            in_patch: See ``contact_points.py``.
         """
         cdef int i
         self.made_of = (features, data, in_patch)

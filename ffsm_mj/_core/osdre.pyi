@@ -1,9 +1,11 @@
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from ffsm_mj._core.riccati_doubling import Doubling
 from ffsm_mj._core.riccati_planar import PlanarRiccati
 from ffsm_mj.arrays import FloatArray
+
+Riccati = TypeVar("Riccati")
 
 class TipKinematics:
     J: FloatArray
@@ -13,14 +15,14 @@ class TipKinematics:
     def __init__(self, model: Any, data: Any, site: int, axes: Sequence[int]) -> None: ...
     def update(self) -> None: ...
 
-class PlanarLaw:
+class OutputLaw(Generic[Riccati]):
     effort: FloatArray
     report: FloatArray
     def __init__(
         self,
         kinematics: TipKinematics,
         data: Any,
-        riccati: PlanarRiccati,
+        riccati: Riccati,
         driven: FloatArray,
         axes: Sequence[int],
         target_m: Sequence[float],
@@ -28,18 +30,7 @@ class PlanarLaw:
     ) -> None: ...
     def tick(self) -> None: ...
 
-class BlockLaw:
-    effort: FloatArray
-    report: FloatArray
+class PlanarLaw(OutputLaw[PlanarRiccati]): ...
+
+class BlockLaw(OutputLaw[Doubling]):
     inputs: FloatArray
-    def __init__(
-        self,
-        kinematics: TipKinematics,
-        data: Any,
-        riccati: Doubling,
-        driven: FloatArray,
-        axes: Sequence[int],
-        target_m: Sequence[float],
-        whole_stack: bool,
-    ) -> None: ...
-    def tick(self) -> None: ...

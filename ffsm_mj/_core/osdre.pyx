@@ -123,44 +123,69 @@ cpdef (pair_t, pair_t, double, bint) answer(
     return turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1])), error, residual, fallback
 
 
-cdef class PlanarLaw:
-    """u = -R^-1 B^T K [y - y_d; ydot], along the principal axes of S."""
+cdef class OutputLaw:
+    """u = -R^-1 B^T K [y - y_d; ydot], with K from a Riccati solver."""
 
     cdef readonly object effort, report
     cdef object made_of
     cdef TipKinematics kinematics
-    cdef PlanarRiccati riccati
     cdef const double[:, ::1] driven
     cdef double[:, ::1] gains
     cdef double[::1] qvel, bias, passive, u, told
-    cdef int first, second
-    cdef pair_t target
     cdef bint whole_stack
 
     def __init__(
         self,
         TipKinematics kinematics not None,
         data,
-        PlanarRiccati riccati not None,
+        object riccati not None,
         const double[:, ::1] driven,
         axes,
         target_m,
         bint whole_stack,
     ):
-        if driven.shape[1] != len(data.qvel) or kinematics.rows.shape[0] != 2 or not set(axes) <= {0, 1, 2}:
+        cdef Py_ssize_t p = self.outputs(riccati)
+        if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
             raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
-        self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
+        self.kinematics, self.driven, self.whole_stack = kinematics, driven, whole_stack
         self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
-        self.first, self.second = axes
-        self.target = (target_m[0], target_m[1])
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
-        self.gains = np.zeros((driven.shape[0], 2))
-        self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(4, np.nan)
+        self.gains, self.effort = np.zeros((driven.shape[0], p)), np.zeros(driven.shape[0] // 2)
+        self.report = self.begin(axes, target_m)
         self.u, self.told = self.effort, self.report
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
         return type(self), self.made_of
+
+    cdef Py_ssize_t outputs(self, riccati) except -1:
+        """Take the solver; returns the number of outputs that it is for."""
+        raise NotImplementedError
+
+    cdef object begin(self, axes, target_m):
+        """Take outputs and target; returns the memory of the report."""
+        raise NotImplementedError
+
+
+cdef class PlanarLaw(OutputLaw):
+    """The law for two outputs, along the principal axes of S."""
+
+    cdef PlanarRiccati riccati
+    cdef int first, second
+    cdef pair_t target
+
+    cdef Py_ssize_t outputs(self, riccati) except -1:
+        """See :class:`OutputLaw`."""
+        self.riccati = riccati
+        return 2
+
+    cdef object begin(self, axes, target_m):
+        """See :class:`OutputLaw`."""
+        if not set(axes) <= {0, 1, 2}:
+            raise ValueError(f"outputs along {axes}, which are none of 0, 1, 2")
+        self.first, self.second = axes
+        self.target = (target_m[0], target_m[1])
+        return np.full(4, np.nan)
 
     def tick(self):
         """Compute ``effort`` and ``report`` at the current state.
@@ -236,43 +261,25 @@ cdef void make_orthogonal(double[:, ::1] rows) noexcept:
                     rows[j, k] = sine * t + cosine * rows[j, k]
 
 
-cdef class BlockLaw:
-    """u = -R^-1 B^T K [y - y_d; ydot]."""
+cdef class BlockLaw(OutputLaw):
+    """The law for any number of outputs."""
 
-    cdef readonly object effort, report, inputs
-    cdef object made_of
-    cdef TipKinematics kinematics
+    cdef readonly object inputs
     cdef Doubling riccati
-    cdef const double[:, ::1] driven
-    cdef double[:, ::1] gains, rows
-    cdef double[::1] qvel, bias, passive, u, told, lengths, y, y_dot, drift, target
-    cdef bint whole_stack
+    cdef double[:, ::1] rows
+    cdef double[::1] lengths, y, y_dot, drift, target
 
-    def __init__(
-        self,
-        TipKinematics kinematics not None,
-        data,
-        Doubling riccati not None,
-        const double[:, ::1] driven,
-        axes,
-        target_m,
-        bint whole_stack,
-    ):
-        cdef Py_ssize_t p = riccati.p
-        if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
-            raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
-        self.kinematics, self.riccati, self.driven, self.whole_stack = kinematics, riccati, driven, whole_stack
-        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
-        self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
-        self.gains, self.inputs = np.zeros((driven.shape[0], p)), np.zeros((p, driven.shape[0] // 2))
-        self.lengths, self.y, self.y_dot, self.drift = np.zeros((4, p))
-        self.target = np.array(target_m, dtype=np.float64)
-        self.effort, self.report = np.zeros(driven.shape[0] // 2), np.full(5, np.nan)
-        self.u, self.told, self.rows = self.effort, self.report, self.inputs
+    cdef Py_ssize_t outputs(self, riccati) except -1:
+        """See :class:`OutputLaw`."""
+        self.riccati = riccati
+        return self.riccati.p
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
-        return type(self), self.made_of
+    cdef object begin(self, axes, target_m):
+        """See :class:`OutputLaw`."""
+        self.inputs = np.zeros((len(axes), len(self.effort)))
+        self.rows, self.target = self.inputs, np.array(target_m, dtype=np.float64)
+        self.lengths, self.y, self.y_dot, self.drift = np.zeros((4, len(axes)))
+        return np.full(5, np.nan)
 
     def tick(self):
         """Compute ``effort``, ``report`` and ``inputs`` at the current state.

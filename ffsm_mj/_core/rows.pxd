@@ -19,6 +19,7 @@ cdef class RowMemory:
     cdef bint has_G
 
     cdef void renew(self) noexcept
+    cdef void accelerate(self, const double* force, double* found) noexcept
     cdef double velocity(self, Py_ssize_t i) noexcept
     cdef double inverse_mass(self, Py_ssize_t i) noexcept
     cdef double* delassus(self) except NULL

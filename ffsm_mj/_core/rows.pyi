@@ -1,10 +1,15 @@
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows
 from ffsm_mj.dynamics.motion import Motion
+
+class RowMemory:
+    def array(self, name: str) -> FloatArray: ...
+    def resultants(self, forces: FloatArray) -> FloatArray: ...
 
 class RowEvaluator:
     data: Any

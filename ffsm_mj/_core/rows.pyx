@@ -8,7 +8,7 @@ at the contact point c, which moves at c' over both, has the rate
 
 along tangents that are fixed in space, with the accelerations a(c) of the material points.
 
-The rows of a point are combinations of the six of the relative twist of its bodies, see ``wrench_rows.py``. They are in one
+The rows of a point are combinations of the six of the relative twist of its bodies, see ``single_point.py``. They are in one
 block of memory, of which arrays are made when Python asks for them. Points over faces are evaluated here, points of other
 features and joint limits one by one (``single_point.py``).
 """
@@ -118,6 +118,17 @@ cdef class RowMemory:
                         total += response[d] * J[d]
                     G[i * rows + j] = G[j * rows + i] = total
         return self.G
+
+    cdef void accelerate(self, const double* force, double* found) noexcept:
+        """Write the accelerations along the rows under a generalised force, m/s^2, (m,)."""
+        cdef Py_ssize_t i, d
+        cdef double total
+        cdef const double* response
+        for i in range(self.rows):
+            response, total = self.response + i * self.nv, self.gamma[i]
+            for d in range(self.nv):
+                total += response[d] * force[d]
+            found[i] = total
 
     cdef double velocity(self, Py_ssize_t i) noexcept:
         """Velocity along a row, m/s; with friction."""
@@ -267,60 +278,22 @@ cdef object resultant_of(list groups, part, const double[:] forces, friction):
     return vectors[0], vectors[1], vectors[2]
 
 
-class RowsInMemory(ContactRows):
-    """Rows of the normals; arrays are made when they are needed."""
+class _InMemory:
+    """What loops over the points find."""
 
-    def __init__(self, groups, memory):
-        self._groups = self.groups = groups
-        self.memory, self.held = memory, {}
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.groups, self.memory)
-
-    extremes = cached_property(lambda self: extremes_of(self._groups))
-
-    def wrenches(self, forces):
-        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows."""
-        return self.memory.resultants(forces)
+    extremes = cached_property(lambda self: extremes_of(self.groups))
 
     def resultant(self, part, forces, friction):
         """Resultant force of the points of one pair, its centre, and the mean unit normal."""
-        return resultant_of(self._groups, part, forces, friction)
-
-    J = cached_property(lambda self: self.memory.array("J"))
-    gamma = cached_property(lambda self: self.memory.array("gamma"))
-    response = cached_property(lambda self: self.memory.array("response"))
-    G = cached_property(lambda self: self.memory.array("G"))
+        return resultant_of(self.groups, part, forces, friction)
 
 
-class FrictionalRowsInMemory(FrictionalRows):
-    """Rows of normals and tangents; arrays are made when they are needed, and sums over points are loops."""
+class RowsInMemory(_InMemory, ContactRows):
+    """Rows of the normals."""
 
-    def __init__(self, groups, memory):
-        self._groups = self.groups = groups
-        self.memory, self.held = memory, {}
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.groups, self.memory)
-
-    J = cached_property(lambda self: self.memory.array("J"))
-    gamma = cached_property(lambda self: self.memory.array("gamma"))
-    response = cached_property(lambda self: self.memory.array("response"))
-    G = cached_property(lambda self: self.memory.array("G"))
-    axes = cached_property(lambda self: self.memory.array("axes"))
-    qvel = cached_property(lambda self: self.memory.array("qvel"))
-
-    extremes = cached_property(lambda self: extremes_of(self._groups))
-
-    def wrenches(self, forces):
-        """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows."""
-        return self.memory.resultants(forces)
-
-    def resultant(self, part, forces, friction):
-        """Resultant force of the points of one pair, its centre, and the mean unit normal."""
-        return resultant_of(self._groups, part, forces, friction)
+class FrictionalRowsInMemory(_InMemory, FrictionalRows):
+    """Rows of normals and tangents."""
 
     def largest_slip(self, which):
         """Largest slip of some points along a tangent, m/s; which, (k,)."""
@@ -332,15 +305,6 @@ class FrictionalRowsInMemory(FrictionalRows):
             if chosen[p]:
                 most = max(most, max(fabs(own.velocity(3 * p + 1)), fabs(own.velocity(3 * p + 2))))
         return most
-
-    def acceleration_rounding(self, const double[::1] force not None):
-        """Rounding of the accelerations under a generalised force, m/s^2, (k,): a share of the largest term."""
-        cdef RowMemory own = self.memory
-        rounding = np.empty(own.points)
-        cdef double[::1] found = rounding
-        if own.points:
-            write_rounding(self.groups, own, &force[0], &found[0])
-        return rounding
 
     def across(self, components):
         """Vectors with given components along the tangents of each point, world axes, (k, 3)."""

@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.actuation.limits import Envelope
+from ffsm_mj.actuation.actuation import Envelope
 from ffsm_mj.arrays import FloatArray
 
 class Sampler:

@@ -17,7 +17,6 @@ import numpy.typing as npt
 
 from ffsm_mj._core.tick import Limits
 from ffsm_mj.actuation.actuator_config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
-from ffsm_mj.actuation.limits import Envelope
 from ffsm_mj.actuation.valve import Valve
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.controller_protocol import Command
@@ -34,6 +33,32 @@ _EFFORTS = {
     "upper": "upper bound while powered",
 }
 """Logged quantities of each actuator, in the order of :attr:`Actuation.table`."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Limits of each actuator, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
+
+    Attributes:
+        low: Least effort that MJCF allows.
+        high: Greatest effort that MJCF allows.
+        stall: Greatest effort at rest; infinite without a limit.
+        slope: Effort lost per actuator velocity.
+        saturation: Joint speed beyond which efforts cannot accelerate it further; infinite without one.
+        gear: Effort per ctrl.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    stall: FloatArray
+    slope: FloatArray
+    saturation: FloatArray
+    gear: FloatArray
+
+    def bounds(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest effort of each actuator, (nu,) each, at actuator velocities (nu,); wheels not saturated."""
+        drag = velocity * self.slope
+        return np.maximum(-self.stall - drag, self.low), np.minimum(self.stall - drag, self.high)
 
 
 @dataclass

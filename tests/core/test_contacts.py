@@ -75,7 +75,7 @@ def test_points_together_have_the_rows_of_each_by_itself(resting):
         agree(own, expected)
     terms = np.abs(frictional.response * force).reshape(k, -1).max(axis=1)
     terms = np.maximum(terms, np.abs(frictional.gamma).reshape(k, 3).max(axis=1))
-    rounding = frictional.acceleration_rounding(force)
+    rounding = np.array(FrictionState(points, frictional, force, sticking(points)).rounding)
     agree(rounding / ACCELERATION, ACCELERATION_M_S2 / ACCELERATION + np.maximum(terms, frictional.scales))
 
 

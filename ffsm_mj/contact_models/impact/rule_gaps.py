@@ -37,7 +37,7 @@ class RuleGaps:
         rules: dict[str, list[ContactPair]] = {}
         for pair in pairs:
             rules.setdefault(pair.rule, []).append(pair)
-        self._rules = [BroadPhase(self._model, each) for each in rules.values()]
+        self._rules = [(each, BroadPhase(self._model, each)) for each in rules.values()]
         self._gaps = np.full(len(rules), math.nan)
         signals = tuple(
             Signal("contact", f"{identifier(rule)}_gap_m", "m", _MEANING.format(rule, PERIOD_S)) for rule in rules
@@ -57,29 +57,29 @@ class RuleGaps:
         last, self._last_s = self._last_s, time_s
         is_resumed, self._is_resumed = self._is_resumed, False
         if not is_resumed and (math.isnan(last) or _periods(time_s) > _periods(last)):
-            self._gaps[:] = [_smallest(rule, self._model, self._data) for rule in self._rules]
+            self._gaps[:] = [_smallest(*rule, self._model, self._data) for rule in self._rules]
 
 
 def _periods(time_s: float) -> int:
     return math.floor(time_s / PERIOD_S * (1.0 + _ROUNDING) + _ROUNDING)
 
 
-def _smallest(rule: BroadPhase, model: Any, data: Any) -> float:
+def _smallest(pairs: Sequence[ContactPair], spheres: BroadPhase, model: Any, data: Any) -> float:
     """Smallest gap of some pairs: the nearest by their spheres first, until no sphere is nearer than a gap found.
 
     A query may be wrong by DISTANCE_QUERY_M: each pair that may be the nearest is evaluated to rounding.
     """
-    if len(rule.pairs) == 1:
-        (pair,) = rule.pairs
+    if len(pairs) == 1:
+        (pair,) = pairs
         gap = pair.gap(model, data, DISTANCE_LIMIT_M)
         return pair.gap_to_rounding(model, data, gap) if gap < DISTANCE_LIMIT_M else DISTANCE_LIMIT_M
-    bounds = rule.gaps(data)
+    bounds = spheres.gaps(data)
     gaps: list[tuple[float, ContactPair]] = []
     reach = DISTANCE_LIMIT_M
     for i in np.argsort(bounds).tolist():
         if bounds[i] >= reach:
             break
-        gaps.append((rule.pairs[i].gap(model, data, DISTANCE_LIMIT_M), rule.pairs[i]))
+        gaps.append((pairs[i].gap(model, data, DISTANCE_LIMIT_M), pairs[i]))
         reach = min(reach, gaps[-1][0] + DISTANCE_QUERY_M)
     near = (pair.gap_to_rounding(model, data, gap) for gap, pair in gaps if gap <= reach and gap < DISTANCE_LIMIT_M)
     return min(near, default=DISTANCE_LIMIT_M)

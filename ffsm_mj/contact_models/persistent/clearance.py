@@ -7,18 +7,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature
-from ffsm_mj.contact.features.points_on_face import PointsOnFace
+from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, over_one_face
 from ffsm_mj.tolerances import LANDING_DEPTH_M, OTHER_POINT_M
 
 LEVEL_M = 0.1 * OTHER_POINT_M
 """Three corners within this of a face keep every other corner within OTHER_POINT_M of it, at ten times their distance."""
+_NARROW = 0.1
+"""Points whose spread across their longest direction is below this share are on a line."""
 _ONE_POINT = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID)
 """Strictly convex geoms: they touch any convex geom at one point only."""
 
@@ -46,7 +49,7 @@ class Clearance:
         self.flat_pairs = {
             pair
             for pair in self.pairs
-            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and PointsOnFace.lie_flat([each.feature for each in by_pair[pair]])
+            if not pair.is_of(mujoco.mjtGeom.mjGEOM_MESH) and _lie_flat([each.feature for each in by_pair[pair]])
         }
         self.forget()
 
@@ -103,3 +106,12 @@ class Clearance:
 def may_touch_at_several_points(pair: Any) -> bool:
     """Whether a pair may touch at several points."""
     return not any(pair.is_of(kind) for kind in _ONE_POINT)
+
+
+def _lie_flat(features: Sequence[Feature]) -> bool:
+    """Whether some features are at least three points of one body over the same face, far from being on a line."""
+    places = [each.point.centre for each in features if isinstance(each, PointOnFace) and over_one_face(features[0], each)]
+    if len(places) < 3:
+        return False
+    longest, across, _ = np.linalg.svd(np.array(places) - np.mean(places, axis=0), compute_uv=False)
+    return bool(across > _NARROW * longest)

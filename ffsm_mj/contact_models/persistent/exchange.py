@@ -20,7 +20,6 @@ from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, point_runs
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
-from ffsm_mj.contact_models.persistent.wrench_rows import Wrench
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
@@ -62,8 +61,8 @@ class Stage:
         return self.rows.friction_forces(self.along)
 
     @cached_property
-    def wrenches(self) -> list[Wrench]:
-        """Force, and moment about the world origin, on geom b of each group of points of one pair."""
+    def wrenches(self) -> FloatArray:
+        """Force, and moment about the world origin, on geom b of each group of points of one pair, (g, 6)."""
         return self.rows.wrenches(self.along)
 
 
@@ -147,6 +146,6 @@ def exchanged(
         elif len(groups) == 1:
             sizes[pair] = sums.sizes[groups[0]]
         else:
-            of_pair = np.array([np.array(stage.wrenches)[groups, :3].sum(axis=0) for stage in stages])
+            of_pair = np.array([stage.wrenches[groups, :3].sum(axis=0) for stage in stages])
             sizes[pair] = float(parts.dot(np.linalg.norm(of_pair, axis=1)))
     return sums.exchange(*shares.of_groups, robot), sizes
