@@ -27,7 +27,6 @@ from ffsm_mj.assembly.run import simulate
 from ffsm_mj.contact_models.interface import EventEffect, EventSource
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
 from ffsm_mj.simulation.grid_step import GridStep
-from ffsm_mj.simulation.log_writer import LogWriter
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import EventDue
 
@@ -73,11 +72,11 @@ def measured(prepared: PreparedRun) -> Cost:
     blocks: list[tuple[float, bool]] = []
     events: list[tuple[str, float]] = []
     began = in_blocks = 0.0
-    row, after, apply, pass_on = LogWriter.row, Simulation._settle, GridStep._apply, Recorder.pass_on
+    after, apply, pass_on = Simulation._settle, GridStep._apply, Recorder.pass_on
+    assembly = prepared.assemble()
 
-    def noted(self: LogWriter, time_s: float) -> None:
-        row(self, time_s)
-        ticks.append((time.perf_counter() - in_blocks, bool(self._plant.integrator.motion.grasp)))
+    def noted(_time_s: float, _duration_s: float) -> None:
+        ticks.append((time.perf_counter() - in_blocks, bool(assembly.plant.integrator.motion.grasp)))
 
     def passing(self: Recorder) -> None:
         nonlocal in_blocks
@@ -98,12 +97,11 @@ def measured(prepared: PreparedRun) -> Cost:
         after(self, due, commanded)
 
     with (
-        patch.object(LogWriter, "row", noted),
         patch.object(Simulation, "_settle", done),
         patch.object(GridStep, "_apply", applying),
         patch.object(Recorder, "pass_on", passing),
     ):
-        run = simulate(prepared.assemble())
+        run = simulate(assembly, report=noted)
     assert run.outcome == "completed", run.message
     took = dict(events)
     free, held = (_of_stretches(ticks, held=held) for held in (False, True))

@@ -50,8 +50,8 @@ def recorded(prepared: PreparedRun) -> list[Equation]:
     class Noted(BlockLaw):
         """Notes the equation of each tick: (30) and S from the state, as the law in the core has them."""
 
-        def __init__(self, kinematics, data, riccati, driven, axes, target_m, whole_stack):
-            super().__init__(kinematics, data, riccati, driven, axes, target_m, whole_stack)
+        def __init__(self, kinematics, data, riccati, driven, axes, target_m, whole_stack, *others):
+            super().__init__(kinematics, data, riccati, driven, axes, target_m, whole_stack, *others)
             self.seen = kinematics, data, driven, list(axes), whole_stack
 
         def tick(self):
@@ -64,6 +64,7 @@ def recorded(prepared: PreparedRun) -> list[Equation]:
             gains, p = driven @ tip.W.T, len(axes)
             S = gains[len(driven) // 2 :].T @ gains[: len(driven) // 2]
             equations.append(Equation(lower[:, :p].copy(), lower[:, p:].copy(), S, weights[-1]))
+            return 0
 
     weights: list[np.ndarray] = []
 

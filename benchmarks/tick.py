@@ -1,9 +1,10 @@
-"""Where the microseconds of a control tick go: every part of the loop timed in a whole run in memory.
+"""Where the microseconds of a control tick go.
 
 ``uv run python benchmarks/tick.py [SCENARIO ...]`` prints a table of each scenario (`baseline` and `spatial`),
-microseconds per step and per tick, where a tick has more than one step, and per call of each part, since some are called in
-one phase only. An indented part is within the one above it, and timed in a run of its own. Of several runs the quickest
-counts. What the clocks cost is measured and taken off.
+microseconds per step and per tick, where a tick has more than one step, and per call of each part. Parts that the core calls
+one after the other, without Python, are timed alone, many times in a row, at a state of the first phase; those that Python
+calls by clocks in whole runs in memory, whose cost is measured and taken off. An indented part is within the one above it.
+Of several runs the quickest counts.
 """
 
 # ruff: noqa: E402
@@ -16,42 +17,30 @@ one_blas_thread()
 
 import argparse
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from operator import methodcaller
 from typing import NamedTuple
 from unittest.mock import patch
 
+import mujoco
 from loops import steps
 
 from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation
 from ffsm_controllers.free_flying import FreeFlying
-from ffsm_controllers.osdre.law import Osdre
-from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.balance.balance import Balance
+from ffsm_mj.assembly.recording import Recording
 from ffsm_mj.balance.base_motors import BaseMotors
 from ffsm_mj.balance.thrusters import Thrusters
-from ffsm_mj.contact.watch import ContactWatch
-from ffsm_mj.log.recorder import Recorder
-from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.rows import RowWriter
 
-PARTS = {
-    "step, forward and detection": [(EventDrivenIntegrator, "advance")],
-    "OSDRE": [(Osdre, "control")],
+CLOCKED = {
     "free-flying law": [(FreeFlying, "control")],
-    "actuators' limits": [(Actuation, "apply")],
-    "balances, start of a step": [(Balance, "open")],
-    "balances, end of a step": [(Balance, "close")],
-    "row and notes": [(RowWriter, "fill")],
-    "watch for other contacts": [(ContactWatch, "look")],
-    "energies, momenta, residuals, by blocks": [(Recorder, "commit")],
+    "of it allocation": [(ThrusterAllocation, "efforts"), (WheelAllocation, "efforts")],
+    "push from outside, end of a step": [(Thrusters, "close"), (BaseMotors, "close")],
+    "columns of the balance, by blocks": [(RowWriter, "complete")],
 }
-WITHIN = {"free-flying law": ["allocation"], "balances, end of a step": ["push from outside"]}
-INSIDE = {
-    "allocation": [(ThrusterAllocation, "efforts"), (WheelAllocation, "efforts")],
-    "push from outside": [(Thrusters, "close"), (BaseMotors, "close")],
-}
+CALLS, FIRST_TICKS = 5000, 50
 WIDTH = 13
 
 
@@ -133,12 +122,48 @@ def quickest(prepared: PreparedRun, parts: dict[str, list], repeats: int) -> Tim
     return min((clocked(prepared, parts) for _ in range(repeats)), key=lambda run: run.whole_us)
 
 
+def in_core(prepared: PreparedRun, calls: int) -> dict[str, tuple[float, int]]:
+    """Microseconds per call of each part that the core calls, and its calls in a tick."""
+    assembly = prepared.assemble()
+    with Recording(assembly) as recording:
+        simulation, plant, steps = recording.simulation, assembly.plant, prepared.scenario.steps_per_tick
+        simulation.begin()
+        for _ in range(FIRST_TICKS):
+            simulation.advance()
+        step_s, flight, work = prepared.scenario.time_step_s, plant.integrator.motion.flight, plant.balance.work
+        filler, sampled, watched = simulation._written[1].filler, plant.balance._buffer.on_sample, simulation._watch.model
+        law = assembly.controller.phases[0].law("").law_of_core()
+        parts: dict[str, tuple[Callable[[], object], int]] = {
+            "step and forward": (lambda: flight.step(step_s), steps),
+            "OSDRE": (law.tick, 1),
+            "actuators' limits": (plant.actuation._limits.apply, 1),
+            "balance": (lambda: (work.open(), work.close(step_s)), steps),
+            "row": (lambda: (setattr(sampled, "used", 0), filler.fill(0, 0.0)), 1),
+            "watch for other contacts": (lambda: mujoco.mj_collision(watched, plant.data), 1 if watched else 0),
+        }
+        found = {name: (per_call(call, calls) if count else 0.0, count) for name, (call, count) in parts.items()}
+        simulation.finish()
+    return found
+
+
+def per_call(call: Callable[[], object], calls: int) -> float:
+    """Microseconds of one of many calls in a row, without what a call costs itself."""
+
+    def spent(called: Callable[[], object]) -> float:
+        start = time.perf_counter()
+        for _ in range(calls):
+            called()
+        return 1e6 * (time.perf_counter() - start) / calls
+
+    return spent(call) - spent(lambda: None)
+
+
 def table(name: str, repeats: int) -> None:
     """Time a scenario, and print where the time went."""
     prepared = prepare(name)
     prepared.run()  # imports
-    run, inside = quickest(prepared, PARTS, repeats), quickest(prepared, INSIDE, repeats).parts
-    ticks = prepared.scenario.ticks
+    run, ticks = quickest(prepared, CLOCKED, repeats), prepared.scenario.ticks
+    alone = [in_core(prepared, CALLS) for _ in range(repeats)]
     counts = {"us per tick": ticks}
     if steps(prepared) != ticks:
         counts = {"us per step": steps(prepared)} | counts
@@ -148,13 +173,16 @@ def table(name: str, repeats: int) -> None:
         cells = [f"{cost.spent_us / n:.1f}" if cost.calls else "" for n in (*counts.values(), cost.calls)]
         print(f"{label:44}" + "".join(f"{cell:>{WIDTH}}" for cell in cells))
 
-    for part in PARTS:
-        if run.parts[part].calls:
-            show(part, run.parts[part])
-            for label in WITHIN.get(part, ()):
-                if inside[label].calls:
-                    show(f"  of it {label}", inside[label])
-    show("loop, phases, pause, calls", Cost(run.whole_us - sum(cost.spent_us for cost in run.parts.values()), ticks))
+    told = 0.0
+    for part, (_, count) in alone[0].items():
+        us = min(each[part][0] for each in alone)
+        show(f"{part}, alone", Cost(us * count * ticks, count * ticks))
+        told += us * count * ticks
+    for part, cost in run.parts.items():
+        if cost.calls:
+            show(part, cost)
+            told += 0.0 if part.startswith("of it") else cost.spent_us
+    show("everything else", Cost(run.whole_us - told, ticks))
     show("everything", Cost(run.whole_us, ticks))
 
 

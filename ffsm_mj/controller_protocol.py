@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from ffsm_mj._core.osdre import CommandingLaw, OutputLaw
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
 from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
@@ -76,10 +77,12 @@ __all__ = [
     "ImpactRecord",
     "IntArray",
     "Joint",
+    "LawInCore",
     "Measurement",
     "MinimumJerk",
     "MovingFrame",
     "Observation",
+    "OfCore",
     "PhaseRecord",
     "RecordedTable",
     "ReducedModel",
@@ -251,6 +254,28 @@ class Drives(Protocol):
     @property
     def driven_actuators(self) -> Sequence[int] | IntArray:
         """Ids of all actuators that it may power."""
+
+
+@runtime_checkable
+class OfCore(Drives, Protocol):
+    """A control law that is one of the core, and drives its actuators by the efforts of that alone."""
+
+    def law_of_core(self) -> OutputLaw[Any] | None:
+        """The law since ``start``: what it does at a tick is all that ``control`` does; None if that does more."""
+
+
+class LawInCore(NamedTuple):
+    """The law in charge, to be evaluated by the core at control ticks without events.
+
+    Attributes:
+        law: The law, which writes command and telemetry.
+        actuators: Ids of the actuators that it drives, (n,).
+        until_s: Time from which another law may be in charge, s.
+    """
+
+    law: CommandingLaw
+    actuators: IntArray
+    until_s: float
 
 
 @runtime_checkable

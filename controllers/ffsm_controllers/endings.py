@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
-from ffsm_controllers.settled import TIME_TOLERANCE_S
 from ffsm_mj.controller_protocol import Controller, Finishes, Observation
 
+TIME_TOLERANCE_S = 1e-9
+"""Ticks are exact multiples of the period up to rounding of the product."""
 
-class Trigger(Protocol):
+
+class Trigger:
     """What may end a phase."""
 
     def begin(self, observation: Observation) -> None:
-        """The phase begins here."""
+        """The phase begins here; one that depends on the present alone remembers nothing."""
 
     def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:
-        """Whether it ends the phase now.
+        """Whether it ends the phase now, as seen at a control tick, an impact or another event.
 
         Args:
-            observation: State at a control tick, an impact or another event; of the free system, whatever is held.
+            observation: State of the free system, whatever is held.
             start_s: Time at which the phase began.
             law: The phase's control law.
         """
+        raise NotImplementedError
+
+    def rests_until_s(self, start_s: float, law: Controller) -> float:  # noqa: ARG002
+        """Time up to which it does not end the phase without an event, and need not be asked; -inf: it must be."""
+        return -math.inf
 
 
 @dataclass(frozen=True)
@@ -41,15 +47,8 @@ class Ending:
     to: int | None = None
 
 
-class _Memoryless:
-    """A trigger that depends on the present alone."""
-
-    def begin(self, observation: Observation) -> None:
-        """Nothing to remember."""
-
-
 @dataclass(frozen=True)
-class EventTrigger(_Memoryless):
+class EventTrigger(Trigger):
     """The first record of a class after the start of the phase.
 
     Attributes:
@@ -62,9 +61,13 @@ class EventTrigger(_Memoryless):
         """Whether there is one."""
         return any(isinstance(event, self.record) for event in observation.events)
 
+    def rests_until_s(self, start_s: float, law: Controller) -> float:  # noqa: ARG002
+        """Only events end it."""
+        return math.inf
+
 
 @dataclass(frozen=True)
-class MeasurementBound(_Memoryless):
+class MeasurementBound(Trigger):
     """A bound on what a sensor measures.
 
     Attributes:
@@ -91,16 +94,20 @@ class MeasurementBound(_Memoryless):
         return value > self.above if self.above is not None else self.below is not None and value < self.below
 
 
-class FinishedTrigger(_Memoryless):
+class FinishedTrigger(Trigger):
     """The control law has finished, at a control tick."""
 
     def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
         """Whether it has."""
         return observation.at_tick and isinstance(law, Finishes) and law.is_finished(observation.time_s)
 
+    def rests_until_s(self, start_s: float, law: Controller) -> float:  # noqa: ARG002
+        """A law that does not come to an end does not end it."""
+        return -math.inf if isinstance(law, Finishes) else math.inf
+
 
 @dataclass(frozen=True)
-class TimeTrigger(_Memoryless):
+class TimeTrigger(Trigger):
     """The first control tick at or after a time since the start of the phase.
 
     Attributes:
@@ -112,3 +119,7 @@ class TimeTrigger(_Memoryless):
     def is_due(self, observation: Observation, start_s: float, law: Controller) -> bool:  # noqa: ARG002
         """Whether it is over."""
         return observation.at_tick and observation.time_s - start_s >= self.duration_s - TIME_TOLERANCE_S
+
+    def rests_until_s(self, start_s: float, law: Controller) -> float:  # noqa: ARG002
+        """A little before its time."""
+        return start_s + self.duration_s - 2.0 * TIME_TOLERANCE_S

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ffsm_controllers.endings import Ending
 from ffsm_controllers.indices import compact
 from ffsm_controllers.parts import Parts
+from ffsm_mj._core.osdre import CommandingLaw
 from ffsm_mj.controller_protocol import (
     Columns,
     Command,
@@ -20,7 +21,9 @@ from ffsm_mj.controller_protocol import (
     ControllerError,
     ControllerReport,
     GivenCommand,
+    LawInCore,
     Observation,
+    OfCore,
     PhaseRecord,
     Signal,
     Summarises,
@@ -114,6 +117,25 @@ class PhaseMachine:
         if self._requests:
             command.requests.update(self._requests)
             self._requests.clear()
+
+    def in_core(self, command: Command, data: Any) -> LawInCore | None:  # noqa: ARG002
+        """The law in charge if it is one of the core, and nothing but time or an event can end its phase."""
+        return self._in_core(command)
+
+    def _in_core(self, command: Command, before: Callable[[], None] | None = None) -> LawInCore | None:
+        """The same for laws of which something updates the data before each evaluation."""
+        if self.phase_index < 0 or self._begins_again or self._requests or self.given is not None:
+            return None
+        phase, places = self.phases[self.phase_index], self._columns[self.phase_index]
+        law = phase.law(self._grasp)
+        # Asking for the method is fifty times faster than isinstance of a protocol.
+        if not hasattr(law, "law_of_core") or (of_core := cast("OfCore", law).law_of_core()) is None:
+            return None
+        until_s = min((each.trigger.rests_until_s(self._start_s, law) for each in phase.endings), default=math.inf)
+        actuators = np.array(cast("OfCore", law).driven_actuators, dtype=np.intp)
+        telemetry = np.arange(len(self.telemetry))[places]
+        written = actuators, command.effort, command.powered, telemetry, self.telemetry
+        return LawInCore(CommandingLaw(of_core, *written, before), actuators, until_s)
 
     def _ask(self, observation: Observation, command: Command) -> None:
         """Let the controller of the phase command, and take its telemetry."""

@@ -8,10 +8,8 @@ import mujoco
 import numpy as np
 from pydantic import PositiveFloat
 
+from ffsm_controllers.endings import TIME_TOLERANCE_S, Trigger
 from ffsm_mj.controller_protocol import Controller, Observation, StrictModel, System, Task
-
-# Ticks are exact multiples of the period up to rounding of the product.
-TIME_TOLERANCE_S = 1e-9
 
 
 class SettledConfig(StrictModel):
@@ -25,7 +23,7 @@ class SettledConfig(StrictModel):
     """For so long, s: the phase ends at the first control tick at or after that."""
 
 
-class SettlingMonitor:
+class SettlingMonitor(Trigger):
     """Watches the tip through a phase."""
 
     def __init__(self, bounds: SettledConfig, system: System, task: Task) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_controllers.settled import TIME_TOLERANCE_S
+from ffsm_controllers.endings import TIME_TOLERANCE_S, Trigger
 from ffsm_mj.controller_protocol import (
     Controller,
     IntArray,
@@ -107,7 +107,7 @@ def _driven_dofs(system: System) -> IntArray:
         raise ValueError(f"joint_rate: {error.faults[0].message}") from error
 
 
-class StopMonitor:
+class StopMonitor(Trigger):
     """Watches a quantity through a phase, at control ticks and impacts."""
 
     def __init__(

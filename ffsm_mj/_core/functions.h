@@ -6,7 +6,7 @@
 #define EACH(X) \
   X(step) X(forward) X(forwardSkip) X(RungeKutta) X(checkPos) X(checkVel) X(checkAcc) X(getState) X(mulM) X(solveM) \
   X(jacSite) X(jacBody) X(jacDot) X(subtreeVel) X(objectVelocity) X(fwdPosition) X(fwdVelocity) X(fwdActuation) \
-  X(integratePos)
+  X(collision) X(integratePos)
 
 #ifdef __clang__
 #define COMPILER __VERSION__

@@ -28,6 +28,7 @@ cdef struct Functions:
     void (*fwdPosition)(const mjModel* m, mjData* d) noexcept nogil
     void (*fwdVelocity)(const mjModel* m, mjData* d) noexcept nogil
     void (*fwdActuation)(const mjModel* m, mjData* d) noexcept nogil
+    void (*collision)(const mjModel* m, mjData* d) noexcept nogil
     void (*integratePos)(const mjModel* m, double* qpos, const double* qvel, double dt) noexcept nogil
 
 cdef Functions mj

@@ -1,9 +1,12 @@
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
+
+import numpy as np
+import numpy.typing as npt
 
 from ffsm_mj._core.riccati_doubling import Doubling
 from ffsm_mj._core.riccati_planar import PlanarRiccati
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 
 Riccati = TypeVar("Riccati")
 
@@ -27,10 +30,24 @@ class OutputLaw(Generic[Riccati]):
         axes: Sequence[int],
         target_m: Sequence[float],
         whole_stack: bool,
+        extremes: FloatArray,
+        damping: float,
     ) -> None: ...
     def tick(self) -> None: ...
 
 class PlanarLaw(OutputLaw[PlanarRiccati]): ...
+class BlockLaw(OutputLaw[Doubling]): ...
 
-class BlockLaw(OutputLaw[Doubling]):
-    inputs: FloatArray
+class CommandingLaw:
+    def __init__(
+        self,
+        law: OutputLaw[Any],
+        actuators: IntArray,
+        effort: FloatArray,
+        powered: npt.NDArray[np.bool_],
+        places: IntArray,
+        telemetry: FloatArray,
+        before: Callable[[], None] | None = None,
+    ) -> None: ...
+
+def note(extremes: FloatArray, report: FloatArray) -> None: ...

@@ -23,15 +23,6 @@ cdef int SWEEPS = 60
 cdef class TipKinematics:
     """Quantities of the output y at the state in ``data`` at the last ``update``."""
 
-    cdef readonly object J, jac_dot, W, point
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef int site, body
-    cdef const int[::1] axes
-    cdef double[:, ::1] jacp, rows, dot, w
-    cdef double[::1] place
-    cdef object made_of
-
     def __init__(self, model, data, int site, axes):
         if not 0 <= site < model.nsite or not set(axes) <= {0, 1, 2}:
             raise ValueError(f"no site {site}, or axes {axes} that are none of 0, 1, 2")
@@ -123,16 +114,49 @@ cpdef (pair_t, pair_t, double, bint) answer(
     return turned_pair(feedback(blocks, error, y_dot), (axes[0], -axes[1])), error, residual, fallback
 
 
-cdef class OutputLaw:
-    """u = -R^-1 B^T K [y - y_d; ydot], with K from a Riccati solver."""
+cdef void make_orthogonal(double[:, ::1] rows) noexcept:
+    """One-sided Jacobi: rotate pairs of rows until they are orthogonal; their norms are the singular values."""
+    cdef Py_ssize_t i, j, k
+    cdef double a, b, c, t, tangent, cosine, sine
+    cdef bint turned = True
+    for _ in range(SWEEPS):
+        if not turned:
+            return
+        turned = False
+        for i in range(rows.shape[0]):
+            for j in range(i + 1, rows.shape[0]):
+                a = b = c = 0.0
+                for k in range(rows.shape[1]):
+                    a += rows[i, k] * rows[i, k]
+                    b += rows[j, k] * rows[j, k]
+                    c += rows[i, k] * rows[j, k]
+                if not fabs(c) > ORTHOGONAL * sqrt(a * b):
+                    continue
+                turned = True
+                t = (b - a) / (2.0 * c)
+                tangent = (1.0 if t >= 0.0 else -1.0) / (fabs(t) + sqrt(1.0 + t * t))
+                cosine = 1.0 / sqrt(1.0 + tangent * tangent)
+                sine = cosine * tangent
+                for k in range(rows.shape[1]):
+                    t = rows[i, k]
+                    rows[i, k] = cosine * t - sine * rows[j, k]
+                    rows[j, k] = sine * t + cosine * rows[j, k]
 
-    cdef readonly object effort, report
-    cdef object made_of
-    cdef TipKinematics kinematics
-    cdef const double[:, ::1] driven
-    cdef double[:, ::1] gains
-    cdef double[::1] qvel, bias, passive, u, told
-    cdef bint whole_stack
+
+cpdef void note(double[::1] extremes, const double[::1] report) noexcept:
+    """Note the largest of each number of the reports so far that says how the equation was solved, and the sum of the last.
+
+    The last but one of a report is the exception: the fallback of two outputs, whose only such number it is, or corrections.
+    """
+    extremes[0], extremes[1] = max(extremes[0], report[1]), max(extremes[1], report[2])
+    extremes[2] += report[report.shape[0] - 2]
+
+
+cdef class OutputLaw:
+    """u = -R^-1 B^T K [y - y_d; ydot], with K from a Riccati solver, and damping of what the output does not feel.
+
+    The first half of ``driven`` selects the driven dofs, the second is R^-1 times these rows. ``extremes``: see :func:`note`.
+    """
 
     def __init__(
         self,
@@ -143,20 +167,33 @@ cdef class OutputLaw:
         axes,
         target_m,
         bint whole_stack,
+        double[::1] extremes not None,
+        double damping,
     ):
         cdef Py_ssize_t p = self.outputs(riccati)
         if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
             raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
         self.kinematics, self.driven, self.whole_stack = kinematics, driven, whole_stack
-        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack)
+        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack, np.asarray(extremes), damping)
+        self.extremes, self.damping = extremes, damping
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
         self.gains, self.effort = np.zeros((driven.shape[0], p)), np.zeros(driven.shape[0] // 2)
+        self.rows, self.lengths = np.zeros((p, len(self.effort))), np.zeros(p)
+        self.damped = np.zeros((2, len(self.effort)))
         self.report = self.begin(axes, target_m)
         self.u, self.told = self.effort, self.report
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
         return type(self), self.made_of
+
+    cpdef int tick(self) except -1:
+        """Compute ``effort`` and ``report`` at the current state.
+
+        Raises:
+            RiccatiError: The equation has no stabilising solution here.
+        """
+        raise NotImplementedError
 
     cdef Py_ssize_t outputs(self, riccati) except -1:
         """Take the solver; returns the number of outputs that it is for."""
@@ -165,6 +202,48 @@ cdef class OutputLaw:
     cdef object begin(self, axes, target_m):
         """Take outputs and target; returns the memory of the report."""
         raise NotImplementedError
+
+    cdef void finish(self) noexcept:
+        """Take the damping off, except what of it the output feels, which is along ``rows``; note the report."""
+        cdef Py_ssize_t i, j, k, n = self.u.shape[0]
+        cdef double felt
+        if self.damping > 0.0:
+            for k in range(n):
+                self.damped[0, k] = 0.0
+                for j in range(self.qvel.shape[0]):
+                    self.damped[0, k] += self.driven[k, j] * self.qvel[j]
+                self.damped[0, k] *= self.damping
+                self.damped[1, k] = self.damped[0, k]
+            for i in range(self.rows.shape[0]):
+                felt = 0.0
+                for k in range(n):
+                    felt += self.rows[i, k] * self.damped[0, k]
+                for k in range(n):
+                    self.damped[1, k] -= self.rows[i, k] * felt
+            for k in range(n):
+                self.u[k] -= self.damped[1, k]
+        note(self.extremes, self.told)
+
+    cdef double decompose(self) noexcept:
+        """Compute an orthonormal basis of the rows of alpha M_c^-1; returns the smallest singular value."""
+        cdef Py_ssize_t i, k, p = self.rows.shape[0], n = self.u.shape[0]
+        cdef double smallest, greatest
+        for i in range(p):
+            for k in range(n):
+                self.rows[i, k] = self.gains[k, i]
+        make_orthogonal(self.rows)
+        for i in range(p):
+            self.lengths[i] = 0.0
+            for k in range(n):
+                self.lengths[i] += self.rows[i, k] * self.rows[i, k]
+            self.lengths[i] = sqrt(self.lengths[i])
+        smallest = greatest = self.lengths[0]
+        for i in range(1, p):
+            smallest, greatest = min(smallest, self.lengths[i]), max(greatest, self.lengths[i])
+        for i in range(p):
+            for k in range(n):
+                self.rows[i, k] = self.rows[i, k] / self.lengths[i] if self.lengths[i] > NO_MOTION * greatest else 0.0
+        return smallest
 
 
 cdef class PlanarLaw(OutputLaw):
@@ -187,12 +266,8 @@ cdef class PlanarLaw(OutputLaw):
         self.target = (target_m[0], target_m[1])
         return np.full(4, np.nan)
 
-    def tick(self):
-        """Compute ``effort`` and ``report`` at the current state.
-
-        Raises:
-            RiccatiError: The equation has no stabilising solution here.
-        """
+    cpdef int tick(self) except -1:
+        """See :class:`OutputLaw`."""
         cdef TipKinematics tip = self.kinematics
         cdef double s0 = 0.0, s1 = 0.0, s3 = 0.0, b0 = 0.0, b1 = 0.0, b3 = 0.0
         cdef double v0 = 0.0, v1 = 0.0, d0 = 0.0, d1 = 0.0, y0, y1, force, smallest
@@ -230,44 +305,17 @@ cdef class PlanarLaw(OutputLaw):
             self.u[i] = self.gains[n + i, 0] * w[0] + self.gains[n + i, 1] * w[1]
         self.told[0], self.told[1] = hypot(error[0], error[1]), residual
         self.told[2], self.told[3] = fallback, sqrt(smallest if smallest > 0.0 else 0.0)
-
-
-cdef void make_orthogonal(double[:, ::1] rows) noexcept:
-    """One-sided Jacobi: rotate pairs of rows until they are orthogonal; their norms are the singular values."""
-    cdef Py_ssize_t i, j, k
-    cdef double a, b, c, t, tangent, cosine, sine
-    cdef bint turned = True
-    for _ in range(SWEEPS):
-        if not turned:
-            return
-        turned = False
-        for i in range(rows.shape[0]):
-            for j in range(i + 1, rows.shape[0]):
-                a = b = c = 0.0
-                for k in range(rows.shape[1]):
-                    a += rows[i, k] * rows[i, k]
-                    b += rows[j, k] * rows[j, k]
-                    c += rows[i, k] * rows[j, k]
-                if not fabs(c) > ORTHOGONAL * sqrt(a * b):
-                    continue
-                turned = True
-                t = (b - a) / (2.0 * c)
-                tangent = (1.0 if t >= 0.0 else -1.0) / (fabs(t) + sqrt(1.0 + t * t))
-                cosine = 1.0 / sqrt(1.0 + tangent * tangent)
-                sine = cosine * tangent
-                for k in range(rows.shape[1]):
-                    t = rows[i, k]
-                    rows[i, k] = cosine * t - sine * rows[j, k]
-                    rows[j, k] = sine * t + cosine * rows[j, k]
+        if self.damping > 0.0:
+            self.decompose()
+        self.finish()
+        return 0
 
 
 cdef class BlockLaw(OutputLaw):
     """The law for any number of outputs."""
 
-    cdef readonly object inputs
     cdef Doubling riccati
-    cdef double[:, ::1] rows
-    cdef double[::1] lengths, y, y_dot, drift, target
+    cdef double[::1] y, y_dot, drift, target
 
     cdef Py_ssize_t outputs(self, riccati) except -1:
         """See :class:`OutputLaw`."""
@@ -276,17 +324,12 @@ cdef class BlockLaw(OutputLaw):
 
     cdef object begin(self, axes, target_m):
         """See :class:`OutputLaw`."""
-        self.inputs = np.zeros((len(axes), len(self.effort)))
-        self.rows, self.target = self.inputs, np.array(target_m, dtype=np.float64)
-        self.lengths, self.y, self.y_dot, self.drift = np.zeros((4, len(axes)))
+        self.target = np.array(target_m, dtype=np.float64)
+        self.y, self.y_dot, self.drift = np.zeros((3, len(axes)))
         return np.full(5, np.nan)
 
-    def tick(self):
-        """Compute ``effort``, ``report`` and ``inputs`` at the current state.
-
-        Raises:
-            RiccatiError: The equation has no stabilising solution here.
-        """
+    cpdef int tick(self) except -1:
+        """See :class:`OutputLaw`."""
         cdef Doubling riccati = self.riccati
         cdef Py_ssize_t i, j, k, p = riccati.p, n = self.u.shape[0]
         cdef double square, residual, asked, distance = 0.0, smallest
@@ -311,6 +354,8 @@ cdef class BlockLaw(OutputLaw):
         smallest = self.decompose()
         self.told[0], self.told[1], self.told[2] = sqrt(distance), residual, riccati.doublings
         self.told[3], self.told[4] = riccati.corrections, smallest
+        self.finish()
+        return 0
 
     cdef double reduce(self) noexcept:
         """Gains, output, output rate, and drift over the square of the parameterization vector; returns that square."""
@@ -335,23 +380,45 @@ cdef class BlockLaw(OutputLaw):
                 self.drift[i] /= square
         return square
 
-    cdef double decompose(self) noexcept:
-        """Compute an orthonormal basis of the rows of alpha M_c^-1; returns the smallest singular value."""
-        cdef Py_ssize_t i, k, p = self.y.shape[0], n = self.u.shape[0]
-        cdef double smallest, greatest
-        for i in range(p):
-            for k in range(n):
-                self.rows[i, k] = self.gains[k, i]
-        make_orthogonal(self.rows)
-        for i in range(p):
-            self.lengths[i] = 0.0
-            for k in range(n):
-                self.lengths[i] += self.rows[i, k] * self.rows[i, k]
-            self.lengths[i] = sqrt(self.lengths[i])
-        smallest = greatest = self.lengths[0]
-        for i in range(1, p):
-            smallest, greatest = min(smallest, self.lengths[i]), max(greatest, self.lengths[i])
-        for i in range(p):
-            for k in range(n):
-                self.rows[i, k] = self.rows[i, k] / self.lengths[i] if self.lengths[i] > NO_MOTION * greatest else 0.0
-        return smallest
+
+cdef class CommandingLaw:
+    """A law with the command and the telemetry that it writes, which are those of the whole robot.
+
+    ``before`` is called before each evaluation.
+    """
+
+    def __init__(
+        self,
+        OutputLaw law not None,
+        actuators,
+        effort,
+        powered,
+        places,
+        telemetry,
+        before=None,
+    ):
+        if not len(actuators) == len(law.u) or not len(places) == len(law.told) or len(effort) != len(powered):
+            raise ValueError(f"{len(actuators)} actuators and {len(places)} places do not fit the law")
+        for index, room in ((actuators, effort), (places, telemetry)):
+            if len(index) and not 0 <= min(index) <= max(index) < len(room):
+                raise ValueError(f"places {index} do not fit an array of {len(room)}")
+        self.law, self.actuators, self.effort, self.powered = law, actuators, effort, powered.view(np.uint8)
+        self.places, self.telemetry, self.before = places, telemetry, before
+
+    cdef int decide(self) except -1:
+        """Command the actuators of the law; all others are off.
+
+        Raises:
+            RiccatiError: The equation has no stabilising solution here.
+        """
+        cdef Py_ssize_t i
+        if self.before is not None:
+            self.before()
+        self.law.tick()
+        for i in range(self.effort.shape[0]):
+            self.effort[i], self.powered[i] = 0.0, False
+        for i in range(self.actuators.shape[0]):
+            self.effort[self.actuators[i]], self.powered[self.actuators[i]] = self.law.u[i], True
+        for i in range(self.places.shape[0]):
+            self.telemetry[self.places[i]] = self.law.told[i]
+        return 0

@@ -60,10 +60,6 @@ cdef inline double norm(const double* v) noexcept nogil:
 cdef class RuleColumns:
     """Columns of the rules of pairs all of whose points carry force, without sliding."""
 
-    cdef Py_ssize_t[:, ::1] parts
-    cdef double[:, ::1] values, friction_values
-    cdef double[::1] work_J
-
     def __init__(self, by_pair, shares, tables):
         """Find the points, groups of points and rows of each pair."""
         cdef Py_ssize_t at = 0, i
@@ -179,47 +175,24 @@ STEP = slice(-5, -1)  # the stages of an explicit step; the last one of all is a
 cdef class SteadyContacts:
     """Closed contacts of which all points carry force and none slides."""
 
-    cdef object closed, modes, solver, system, tables
-    # Closed contacts, as they were taken over
-    cdef object points, pressing, generation, point_modes, evaluator, M
-    cdef bint possible, frictional, others, is_level
-    cdef Smooth smooth
-    cdef StageForces inside
-    cdef StuckPatches patches
-    cdef object data, pushes
-    cdef double[::1] applied, other, sums
-    cdef bytearray memory
-    cdef double* normal_forces
-    cdef double* use
-    cdef RuleColumns columns
-    cdef const double[::1] from_robot
-    cdef const double[:, ::1] outside
-    cdef Py_ssize_t robot_start, robot_stop
-    cdef const double[::1] mu
-    # State seen last
-    cdef object place, state, rows
-    cdef RowMemory own
-    cdef list groups
-    cdef FrictionState here
-    cdef ContactAcceleration problem
-    cdef double[4] extremes
-    cdef readonly double lowest
-    cdef bint is_steady, is_reduced
-
     def __init__(self, closed, system):
         self.closed, self.modes, self.solver, self.system = closed, closed.modes, closed.solver, system
         self.generation = -1
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), (self.closed, self.system), (self.tables,)
+        return type(self), (self.closed, self.system), (self.tables, np.asarray(self.deepest))
 
     def __setstate__(self, held):
-        self.tables = held[0]
+        self.tables, self.deepest = held
 
     def report_to(self, tables):
         """Set the tables of :meth:`write` and :meth:`exchange`."""
         self.tables = tables
+
+    def note_overlap(self, double[::1] deepest not None):
+        """Set the array whose first number is the deepest overlap, m."""
+        self.deepest = deepest
 
     cdef bint may_be(self) except -1:
         """Whether the closed contacts may be steady; takes them over if they have changed."""
@@ -260,8 +233,8 @@ cdef class SteadyContacts:
         self.columns = RuleColumns(closed.by_pair, shares, self.tables)
         return 0
 
-    cdef bint holds(self) except -1:
-        """Whether the state in ``data`` under its efforts is steady."""
+    cpdef bint holds(self) except -1:
+        """Whether the state in ``data`` under its efforts is steady: nothing changes, and no gap has drifted too far."""
         modes = self.modes
         if not self.may_be():
             return False
@@ -322,11 +295,7 @@ cdef class SteadyContacts:
             return True
         return self.closed.clearance.least(self.place, self.extremes[1], self.closed.gaps_of) >= 0.0
 
-    def is_now(self):
-        """Whether the state in ``data`` under its efforts is steady: nothing changes, and no gap has drifted too far."""
-        return self.holds()
-
-    def goes_on(self):
+    cpdef bint goes_on(self) except -1:
         """Begin a step with the contacts and modes of the step before, if the state is steady; returns whether it is."""
         if not self.holds() or self.extremes[1] > GAP_M or self.extremes[2] > RATE_M_S:
             return False
@@ -380,20 +349,26 @@ cdef class SteadyContacts:
         return True
 
     def exchange(self, double duration_s):
-        """Energy and momentum exchanged in a (sub-)step, if the state at its end is steady; adds impulses and work."""
+        """Energy and momentum exchanged in a (sub-)step, if the state at its end is steady; adds impulses, work and overlap."""
+        found = np.empty(21)
+        cdef double[::1] sums = found
+        if not self.exchange_into(duration_s, &sums[0]):
+            return None
+        return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))
+
+    cdef bint exchange_into(self, double duration_s, double* sums) except -1:
+        """The same into energies, impulse of the robot, and impulses of fixed bodies, (21,); returns whether it is steady."""
         cdef list stages
         cdef StageInMemory stage
         cdef double part, power, total = 0.0, own = 0.0
-        cdef double[::1] sums
         cdef const double* wrench
         cdef Py_ssize_t s, i, g
         if not self.holds():
-            return None
+            return False
         stages = self.closed.stages[STEP]
         if len(stages) < 4 or not all([isinstance(each, StageInMemory) for each in stages]):
-            return None
-        found = np.zeros(21)
-        sums = found
+            return False
+        memset(sums, 0, 21 * sizeof(double))
         for s in range(4):
             stage, part = stages[s], duration_s * _WEIGHTS[s]
             for i in range(stage.nv):
@@ -411,4 +386,5 @@ cdef class SteadyContacts:
         sums[0], sums[1], sums[2] = total, own, total - own
         if self.frictional:
             self.columns.work_J[0] += total
-        return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))
+        self.deepest[0] = max(self.deepest[0], -self.lowest)
+        return True

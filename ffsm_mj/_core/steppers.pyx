@@ -36,14 +36,6 @@ cdef int _WHOLE_STATE = WHOLE_STATE
 cdef class FreeStepper:
     """Integrates steps and accumulates the motion bound, the integral of sqrt(2 T) dt."""
 
-    cdef readonly double energy, motion_bound, last_increment
-    cdef public double event_bound
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef double[::1] state, momentum, rates
-    cdef bint runge_kutta, unconstrained
-    cdef object model, data
-
     def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None):
         if len(state) != mujoco.mj_stateSize(model, WHOLE_STATE) or len(momentum) != model.nv:
             raise ValueError(f"a state of {len(state)} and a momentum of {len(momentum)} numbers do not fit the model")
@@ -66,7 +58,7 @@ cdef class FreeStepper:
         self.energy = self.kinetic()
         self.unconstrained = self.data.nefc == 0
 
-    def step(self, double duration_s):
+    cpdef bint step(self, double duration_s) except? -1:
         """Integrate for the model's time step; returns whether no event is possible."""
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         if self.runge_kutta and self.unconstrained:
@@ -231,7 +223,7 @@ cdef class ForcedStepper(FreeStepper):
             rotation_vector_rate(turned, found + first)
         return 0
 
-    def step(self, double duration_s):
+    cpdef bint step(self, double duration_s) except? -1:
         """Integrate for a time; returns whether the motion bound excludes any event."""
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         self.update_forces()

@@ -1,4 +1,4 @@
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -7,18 +7,50 @@ import numpy.typing as npt
 from ffsm_mj.actuation.actuation import Envelope
 from ffsm_mj.arrays import FloatArray
 
+class OnSample:
+    def __call__(self, time_s: float) -> None: ...
+
+class Clock(OnSample):
+    def __init__(self, time: FloatArray) -> None: ...
+
+class Maxima(OnSample):
+    def __init__(self, since: FloatArray, logged: FloatArray) -> None: ...
+
+class Periodically(OnSample):
+    def __init__(self, period_s: float, function: Callable[[], object]) -> None: ...
+    def resume(self, with_values: bool) -> None: ...
+
 class Sampler:
     jacp: FloatArray
     jacr: FloatArray
     twist: FloatArray
     def __init__(self, model: Any, data: Any, *, base: int = -1, tip: int = -1) -> None: ...
     def copy(self, copies: Sequence[tuple[FloatArray, FloatArray]]) -> None: ...
-    def take(self, line: int) -> None: ...
+    def take(self, line: int) -> int: ...
 
-class JointWork:
-    def __init__(self, data: Any, on_joint: FloatArray, external: FloatArray, account: FloatArray) -> None: ...
-    def open(self) -> bool: ...
-    def close(self) -> None: ...
+class BlockSampler(OnSample):
+    used: int
+    def __init__(self, sampler: Sampler) -> None: ...
+
+class RowFiller:
+    def __init__(self, sampler: Sampler, on_sample: Iterable[Callable[[float], None]]) -> None: ...
+    def fill(self, line: int, time_s: float) -> int: ...
+
+class StepWork:
+    def __init__(
+        self,
+        data: Any,
+        on_joint: FloatArray,
+        external: FloatArray,
+        account: FloatArray,
+        gained: FloatArray,
+        contact: FloatArray,
+        fixed: FloatArray,
+        always: Iterable[Any] = (),
+        outside: Iterable[Any] = (),
+    ) -> None: ...
+    def open(self) -> int: ...
+    def close(self, duration_s: float) -> int: ...
 
 class Limits:
     def __init__(

@@ -3,31 +3,95 @@
 
 import numpy as np
 
-from libc.math cimport isfinite
+from libc.math cimport floor, isfinite, isnan
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjOBJ_SITE
 
 
-cdef struct Copy:
-    const char* live
-    char* table
-    size_t size, stride, lines
+cdef class OnSample:
+    """What is to be done at a sample before anything is copied."""
+
+    def __call__(self, double time_s):
+        """Do it at a time, s."""
+        self.sample(time_s)
+
+    cdef int sample(self, double time_s) except -1:
+        raise NotImplementedError
+
+
+cdef class Clock(OnSample):
+    """Writes the time into an array, (1,)."""
+
+    cdef double[::1] time
+
+    def __init__(self, double[::1] time not None):
+        self.time = time
+
+    cdef int sample(self, double time_s) except -1:
+        self.time[0] = time_s
+        return 0
+
+
+cdef class Maxima(OnSample):
+    """Passes on the largest values since the sample before, and begins again at zero."""
+
+    cdef double[::1] since, logged
+
+    def __init__(self, double[::1] since not None, double[::1] logged not None):
+        if len(since) != len(logged):
+            raise ValueError(f"{len(since)} values for an array of {len(logged)}")
+        self.since, self.logged = since, logged
+
+    cdef int sample(self, double time_s) except -1:
+        cdef Py_ssize_t i
+        for i in range(self.since.shape[0]):
+            self.logged[i], self.since[i] = self.since[i], 0.0
+        return 0
+
+
+cdef double ROUNDING = 1e-9  # relative, of the time of a sample
+
+
+cdef class Periodically(OnSample):
+    """Calls a function in the first sample, and whenever a multiple of a period has passed since the sample before.
+
+    Whether one has is a function of both times alone, so that a log replay calls it at the same samples.
+    """
+
+    cdef double period_s, last_s
+    cdef bint is_resumed
+    cdef object function
+
+    def __init__(self, double period_s, function):
+        self.period_s, self.function = period_s, function
+        self.resume(False)
+
+    def resume(self, bint with_values):
+        """Begin at the next sample, whose values are there already if they were logged with it."""
+        self.last_s, self.is_resumed = float("nan"), with_values
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.period_s, self.function), (self.last_s, self.is_resumed)
+
+    def __setstate__(self, held):
+        self.last_s, self.is_resumed = held
+
+    cdef double periods(self, double time_s) noexcept:
+        return floor(time_s / self.period_s * (1.0 + ROUNDING) + ROUNDING)
+
+    cdef int sample(self, double time_s) except -1:
+        cdef bint due = isnan(self.last_s) or self.periods(time_s) > self.periods(self.last_s)
+        due, self.is_resumed, self.last_s = due and not self.is_resumed, False, time_s
+        if due:
+            self.function()
+        return 0
 
 
 cdef class Sampler:
     """Samples live arrays, after a refresh of the quantities that MuJoCo does not keep current."""
-
-    cdef readonly object jacp, jacr, twist
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef int base, tip
-    cdef double[:, ::1] p, r
-    cdef double[::1] v
-    cdef Copy* copies
-    cdef int count
-    cdef object keep
 
     def __init__(self, model, data, *, int base=-1, int tip=-1):
         self.m, self.d, self.base, self.tip = <const mjModel*>address(model), <mjData*>address(data), base, tip
@@ -64,7 +128,7 @@ cdef class Sampler:
             self.copies[i].size, self.copies[i].stride = live.nbytes, table.strides[0]
             self.copies[i].lines = len(table)
 
-    def take(self, size_t line):
+    cpdef int take(self, size_t line) except -1:
         """Refresh, and copy into a line of the tables.
 
         Raises:
@@ -82,52 +146,109 @@ cdef class Sampler:
             if line >= one.lines:
                 raise IndexError(f"line {line} of a table of {one.lines}")
             memcpy(one.table + line * one.stride, one.live, one.size)
+        return 0
 
 
-cdef class JointWork:
-    """Accumulates the work of each (sub-)step."""
+cdef class BlockSampler(OnSample):
+    """Appends a line to the tables of a sampler at each sample."""
 
-    cdef double[::1] held, length, force, account, start
-    cdef const double[::1] on_joint, external
-    cdef bint working
+    cdef public Py_ssize_t used
+    cdef Sampler sampler
 
-    def __init__(self, data, const double[::1] on_joint, const double[::1] external, double[::1] account not None):
+    def __init__(self, Sampler sampler not None):
+        self.sampler, self.used = sampler, 0
+
+    cdef int sample(self, double time_s) except -1:
+        self.sampler.take(self.used)
+        self.used += 1
+        return 0
+
+
+cdef class RowFiller:
+    """Fills a line of a block of rows."""
+
+    def __init__(self, Sampler sampler not None, on_sample):
+        self.sampler, self.on_sample = sampler, tuple(on_sample)
+
+    cpdef int fill(self, size_t line, double time_s) except -1:
+        """Do what is to be done at a sample, and copy; derived quantities must be current."""
+        for each in self.on_sample:
+            if isinstance(each, OnSample):
+                (<OnSample>each).sample(time_s)
+            else:
+                each(time_s)
+        return self.sampler.take(line)
+
+
+cdef class StepWork:
+    """Accumulates the work of actuators on joints over each (sub-)step, and has other parts accumulate theirs."""
+
+    def __init__(
+        self,
+        data,
+        const double[::1] on_joint,
+        const double[::1] external,
+        double[::1] account not None,
+        double[::1] gained not None,
+        double[::1] contact not None,
+        double[::1] fixed not None,
+        always=(),
+        outside=(),
+    ):
         if not len(data.ctrl) == len(on_joint) == len(external) or len(account) == 0:
             raise ValueError(f"{len(on_joint)} and {len(external)} flags and an account of {len(account)} do not fit the actuators")
         self.held, self.length, self.force = data.ctrl, data.actuator_length, data.actuator_force
         self.on_joint, self.external, self.account = on_joint, external, account
-        self.start = data.actuator_length.copy()
-        self.working = False
+        self.start, self.always, self.outside = data.actuator_length.copy(), tuple(always), tuple(outside)
+        self.working = self.pushed = False
+        if not len(gained) == 3 or not len(contact) == 6 or not len(fixed) == 12:
+            raise ValueError(f"{len(gained)}, {len(contact)} and {len(fixed)} numbers for 3 energies and three impulses")
+        self.gained, self.contact, self.fixed = gained, contact, fixed
 
-    def open(self):
-        """Begin a step; returns whether an effort in it is external."""
+    cdef void enter(self, const double* exchange) noexcept:
+        """Add energies of three subsystems, impulse of the robot on objects, and impulses of fixed bodies, (21,)."""
+        cdef int i
+        for i in range(3):
+            self.gained[i] += exchange[i]
+        for i in range(6):
+            self.contact[i] += exchange[3 + i]
+        for i in range(12):
+            self.fixed[i] += exchange[9 + i]
+
+    cpdef int open(self) except -1:
+        """Begin a step: parts outside take part if an effort in it is external."""
         cdef Py_ssize_t i
-        cdef bint pushed = False
-        self.working = False
+        for part in self.always:
+            part.open()
+        self.working = self.pushed = False
         for i in range(self.held.shape[0]):
             self.start[i] = self.length[i]
             if self.held[i] != 0.0:
                 self.working = True
-                pushed = pushed or self.external[i] != 0.0
-        return pushed
+                self.pushed = self.pushed or self.external[i] != 0.0
+        if self.pushed:
+            for part in self.outside:
+                part.open()
+        return 0
 
-    def close(self):
-        """End the step and add its work."""
+    cpdef int close(self, double duration_s) except -1:
+        """End the step, after so many seconds, and add its work."""
         cdef Py_ssize_t i
         cdef double work = 0.0
         if self.working:
             for i in range(self.held.shape[0]):
                 work += self.force[i] * self.on_joint[i] * (self.length[i] - self.start[i])
             self.account[0] += work
+        for part in self.always:
+            part.close(duration_s)
+        if self.pushed:
+            for part in self.outside:
+                part.close(duration_s)
+        return 0
 
 
 cdef class Limits:
     """Converts a command to efforts within their bounds, and to ``ctrl``."""
-
-    cdef double[::1] effort, velocity, ctrl
-    cdef const double[::1] low, high, stall, slope, saturation, gear
-    cdef const unsigned char[::1] powered
-    cdef double[:, ::1] table
 
     def __init__(self, bounds, double[::1] effort, powered, double[::1] velocity, double[:, ::1] table, double[::1] ctrl):
         sizes = {len(x) for x in (effort, powered, velocity, table, ctrl, *vars(bounds).values())}
@@ -138,7 +259,7 @@ cdef class Limits:
         self.low, self.high, self.stall = bounds.low, bounds.high, bounds.stall
         self.slope, self.saturation, self.gear = bounds.slope, bounds.saturation, bounds.gear
 
-    def apply(self):
+    cpdef bint apply(self) except? -1:
         """Compute the table and ``ctrl``; returns False, with the commands only, if a powered effort is not finite."""
         cdef Py_ssize_t i, count = self.ctrl.shape[0]
         cdef double wanted, lower, upper, applied, drag, speed

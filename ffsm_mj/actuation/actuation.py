@@ -18,7 +18,7 @@ import numpy.typing as npt
 from ffsm_mj._core.tick import Limits
 from ffsm_mj.actuation.actuator_config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
 from ffsm_mj.actuation.valve import Valve
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
 from ffsm_mj.model.driven_joints import drives_rotation
@@ -141,6 +141,11 @@ class Actuation:
         self._system, self._foreign = system, foreign if foreign.any() else None
         self._data: Any = None
         self._command: Command | None = None
+
+    def limits(self, actuators: IntArray) -> Limits | None:
+        """Limits of the bound command while it drives some actuators alone; None if a valve takes part."""
+        switches = self._valves_open or np.isin(self._counted, actuators).any() or self._foreign is not None
+        return None if switches else self._limits
 
     def bind(self, command: Command, data: Any) -> None:
         """Bind to the command and the data that :meth:`apply` is going to be called with."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -11,7 +12,7 @@ import numpy as np
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import IntArray
-from ffsm_mj.controller_protocol import Command, Observation
+from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.model.grasp import WRITTEN
 
 
@@ -110,3 +111,7 @@ class ControllerModelPhaseMachine(PhaseMachine):
             observation.measured,
         )
         super().control(of_model, command)
+
+    def in_core(self, command: Command, data: Any) -> LawInCore | None:
+        """See :class:`PhaseMachine`; the model follows the plant before each evaluation."""
+        return self._in_core(command, partial(self._model.follow, data))

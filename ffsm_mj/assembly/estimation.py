@@ -15,7 +15,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.column_faults import signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
-from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, Observation
+from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, LawInCore, Observation
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
 from ffsm_mj.errors import Fault, ScenarioFaults, described, raised_at
 from ffsm_mj.model.shared_joints import shared_joints
@@ -73,6 +73,10 @@ class EstimatePhaseMachine(PhaseMachine):
         measured = observation.measured
         estimate = Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasps, measured)
         super().control(estimate, command)
+
+    def in_core(self, command: Command, data: Any) -> LawInCore | None:  # noqa: ARG002
+        """None: the estimator is evaluated at every tick."""
+        return None
 
     def _update(self, observation: Observation) -> None:
         """Let the estimator write its estimate, and update derived quantities.

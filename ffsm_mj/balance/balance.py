@@ -6,13 +6,14 @@ while the body moves are integrated over the (sub-)step.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.tick import JointWork
+from ffsm_mj._core.tick import StepWork
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.base_motors import BaseMotors
 from ffsm_mj.balance.exchange import Exchange
@@ -27,7 +28,7 @@ from ffsm_mj.balance.subsystems import (
     subsystem_energies,
     subsystem_momenta,
 )
-from ffsm_mj.balance.thrusters import Thrusters, thrusters
+from ffsm_mj.balance.thrusters import thrusters
 from ffsm_mj.balance.tree_accounts import TreeAccounts
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_components
@@ -47,6 +48,7 @@ class Balance:
     Attributes:
         free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
         momentum: Array in which M qdot is kept current, (nv,).
+        work: Work and impulse of the efforts held in a (sub-)step, of gravity and of springs.
         columns: Energies, momenta, balance terms and residuals.
     """
 
@@ -73,26 +75,26 @@ class Balance:
         self._numbers = np.zeros(_OF_TREES + TreeAccounts.size(trees, falls=falls, springy=springy))
         self._accounts = BalanceTerms.of(self._numbers[:ACCOUNTS])
         self._of_trees = TreeAccounts(self._numbers[_OF_TREES:], trees, falls=falls)
-        self._gravity = Gravity(system, data, self._of_trees.gravity) if falls else None
+        gravity = Gravity(system, data, self._of_trees.gravity) if falls else None
         self._springs = SpringBalance(system, data, joints, self._of_trees.springs) if springy else None
         held = self._numbers[ACCOUNTS:_OF_TREES]
         self._grasped_object = GraspedObjectBalance(system, data, momentum, held, self._of_trees)
         external = external_actuators(system)
         on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
         flags = on_joint.astype(np.float64), external.astype(np.float64)
-        self._joint_work = JointWork(data, *flags, self._numbers)
         accounts = self._accounts.work, self._accounts.external
         by_pose = thrusters(system, data, *accounts)
         for group in by_pose:
             external[group.actuators] = False
         motors = [BaseMotors(system, data, external, on_joint, *accounts)] if external.any() else []
-        self._outside: list[Thrusters | BaseMotors] = [*by_pose, *motors]
-        self._pushed = False
+        always = [part for part in (gravity, self._springs) if part is not None]
+        exchanged = self._accounts.gained, self._accounts.contact, self._accounts.fixed
+        self.work = StepWork(data, *flags, self._numbers, *exchanged, always, [*by_pose, *motors])
         self.momentum = momentum
         self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
         self.columns = (
-            Columns(self._statement.signals, table=self.table, on_sample=lambda _: self.sample(), resume=self.resume),
+            Columns(self._statement.signals, table=self.table, on_sample=self._buffer.on_sample, resume=self.resume),
         )
         self.resume(np.zeros(len(self._statement.signals)))
 
@@ -123,7 +125,7 @@ class Balance:
 
     def sample(self) -> None:
         """Sample the state in ``data`` and the balance terms; ``momentum`` must be current."""
-        self._buffer.take()
+        self._buffer.on_sample(math.nan)
 
     def table(self) -> FloatArray:
         """Values of the columns at all samples since the last call, (n, number of signals); empties the buffer."""
@@ -132,7 +134,7 @@ class Balance:
     def _balance(self) -> BalanceValues:
         """Balance of all buffered samples; empties the buffer."""
         buffer, robot = self._buffer, self._system.robot
-        used, buffer.used = slice(0, buffer.used), 0
+        used = buffer.empty()
         h, accounts = buffer.h[used], BalanceTerms.of(buffer.accounts[used, :ACCOUNTS])
         for rows, gained in self._grasped_object.gained(buffer, used):
             accounts.gained[rows] += gained.energy_J
@@ -211,25 +213,11 @@ class Balance:
 
     def open(self) -> None:
         """Begin a (sub-)step: store what the efforts held during it need of the state."""
-        if self._gravity is not None:
-            self._gravity.open()
-        if self._springs is not None:
-            self._springs.open()
-        self._pushed = self._joint_work.open()
-        if self._pushed:
-            for pushing in self._outside:
-                pushing.open()
+        self.work.open()
 
     def close(self, duration_s: float) -> None:
         """Enter the work and impulse of the efforts held since ``open``; the state in ``data`` is the end of the step."""
-        self._joint_work.close()
-        if self._gravity is not None:
-            self._gravity.close(duration_s)
-        if self._springs is not None:
-            self._springs.close(duration_s)
-        if self._pushed:
-            for pushing in self._outside:
-                pushing.close(duration_s)
+        self.work.close(duration_s)
 
     def enter(self, energy_change: FloatArray, contact: FloatArray, outside: FloatArray) -> None:
         """Enter the exchange of contacts at an event or over a (sub-)step; impulses are (P, L about the world origin).

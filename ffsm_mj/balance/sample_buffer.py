@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj._core.tick import Sampler
+from ffsm_mj._core.tick import BlockSampler, Sampler
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import subtree_momenta
 from ffsm_mj.model.system import System
@@ -16,7 +16,7 @@ class SampleBuffer:
     """Copies of MuJoCo's arrays at up to ``room`` states.
 
     Attributes:
-        used: Number of samples in the buffer.
+        on_sample: Appends the current state; ``used`` is the number of samples in the buffer.
         h: Generalised momenta, (room, nv).
         rates: Generalised velocities, (room, nv).
         jacp: Jacobians of the frame of the robot's base, (room, 3, nv).
@@ -36,7 +36,7 @@ class SampleBuffer:
             accounts: Balance terms, then the values of the grasped object, (number of both,).
         """
         model, root = system.mj, system.robot.root
-        self.used, self._mass = 0, model.body_subtreemass
+        self._mass = model.body_subtreemass
         sampler = Sampler(model, data, base=root)
         live = (
             *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
@@ -46,22 +46,22 @@ class SampleBuffer:
         self._velocity, self._centre, self._spin, self.jacp, self.jacr, *rest = tables
         self.position, self.h, self.rates, self.accounts = rest
         sampler.copy(list(zip(live, tables, strict=True)))
-        self._take = sampler.take
+        self.on_sample = BlockSampler(sampler)
 
     def state(self) -> list[FloatArray]:
         """Its samples, to save them."""
-        return [table[: self.used].copy() for table in self._tables]
+        return [table[: self.on_sample.used].copy() for table in self._tables]
 
     def restore(self, state: list[FloatArray]) -> None:
         """Take back saved samples."""
-        self.used = len(state[0])
+        self.on_sample.used = len(state[0])
         for table, samples in zip(self._tables, state, strict=True):
-            table[: self.used] = samples
+            table[: len(samples)] = samples
 
-    def take(self) -> None:
-        """Append the current state."""
-        self._take(self.used)
-        self.used += 1
+    def empty(self) -> slice:
+        """Empty the buffer; returns the lines that were used, whose values stay until the next sample."""
+        used, self.on_sample.used = slice(0, self.on_sample.used), 0
+        return used
 
     def momenta(self, root: int, used: slice) -> FloatArray:
         """Momenta of the subtree of a body at the sampled states, (n, 6)."""

@@ -25,6 +25,8 @@ class ContactWatch:
 
     Attributes:
         disabled: Pairs of geoms that are currently on one rigid body, and are ignored.
+        model: Model of the run whose collisions are those of the watched pairs; None if there are none.
+        open: Overlaps at the last tick: since when, and how deep at most.
     """
 
     disabled: frozenset[frozenset[int]] = frozenset()
@@ -47,43 +49,44 @@ class ContactWatch:
             filtered: Pairs to be watched although MuJoCo would not collide them.
         """
         self._data, self._unsupported = data, unsupported
-        self._open: dict[frozenset[int], tuple[float, float]] = {}
+        self.open: dict[frozenset[int], tuple[float, float]] = {}
         self._watched = _with(_with(collidable(model), filtered, watched=True), known, watched=False)
-        self._is_idle = not self._watched.any()
-        # A copy of the model, with contacts enabled.
-        self._model = copy.copy(model)
-        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        _collide_only(self._model, self._watched)
+        self._names_of, self.model = model, _collide_only(model, self._watched) if self._watched.any() else None
 
-    def look(self, time_s: float) -> list[UnhandledContactRecord]:
+    def look(self, time_s: float, *, collided: bool = False) -> list[UnhandledContactRecord]:
         """Update at one tick; returns records of overlaps that have ended.
+
+        Args:
+            time_s: Its time, s.
+            collided: Whether MuJoCo has listed the collisions of ``model`` already.
 
         Raises:
             RunEnded: Geoms overlap that should be resolved and cannot be.
         """
-        if self._is_idle:
+        if self.model is None:
             return []
-        mujoco.mj_collision(self._model, self._data)
+        if not collided:
+            mujoco.mj_collision(self.model, self._data)
         now = self._overlaps() if self._data.ncon else {}
-        if not now and not self._open:
+        if not now and not self.open:
             return []
         for pair in now:
             if reason := self._unsupported.get(pair):
                 message = f"{' and '.join(self._names(pair))} meet at t = {time_s:.6g} s: {reason}"
                 raise RunEnded(Outcome.UNSUPPORTED_CONTACT, message)
-        over = [pair for pair in self._open if pair not in now]
+        over = [pair for pair in self.open if pair not in now]
         ended = [self._record(pair, time_s) for pair in over]
         for pair in over:
-            del self._open[pair]
+            del self.open[pair]
         for pair, depth in now.items():
-            start, deepest = self._open.get(pair, (time_s, 0.0))
-            self._open[pair] = (start, max(deepest, depth))
+            start, deepest = self.open.get(pair, (time_s, 0.0))
+            self.open[pair] = (start, max(deepest, depth))
         return ended
 
     @property
     def open_overlaps(self) -> tuple[tuple[str, ...], ...]:
         """Names of the geoms of each overlap that was found at the last tick."""
-        return tuple(map(self._names, self._open))
+        return tuple(map(self._names, self.open))
 
     def _overlaps(self) -> dict[frozenset[int], float]:
         """Depth of each current overlap of a watched pair."""
@@ -99,16 +102,16 @@ class ContactWatch:
 
     def finish(self, time_s: float) -> list[UnhandledContactRecord]:
         """Records of overlaps that continue to the end of the run."""
-        records = [self._record(pair, time_s) for pair in self._open]
-        self._open.clear()
+        records = [self._record(pair, time_s) for pair in self.open]
+        self.open.clear()
         return records
 
     def _record(self, pair: frozenset[int], end_s: float) -> UnhandledContactRecord:
-        start, depth = self._open[pair]
+        start, depth = self.open[pair]
         return UnhandledContactRecord(self._names(pair), start, end_s, depth)
 
     def _names(self, pair: frozenset[int]) -> tuple[str, ...]:
-        return tuple(sorted(self._model.geom(geom).name for geom in pair))
+        return tuple(sorted(self._names_of.geom(geom).name for geom in pair))
 
 
 def _with(pairs: Matrix, changed: Iterable[frozenset[int]], *, watched: bool) -> Matrix:
@@ -118,11 +121,13 @@ def _with(pairs: Matrix, changed: Iterable[frozenset[int]], *, watched: bool) ->
     return pairs
 
 
-def _collide_only(model: Any, watched: Matrix) -> None:
-    """Let MuJoCo's filters skip what is not watched, as far as bits by kinematic tree can say it.
+def _collide_only(model: Any, watched: Matrix) -> Any:
+    """A copy of a model with contacts, whose filters skip what is not watched, as far as bits by kinematic tree can say it.
 
     An arm that overlaps its own body would otherwise be listed at every tick, and a resolved pair in contact too.
     """
+    model = copy.copy(model)
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     trees = model.body_rootid[model.geom_bodyid]
     numbers = np.minimum(np.unique(trees, return_inverse=True)[1], _MOST_GROUPS - 1)
     own = np.where(watched.any(axis=1), 1 << numbers, 0)
@@ -132,3 +137,4 @@ def _collide_only(model: Any, watched: Matrix) -> None:
     for of_body, of_geom in ((model.body_contype, model.geom_contype), (model.body_conaffinity, model.geom_conaffinity)):
         of_body[:] = 0
         np.bitwise_or.at(of_body, model.geom_bodyid, of_geom)
+    return model

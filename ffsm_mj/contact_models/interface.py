@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 
@@ -26,6 +26,9 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
+
+if TYPE_CHECKING:
+    from ffsm_mj._core.steady import SteadyContacts
 
 __all__ = [
     "ContactModel",
@@ -203,6 +206,10 @@ class ForceSource(ContactModel):
     def continue_step(self) -> None:
         """Called instead of :meth:`begin_step` where a trial step goes on in shorter steps, with what it chose kept."""
         self.begin_step()
+
+    def begin_steady_steps(self) -> SteadyContacts | None:
+        """Begin (sub-)steps that the core makes while nothing changes, without :meth:`begin_step`; None: it cannot."""
+        return None
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores what :meth:`begin_step` changes: several steps are tried from one state."""

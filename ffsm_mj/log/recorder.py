@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
@@ -40,6 +41,8 @@ class Recorder:
 
     Attributes:
         line: Index of the row of the block to fill next, before :meth:`commit`.
+        lines: Number of rows of a full block.
+        next_flush_s: Monotonic time from which :meth:`commit` flushes, s.
     """
 
     def __init__(
@@ -55,8 +58,8 @@ class Recorder:
                 do not depend on the speed of the machine.
         """
         self._sinks, self._complete = tuple(sinks), complete
-        self._block, self.line = block, 0
-        self._by_clock, self._next_flush = by_clock, time.monotonic() + _FLUSH_PERIOD_S
+        self._block, self.line, self.lines = block, 0, len(block)
+        self._by_clock, self.next_flush_s = by_clock, time.monotonic() + _FLUSH_PERIOD_S if by_clock else math.inf
         self.outcome: OutcomeRecord | None = None
 
     def open(self, header: RunHeader) -> None:
@@ -67,11 +70,11 @@ class Recorder:
     def commit(self) -> None:
         """Mark the current row as complete."""
         self.line += 1
-        if self.line == len(self._block):
+        if self.line == self.lines:
             self.pass_on()
             if not self._by_clock:
                 self.flush()
-        if self._by_clock and time.monotonic() >= self._next_flush:
+        if time.monotonic() >= self.next_flush_s:
             self.flush()
 
     def event(self, *records: Event) -> None:
@@ -87,7 +90,8 @@ class Recorder:
         self.pass_on()
         for sink in self._sinks:
             sink.flush()
-        self._next_flush = time.monotonic() + _FLUSH_PERIOD_S
+        if self._by_clock:
+            self.next_flush_s = time.monotonic() + _FLUSH_PERIOD_S
 
     def pass_on(self) -> None:
         """Pass the rows so far to every sink."""

@@ -24,15 +24,16 @@ class Evaluation:
     """Evaluates the controller of a plant.
 
     Attributes:
+        command: What the controller commands.
         pending: Records of events of which the controller is told at its next evaluation.
     """
 
     def __init__(self, plant: Plant, controller: TaskController) -> None:
         """Bind controller and plant."""
         self._plant, self._controller = plant, controller
-        self._command = Command.off(int(plant.system.mj.nu))
+        self.command = Command.off(int(plant.system.mj.nu))
         if plant.control is None:
-            plant.actuation.bind(self._command, plant.data)
+            plant.actuation.bind(self.command, plant.data)
         self.pending: tuple[Any, ...] = ()
 
     def observed(self, time_s: float, at_tick: bool) -> Observation:
@@ -72,14 +73,14 @@ class Evaluation:
         Raises:
             RunEnded: The controller fails.
         """
-        self._command.clear()
+        self.command.clear()
         self.pending = ()
         try:
-            self._controller.control(observation, self._command)
+            self._controller.control(observation, self.command)
             if isinstance(observation.contacts, ActiveContacts):
                 observation.contacts.expire()
             self._send(observation.time_s)
-            if self._command.requests:
+            if self.command.requests:
                 self._forward_requests()
         except RunEnded:  # the contacts that the controller reads cannot be computed
             raise
@@ -92,9 +93,9 @@ class Evaluation:
         """Send the command to the actuators."""
         plant = self._plant
         if plant.control is None:
-            plant.actuation.apply(self._command, plant.data, time_s)
+            plant.actuation.apply(self.command, plant.data, time_s)
             return
-        plant.control.send(self._command, time_s)
+        plant.control.send(self.command, time_s)
         plant.integrator.reconsider()
 
     def _forward_requests(self) -> None:
@@ -104,7 +105,7 @@ class Evaluation:
             for contact_model in self._plant.integrator.event_sources
             for request in contact_model.requests
         }
-        for request in sorted(self._command.requests):
+        for request in sorted(self.command.requests):
             if request not in handlers:
                 raise ControllerError(unknown_name("request", request, handlers))
             handlers[request].handle_request(request)

@@ -34,8 +34,11 @@ class GridStep:
         progress = self._progress
         progress.is_within_step, progress.left_s, progress.events_in_step = True, self._step_s, 0
 
-    def to_event(self) -> EventEffect | None:
+    def to_event(self, *, stepped: bool = False) -> EventEffect | None:
         """Integrate to the first event in what is left of the step, and apply it.
+
+        Args:
+            stepped: Whether the whole step has been made already, though an event may be in it.
 
         Returns:
             Its effect; None: there is none, and the step is complete.
@@ -46,7 +49,8 @@ class GridStep:
         progress, data = self._progress, self._plant.data
         end_s = (progress.steps + 1) * self._step_s
         while progress.left_s > 0.0:
-            elapsed_s, contact_model = self._integrate(progress.left_s, end_s)
+            elapsed_s, contact_model = self._integrate(progress.left_s, end_s, stepped=stepped)
+            stepped = False
             self._check_finite()
             progress.left_s -= elapsed_s
             if contact_model is not None:
@@ -64,10 +68,10 @@ class GridStep:
         data.time = progress.time_s = end_s
         return None
 
-    def _integrate(self, left_s: float, end_s: float) -> tuple[float, EventSource | None]:
+    def _integrate(self, left_s: float, end_s: float, *, stepped: bool) -> tuple[float, EventSource | None]:
         """Integrate in the grid step that ends at ``end_s``, with ``left_s`` seconds remaining."""
         try:
-            return self._plant.advance(left_s)
+            return self._plant.advance(left_s, stepped=stepped)
         except UnsupportedContactError as error:
             self._back_to_start()
             raise RunEnded(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: {error}") from error

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+from ffsm_mj._core.steady import SteadyContacts
+from ffsm_mj._core.steppers import FreeStepper
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import (
     ContactModel,
@@ -25,6 +27,20 @@ from ffsm_mj.ties import apart, instant_s, last_of_first, shortest_s
 
 _SHORTEST_S = 1e-10
 """An implicit step this short is kept even if its stages are not solved: it hardly moves anything."""
+
+
+class CoreSteps(NamedTuple):
+    """What the core needs to make steps.
+
+    Attributes:
+        stepper: Stepper of the motion.
+        contacts: Closed contacts, which exert its applied forces; None: there are none.
+        event_bound: Motion bound from which other events are possible.
+    """
+
+    stepper: FreeStepper
+    contacts: SteadyContacts | None
+    event_bound: float
 
 
 class EventDrivenIntegrator:
@@ -129,6 +145,23 @@ class EventDrivenIntegrator:
         """Whether a contact model that applies forces is active."""
         return bool(self._active)
 
+    def begin_core_steps(self) -> CoreSteps | None:
+        """Begin steps that the core makes: of a fixed length, of the logged system itself, under steady contacts at most.
+
+        Returns:
+            None: the core cannot make them.
+        """
+        if self._event_s is not None or self.control is not None or type(self.motion) is not Motion:
+            return None
+        if not self._active:
+            return CoreSteps(self.motion.flight, None, self.motion.flight.event_bound)
+        contacts = self._active[0].begin_steady_steps() if len(self._active) == 1 and not self._after_substeps else None
+        if contacts is None:
+            return None
+        active: list[ContactModel] = [*self._active]
+        others = (each.event_bound for each in self.event_sources if each not in active)
+        return CoreSteps(self.motion.flight, contacts, min(others, default=math.inf))
+
     def contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts at the state in ``data``, with forces under its efforts."""
         return tuple(contact for contact_model in self._active for contact in contact_model.active_contacts())
@@ -142,8 +175,12 @@ class EventDrivenIntegrator:
         """Total kinetic energy at the state in ``data``."""
         return self.motion.flight.energy
 
-    def advance(self, duration_s: float) -> tuple[float, EventSource | None]:
+    def advance(self, duration_s: float, *, stepped: bool = False) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event.
+
+        Args:
+            duration_s: The time, s.
+            stepped: Whether a step of this duration has been made already.
 
         Returns:
             Time integrated in s, and the contact model with an event there; None if there is no event.
@@ -153,10 +190,14 @@ class EventDrivenIntegrator:
             StepLimitError: The motion is too fast for the required accuracy.
         """
         motion, flight = self.motion, self.motion.flight
-        for contact_model in self._watching():
-            if contact_model.due():
-                return 0.0, contact_model
-        step_s, clear = self._step(duration_s, duration_s)
+        if stepped:
+            motion.path.at_s = step_s = duration_s
+            clear = flight.motion_bound < flight.event_bound
+        else:
+            for contact_model in self._watching():
+                if contact_model.due():
+                    return 0.0, contact_model
+            step_s, clear = self._step(duration_s, duration_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
         if clear or not math.isfinite(flight.energy):
             return step_s, None

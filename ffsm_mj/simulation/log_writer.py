@@ -26,7 +26,11 @@ class LogWriter:
         """Write a row, and the overlaps that have ended since the last one."""
         self._rows.fill(self._recorder.line, time_s)
         self._recorder.commit()
-        for record in self._watch.look(time_s):
+        self.look(time_s)
+
+    def look(self, time_s: float, *, collided: bool = False) -> None:
+        """Write the overlaps that have ended since the last row; see :meth:`ContactWatch.look`."""
+        for record in self._watch.look(time_s, collided=collided):
             self._recorder.event(record)
 
     def event(self, due: EventDue) -> None:
@@ -34,10 +38,12 @@ class LogWriter:
         efforts = self._plant.actuation.by_name()
         self._recorder.event(*(replace(record, efforts_after=efforts) for record in due.records))
 
-    def phases(self) -> None:
-        """Write the phases begun since the last call."""
-        for phase in self._controller.drain_phases():
+    def phases(self) -> bool:
+        """Write the phases begun since the last call; returns whether there are any."""
+        begun = self._controller.drain_phases()
+        for phase in begun:
             self._recorder.event(phase)
+        return bool(begun)
 
     def pass_on(self) -> None:
         """Write the rows that are buffered."""

@@ -23,6 +23,7 @@ from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
 from ffsm_mj.simulation.ending import Ended
 from ffsm_mj.simulation.evaluation import Evaluation
+from ffsm_mj.simulation.free_flight import FreeFlight
 from ffsm_mj.simulation.grid_step import GridStep
 from ffsm_mj.simulation.guard import Guard
 from ffsm_mj.simulation.log_writer import LogWriter
@@ -60,6 +61,8 @@ class Simulation:
         self._evaluation = Evaluation(plant, controller)
         self.progress = Progress()
         self.warnings: list[str] = []
+        free = recorder, rows, self._log
+        self._free_flight = FreeFlight(plant, watch, controller, free, settings, self.progress, self.warnings)
         self._grid_step = GridStep(plant, settings.time_step_s, self.progress, self.warnings)
         self._wall_s, self._law_wall_s = 0.0, 0.0
         self._guard = Guard(recorder, self.progress)
@@ -91,7 +94,7 @@ class Simulation:
             if start is not None:
                 self.go_on_from(start)
             while self.ended is None:
-                self.advance()
+                self.advance(flying=True)
             return self.finish()
 
     def begin(self) -> None:
@@ -103,7 +106,7 @@ class Simulation:
         if self._plant.sampler is not None:
             self._plant.sampler.begin()
 
-    def advance(self, to_event: bool = False, commanded: bool = False) -> None:
+    def advance(self, to_event: bool = False, commanded: bool = False, flying: bool = False) -> None:
         """Take the decision that is due, and simulate to the next one or to the end of the run.
 
         MuJoCo's warnings must be collected in ``warnings``, also in :meth:`finish`.
@@ -111,9 +114,10 @@ class Simulation:
         Args:
             to_event: Stop at an event before the next control tick: the state is that after it, its decision is due.
             commanded: A command was given: the controller is evaluated even at an event that does not trigger it.
+            flying: Take the decisions of control ticks in free flight too, as many as follow each other.
         """
         started = time.perf_counter()
-        self._guard.execute(self._advance, to_event, commanded)
+        self._guard.execute(self._advance, to_event, commanded, flying)
         self._wall_s += time.perf_counter() - started
 
     def remember(self, *, changes: bool = False, replaced: Sequence[int] = ()) -> None:
@@ -211,12 +215,12 @@ class Simulation:
         control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
-    def _advance(self, to_event: bool, commanded: bool) -> None:
+    def _advance(self, to_event: bool, commanded: bool, flying: bool) -> None:
         settings, progress = self._settings, self.progress
         if progress.due is not None:
             due, progress.due = progress.due, None
             self._settle(due, commanded)
-        else:
+        elif not (flying and self._fly()):
             self._tick()
         self._observed = None
         while progress.steps < progress.ticks * settings.steps_per_tick:
@@ -241,20 +245,37 @@ class Simulation:
         if self.interrupted():
             raise RunEnded(Outcome.INTERRUPTED)
 
+    def _fly(self) -> bool:
+        """Take the control ticks of free flight; returns whether there are any."""
+        interrupted = None if self.interrupted is bool else self._poll
+        report = None if self.report is None else self._report
+        ticks, law_s = self._free_flight.take(self._evaluation.command, self._decide, interrupted, report)
+        self._law_wall_s += law_s
+        return ticks > 0
+
+    def _decide(self, time_s: float) -> bool:
+        """Decide at a control tick; returns whether another phase has begun, or the controller makes a request."""
+        self._evaluate(self._observed or self._evaluation.observed(time_s, at_tick=True))
+        self._observed = None
+        return self._log.phases() or bool(self._evaluation.command.requests)
+
+    def _report(self, time_s: float) -> None:
+        assert self.report is not None
+        try:
+            self.report(time_s)
+        except Exception as error:
+            self._guard.passed_on = error
+            raise
+
     def _tick(self) -> None:
         """Decide at a control tick of the time grid, and record a row."""
         now, tick = self.next_tick_s, self.progress.ticks
         self.progress.ticks += 1
         if self._evaluation.is_on_time(now, tick):
-            self._evaluate(self._observed or self._evaluation.observed(now, at_tick=True))
-            self._log.phases()
+            self._decide(now)
         self._log.row(now)
         if self.report is not None:
-            try:
-                self.report(now)
-            except Exception as error:
-                self._guard.passed_on = error
-                raise
+            self._report(now)
 
     def _evaluate(self, observation: Observation) -> None:
         started = time.perf_counter()
@@ -264,11 +285,13 @@ class Simulation:
 
     def _step(self, to_event: bool) -> None:
         """Integrate one grid step with its events; with ``to_event`` up to the first one, whose decision is then due."""
-        progress, grid_step = self.progress, self._grid_step
+        progress, grid_step, stepped = self.progress, self._grid_step, self._free_flight.continue_step()
         if not progress.is_within_step:
-            self._poll()
+            if not stepped:
+                self._poll()
             grid_step.begin()
-        while (effect := grid_step.to_event()) is not None:
+        while (effect := grid_step.to_event(stepped=stepped)) is not None:
+            stepped = False
             self._react(effect, to_event)
             if progress.due is not None:
                 return

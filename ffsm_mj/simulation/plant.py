@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import mujoco
@@ -70,8 +71,18 @@ class Plant:
             *sensing,
         ]
 
-    def advance(self, duration_s: float) -> tuple[float, EventSource | None]:
+    @cached_property
+    def after_step(self) -> tuple[Callable[[float], None], ...]:
+        """What follows the balance of each (sub-)step, with its duration: counts of valves, and samples of sensors."""
+        counts = (self.actuation.elapse,) if self.actuation.counts.size else ()
+        return counts if self.sampler is None else (*counts, self.sampler.elapse)
+
+    def advance(self, duration_s: float, *, stepped: bool = False) -> tuple[float, EventSource | None]:
         """Integrate for a time, a sub-step of it, or until the first event, and enter it in the balance.
+
+        Args:
+            duration_s: The time, s.
+            stepped: Whether the step has been begun in the balance and made already, for all of this time.
 
         Returns:
             Time integrated in s, and the contact model with an event there; None if there is no event.
@@ -80,8 +91,9 @@ class Plant:
             UnsupportedContactError: The motion is too fast for event detection.
             StepLimitError: The motion is too fast for the required accuracy.
         """
-        self.balance.open()
-        elapsed_s, contact_model = self.integrator.advance(duration_s)
+        if not stepped:
+            self.balance.open()
+        elapsed_s, contact_model = self.integrator.advance(duration_s, stepped=stepped)
         self.enter(elapsed_s)
         return elapsed_s, contact_model
 
@@ -122,9 +134,8 @@ class Plant:
             # Sensors, columns and records need the forces of contacts, limits and latches at this state. Not before the
             # exchanges, which are sums over the stages of the step: this evaluation is none of them.
             self.integrator.motion.refresh_forces()
-        self.actuation.elapse(elapsed_s)
-        if self.sampler is not None:
-            self.sampler.elapse(elapsed_s)
+        for elapse in self.after_step:
+            elapse(elapsed_s)
 
     def apply(self, event: Callable[[], EventEffect | None], state_after: FloatArray | None = None) -> EventEffect | None:
         """Apply an event: it changes the state in ``data``, is entered in the balance, and may change the motion.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj._core.tick import Sampler
+from ffsm_mj._core.tick import Clock, Sampler
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
@@ -34,10 +34,10 @@ class StateSignals:
             axes: Its world axes.
             target: How its target moves; None: it does not.
         """
-        self._time = np.zeros(1)
+        time = np.zeros(1)
         self.sampler = Sampler(system.mj, data, tip=-1 if tip_site is None else tip_site)
         self.columns: tuple[Columns, ...] = (
-            Columns((Signal("state", "time_s", "s", "simulation time"),), live=self._time, on_sample=self._clock),
+            Columns((Signal("state", "time_s", "s", "simulation time"),), live=time, on_sample=Clock(time)),
             Columns(_coordinates(system), live=data.qpos),
             Columns(_rates(system), live=data.qvel),
         )
@@ -57,9 +57,6 @@ class StateSignals:
         assert self._target is not None
         self._target.update(time_s, self._data)
         self._place[self._axes] = self._target.position_m
-
-    def _clock(self, time_s: float) -> None:
-        self._time[0] = time_s
 
 
 def _coordinates(system: System) -> tuple[Signal, ...]:

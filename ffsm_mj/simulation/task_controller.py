@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
-from ffsm_mj.controller_protocol import Observation
+from ffsm_mj.controller_protocol import LawInCore, Observation
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import Command, GivenCommand
 from ffsm_mj.records.events import ControllerReport, PhaseRecord
@@ -26,6 +26,14 @@ class TaskController(Protocol):
 
     def control(self, observation: Observation, command: Command) -> None:
         """Like :meth:`~ffsm_mj.controller_protocol.Controller.control`."""
+
+    def in_core(self, command: Command, data: Any) -> LawInCore | None:
+        """The law in charge, to be evaluated by the core at control ticks without events; None if it cannot be.
+
+        Args:
+            command: What it commands.
+            data: Data of the plant.
+        """
 
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call, oldest first."""

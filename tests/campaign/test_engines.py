@@ -32,6 +32,7 @@ from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from tests.campaign.files import TUMBLING, campaign_file, two_rocks
 from tests.campaign.laws import Fuse
 from tests.scenes import ball
+from tests.ticks import in_the_loop
 
 METRICS = ["impacts.0.time_s", "impacts.0.impulse_N_s", "duration_s", "impacts.count"]
 SPEED = {"initial.rates.robot/free.0": {"uniform": [0.8, 1.6]}}
@@ -387,11 +388,12 @@ def test_an_internal_error_is_a_failed_run_of_that_outcome(tmp_path: Path, monke
     campaign = Campaign.load(collisions(tmp_path, limits={"max_failed": 1.0}), tmp_path / "out")
     advance = EventDrivenIntegrator.advance
 
-    def broken(course: EventDrivenIntegrator, duration_s: float) -> Any:
+    def broken(course: EventDrivenIntegrator, duration_s: float, *, stepped: bool) -> Any:
         if course.kinetic_energy_J > 0.7:
             raise LookupError("on purpose")
-        return advance(course, duration_s)
+        return advance(course, duration_s, stepped=stepped)
 
+    in_the_loop(monkeypatch)
     monkeypatch.setattr(EventDrivenIntegrator, "advance", broken)
     status = campaign.run(loop().open())
     failed = status.outcomes["internal_error"]

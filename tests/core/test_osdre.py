@@ -16,6 +16,7 @@ from tests.core.arms import ARM, MOTORS, moving
 from tests.scenes import compile_paths
 
 R = np.diag([1.0, 2.0, 0.5])
+DAMPING = 0.3
 TARGET = np.array([3.0, 0.0, -1.0])
 
 
@@ -62,6 +63,13 @@ def along_a_motion(arm, law, axes, Q, whole_stack):
         mujoco.mj_forward(model, data)
 
 
+def assert_damped(laws, B2, rates):
+    """The second law has the torques of the first, and a damping that the output does not feel."""
+    laws[1].tick()
+    damping = DAMPING * (rates - np.linalg.pinv(B2) @ (B2 @ rates))
+    np.testing.assert_allclose(laws[1].effort, laws[0].effort - damping, rtol=0.0, atol=1e-11 * (1.0 + np.abs(rates).max()))
+
+
 @pytest.mark.parametrize("whole_stack", [True, False])
 @pytest.mark.parametrize("axes", [(0, 1), (1, 0), (0, 2), (2, 0), (2, 1)])
 def test_two_outputs(arm, rng, axes, whole_stack):
@@ -69,23 +77,27 @@ def test_two_outputs(arm, rng, axes, whole_stack):
     picked = np.eye(model.nv)[6:9]
     kinematics = TipKinematics(model, data, arm.index("site", "tip"), axes)
     driven = np.vstack((picked, np.linalg.solve(R, picked)))
-    law = PlanarLaw(kinematics, data, planar_riccati(Q), driven, axes, TARGET[:2].tolist(), whole_stack)
-    for _ in along_a_motion(arm, (law, data), axes, Q, whole_stack):
-        pass
+    laws = [
+        PlanarLaw(kinematics, data, planar_riccati(Q), driven, axes, TARGET[:2].tolist(), whole_stack, np.zeros(3), damping)
+        for damping in (0.0, DAMPING)
+    ]
+    for B2 in along_a_motion(arm, (laws[0], data), axes, Q, whole_stack):
+        assert_damped(laws, B2, data.qvel[6:9])
 
 
 @pytest.mark.parametrize("whole_stack", [True, False])
 @pytest.mark.parametrize("axes", [(2,), (0, 1), (0, 1, 2), (2, 0, 1)])
 def test_any_number_of_outputs(arm, rng, axes, whole_stack):
-    """Also the torques that move the output: an orthonormal basis of what alpha M_c^-1 sees."""
     model, data, p = arm.mj, moving(arm, rng), len(axes)
     picked, Q = np.eye(model.nv)[6:9], np.eye(2 * p)
     kinematics = TipKinematics(model, data, arm.index("site", "tip"), axes)
     driven = np.vstack((picked, np.linalg.solve(R, picked)))
-    law = BlockLaw(kinematics, data, Doubling(Q), driven, axes, TARGET[:p].tolist(), whole_stack)
-    for B2 in along_a_motion(arm, (law, data), axes, Q, whole_stack):
-        assert law.inputs.shape == (p, 3)
-        np.testing.assert_allclose(law.inputs.T @ law.inputs, np.linalg.pinv(B2) @ B2, rtol=0.0, atol=1e-11)
+    laws = [
+        BlockLaw(kinematics, data, Doubling(Q), driven, axes, TARGET[:p].tolist(), whole_stack, np.zeros(3), damping)
+        for damping in (0.0, DAMPING)
+    ]
+    for B2 in along_a_motion(arm, (laws[0], data), axes, Q, whole_stack):
+        assert_damped(laws, B2, data.qvel[6:9])
 
 
 def test_doubling_refuses_other_sizes():

@@ -8,29 +8,73 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj._core.tick import JointWork, Limits, Sampler
+from ffsm_mj._core.tick import Limits, Maxima, Periodically, Sampler, StepWork
 from ffsm_mj.actuation.actuation import Envelope
 from tests.core.arms import moving
 
 
+class Part:
+    """A part of the balance that notes its calls."""
+
+    def __init__(self):
+        self.calls = []
+
+    def open(self):
+        self.calls.append("open")
+
+    def close(self, duration_s):
+        self.calls.append(duration_s)
+
+
 def test_work_is_force_times_length(case_study, rng):
-    """Of actuators on joints; whether an effort is external is told at the start of each step."""
+    """Of actuators on joints; parts outside take part in steps with an external effort, others in every step."""
     model, account = case_study.mj, np.zeros(3)
     on_joint, external, work = np.ones(model.nu), np.zeros(model.nu), 0.0
     on_joint[0], external[1] = 0.0, 1.0
     data = moving(case_study, rng)
-    balance = JointWork(data, on_joint, external, account)
+    always, outside = Part(), Part()
+    balance = StepWork(data, on_joint, external, account, np.zeros(3), np.zeros(6), np.zeros(12), [always], [outside])
     for step in range(20):
         if step == 10:
             data.ctrl[:] = 0.0
-        assert balance.open() == (step < 10)
+        balance.open()
         lengths = data.actuator_length.copy()
         mujoco.mj_step(model, data)
         mujoco.mj_forward(model, data)
         work += (on_joint * data.ctrl * model.actuator_gear[:, 0]) @ (data.actuator_length - lengths)
-        balance.close()
+        balance.close(0.1 * step)
+        assert [len(part.calls) for part in (always, outside)] == [2 * step + 2, min(2 * step + 2, 20)]
     # A sum of some tens of terms.
     np.testing.assert_allclose(account, (work, 0.0, 0.0), rtol=1e-14)
+    assert always.calls[:4] == outside.calls[:4] == ["open", 0.0, "open", 0.1]
+
+
+def test_maxima_begin_again_at_each_sample():
+    since, logged = np.array([1.0, 0.0]), np.zeros(2)
+    sample = Maxima(since, logged)
+    sample(0.0)
+    assert (since.tolist(), logged.tolist()) == ([0.0, 0.0], [1.0, 0.0])
+    since[1] = 2.0
+    sample(1.0)
+    assert logged.tolist() == [0.0, 2.0]
+
+
+def test_a_period_is_a_function_of_the_times_of_two_samples():
+    """Samples at exact multiples of 0.02 s and between; a sample whose values are logged is not evaluated again."""
+    calls = []
+    sample = Periodically(0.02, lambda: calls.append(time_s))
+    for time_s in (step * 0.001 for step in range(100)):
+        sample(time_s)
+    assert calls == pytest.approx([0.0, 0.02, 0.04, 0.06, 0.08])
+    kept = sample.__reduce__()[2]
+    sample.resume(True)
+    for time_s in (0.1, 0.119):
+        sample(time_s)
+    assert len(calls) == 5
+    sample.__setstate__(kept)
+    for time_s in (0.1, 0.119):
+        sample(time_s)
+    assert calls[5:] == [0.1]
 
 
 def test_a_row_is_what_is_live(case_study, rng):

@@ -23,6 +23,7 @@ from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.rows import RowWriter
 from tests.contact_models.grasp.test_closing_while_pressing import pushing
 from tests.scenes import two_balls
+from tests.ticks import in_the_loop
 
 PLACES = {
     "a contact model, in a stage": (ActiveContactSet, "push", 90),
@@ -47,6 +48,7 @@ PLACES = {
 
 def breaks(monkeypatch, owner, method, after):
     """A method raises once it was called so many times; a thing that is broken stays so."""
+    in_the_loop(monkeypatch)
     calls, whole = count(), getattr(owner, method)
 
     def broken(*arguments, **named):

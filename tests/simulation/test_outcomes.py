@@ -20,6 +20,7 @@ from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from tests.scenes import ball, box, scene, two_balls
+from tests.ticks import in_the_loop
 
 
 def run_and_read(path, folder, **kwargs):
@@ -260,9 +261,10 @@ def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatc
 
 
 def test_mujocos_own_errors_end_the_run(tmp_path, monkeypatch):
-    def fatal(*_):
+    def fatal(*_, **__):
         raise mujoco.FatalError("mj_stackAlloc: insufficient memory")
 
+    in_the_loop(monkeypatch)
     monkeypatch.setattr(EventDrivenIntegrator, "advance", fatal)
     run = run_and_read(two_balls(tmp_path), tmp_path)
     assert run.outcome == "diverged"
@@ -323,6 +325,22 @@ def test_an_impact_tells_its_step_and_the_efforts_that_act_from_there_on(tmp_pat
     assert [phase.name for phase in run.phases] == ["coast", "brake"]
 
 
+@pytest.mark.parametrize("ticks", [1, 1000])
+def test_a_signal_is_heard_in_free_flight(tmp_path, ticks):
+    """Between two ticks of the core, and between the steps of a long one: an hour of flight ends at once."""
+    path = two_balls(tmp_path, gap=100.0, duration_s=3600.0, control_period_s=3600.0 / ticks)
+    signal.setitimer(signal.ITIMER_REAL, 0.3)
+    heard = signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            ffsm_mj.run(path, out=tmp_path / "out", rerun=False)
+    finally:
+        signal.signal(signal.SIGALRM, heard)
+    run = ffsm_mj.load_run(tmp_path / "out")
+    assert (run.outcome, run.complete, run.damage) == ("interrupted", True, "")
+    assert 0.0 < run.summary()["duration_s"] < 3600.0
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("place", ["step", "event"])
 def test_signals_are_heard_inside_a_tick(tmp_path, monkeypatch, number, place):
@@ -331,13 +349,14 @@ def test_signals_are_heard_inside_a_tick(tmp_path, monkeypatch, number, place):
     owner, method = (EventDrivenIntegrator, "exchanges") if place == "step" else (EventDrivenIntegrator, "advance")
     whole = getattr(owner, method)
 
-    def signalled(self, duration_s):
-        found = whole(self, duration_s)
+    def signalled(self, duration_s, **stepped):
+        found = whole(self, duration_s, **stepped)
         if place == "step" or found[1] is not None:
             os.kill(os.getpid(), number)
             monkeypatch.setattr(owner, method, whole)
         return found
 
+    in_the_loop(monkeypatch)
     monkeypatch.setattr(owner, method, signalled)
     with pytest.raises(KeyboardInterrupt):
         ffsm_mj.run(path, out=tmp_path / "out", rerun=False)

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ffsm_controllers.allocation import moments, unit_moments
+from ffsm_controllers.endings import TIME_TOLERANCE_S
 from ffsm_controllers.joint_errors import JointErrors
 from ffsm_controllers.joint_path.config import JointPathConfig
 from ffsm_controllers.joint_path.limits import Bounds, PathLimits
 from ffsm_controllers.joint_servo import JointServo, joint_range, refuse_outside_range
 from ffsm_controllers.pd import per_joint
-from ffsm_controllers.settled import TIME_TOLERANCE_S
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,

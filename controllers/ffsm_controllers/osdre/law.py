@@ -16,7 +16,7 @@ from ffsm_controllers.indices import compact
 from ffsm_controllers.osdre.moving_law import MovingLaw
 from ffsm_controllers.osdre.riccati import planar_riccati
 from ffsm_controllers.osdre.weights import Weight, input_weight, state_weight
-from ffsm_mj._core.osdre import BlockLaw, PlanarLaw, TipKinematics
+from ffsm_mj._core.osdre import BlockLaw, OutputLaw, PlanarLaw, TipKinematics
 from ffsm_mj._core.riccati_doubling import Doubling, RiccatiError
 from ffsm_mj.controller_protocol import (
     Command,
@@ -108,23 +108,25 @@ class Osdre:
         self._moving = TaskModel(context, self._joints.names, ()) if moves else None
         self._planar = p == 2 and not moves
         self.telemetry_signals = (_ERROR, _RESIDUAL, *((_FALLBACK,) if self._planar else (_DOUBLINGS, _CORRECTIONS)), _GAIN)
-        self._worst_residual, self._most, self._exceptions = 0.0, 0.0, 0.0
+        # Greatest residual of the Riccati equation, most doublings or 1 for a fallback, sum of corrections or fallbacks
+        self._extremes = np.zeros(3)
 
     def start(self, observation: Observation) -> None:
         """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
         data, site, axes = observation.data, self._task.tip_site, self._task.axes
         target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
-        self._qvel, self._kinematics = data.qvel, TipKinematics(self._model, data, site, axes)
+        kinematics = TipKinematics(self._model, data, site, axes)
         self._law: BlockLaw | MovingLaw | PlanarLaw
-        self._block: BlockLaw | MovingLaw | None = None
-        bound = driven, axes, target, self._whole_stack
+        bound = driven, axes, target, self._whole_stack, self._extremes, self._damping
         if self._moving is not None:
             riccati = Doubling(self._Q)
-            self._law = self._block = MovingLaw(self._moving, data, riccati, self._inverse_R, self._whole_stack)
+            damping = self._damping * self._driven
+            moving = self._inverse_R, self._whole_stack, self._extremes, damping
+            self._law = MovingLaw(self._moving, data, riccati, *moving)
         elif self._planar:
-            self._law = PlanarLaw(self._kinematics, data, planar_riccati(self._Q), *bound)
+            self._law = PlanarLaw(kinematics, data, planar_riccati(self._Q), *bound)
         else:
-            self._law = self._block = BlockLaw(self._kinematics, data, Doubling(self._Q), *bound)
+            self._law = BlockLaw(kinematics, data, Doubling(self._Q), *bound)
 
     def control(self, observation: Observation, command: Command) -> None:  # noqa: ARG002
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
@@ -136,21 +138,11 @@ class Osdre:
             self._law.tick()
         except RiccatiError as error:
             raise ControllerError(str(error)) from error
-        u, report = self._law.effort, self._law.report.tolist()
-        self._worst_residual, self._most = max(self._worst_residual, report[1]), max(self._most, report[2])
-        # The last but one is the exception: the fallback of two outputs, whose only count it is, or corrections.
-        self._exceptions += report[-2]
-        if self._damping > 0.0:
-            u = u - self._unseen(self._damping * self._qvel[self._joints.dofs])
-        command.drive(self._actuators, u)
+        command.drive(self._actuators, self._law.effort)
 
-    def _unseen(self, torque: FloatArray) -> FloatArray:
-        """What of a torque the output does not feel, (n,)."""
-        if self._block is not None:
-            inputs = self._block.inputs
-            return np.asarray(torque - inputs.dot(torque).dot(inputs))
-        B_lower = self._kinematics.W @ self._driven.T  # the planar law works without a basis of these
-        return np.asarray(torque - np.linalg.pinv(B_lower) @ (B_lower @ torque))
+    def law_of_core(self) -> OutputLaw[Any] | None:
+        """The law, unless its target moves."""
+        return self._law if isinstance(self._law, OutputLaw) else None
 
     @property
     def driven_actuators(self) -> IntArray:
@@ -177,7 +169,8 @@ class Osdre:
 
     def summary(self) -> ControllerReport:
         """What the Riccati equation took, and its greatest residual, relative."""
-        worst = {"worst_riccati_residual": self._worst_residual}
+        residual, most, exceptions = self._extremes.tolist()
+        worst = {"worst_riccati_residual": residual}
         if self._planar:
-            return {"riccati_fallbacks": int(self._exceptions)} | worst
-        return {"most_riccati_doublings": int(self._most), "riccati_corrections": int(self._exceptions)} | worst
+            return {"riccati_fallbacks": int(exceptions)} | worst
+        return {"most_riccati_doublings": int(most), "riccati_corrections": int(exceptions)} | worst

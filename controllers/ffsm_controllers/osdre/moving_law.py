@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj._core.osdre import note
 from ffsm_mj._core.riccati_doubling import Doubling
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.task_model import TaskModel
@@ -24,7 +25,16 @@ _NO_MOTION = 1e-15
 class MovingLaw:
     """u = -R^-1 B^T K [e; ed]; attributes as those of :class:`~ffsm_mj._core.osdre.BlockLaw`."""
 
-    def __init__(self, model: TaskModel, data: Any, riccati: Doubling, inverse_R: FloatArray, whole_stack: bool) -> None:
+    def __init__(
+        self,
+        model: TaskModel,
+        data: Any,
+        riccati: Doubling,
+        inverse_R: FloatArray,
+        whole_stack: bool,
+        extremes: FloatArray,
+        damping: FloatArray,
+    ) -> None:
         """Bind to the state in ``data``.
 
         Args:
@@ -33,13 +43,15 @@ class MovingLaw:
             riccati: Solver of the equation.
             inverse_R: R^-1, (n, n).
             whole_stack: A = (d - ydd_d) z^+ instead of [0, (d - ydd_d) ed^+].
+            damping: From rates to the damping of the driven joints, N m s/rad or N s/m, (n, nv).
+            extremes: See :func:`~ffsm_mj._core.osdre.note`, (3,).
         """
         self._model, self._data, self._riccati, self._inverse_R = model, data, riccati, inverse_R
-        self._whole_stack, (p, n) = whole_stack, (model.site.size, len(inverse_R))
-        self.effort, self.report, self.inputs = np.zeros(n), np.full(5, np.nan), np.zeros((p, n))
+        self._whole_stack, self._extremes, self._damping = whole_stack, extremes, damping
+        self.effort, self.report = np.zeros(len(inverse_R)), np.full(5, np.nan)
 
     def tick(self) -> None:
-        """Work out ``effort``, ``report`` and ``inputs`` at the current state.
+        """Work out ``effort`` and ``report`` at the current state.
 
         Raises:
             RiccatiError: The equation has no stabilising solution here.
@@ -53,6 +65,9 @@ class MovingLaw:
         K_lower, residual = riccati.solve(np.outer(drift, e), np.outer(drift, ed), B.dot(pushes))
         self.effort = -pushes.dot(K_lower.dot(np.concatenate((model.e, ed))))
         _, sizes, rows = np.linalg.svd(B, full_matrices=False)
-        self.inputs = np.where((sizes > _NO_MOTION * sizes[0])[:, None], rows, 0.0)
+        if self._damping.any():
+            inputs, damped = rows[sizes > _NO_MOTION * sizes[0]], self._damping.dot(self._data.qvel)
+            self.effort -= damped - inputs.dot(damped).dot(inputs)
         distance = math.hypot(*model.e.tolist())
         self.report[:] = distance, residual, riccati.doublings, riccati.corrections, sizes[-1]
+        note(self._extremes, self.report)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ffsm_mj._core.tick import Maxima
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.records.columns import Columns
@@ -19,6 +20,7 @@ class DeepestOverlap:
     """Largest overlap of any pair, and overrun of any joint limit, at the ends of (sub-)steps since the sample before.
 
     Attributes:
+        deepest: The numbers since the last sample: of geoms in m, then of hinges in rad and slides in m where there are any.
         columns: Its columns: the overlap, then the overrun of hinges and of slides where there are limited ones.
     """
 
@@ -30,7 +32,7 @@ class DeepestOverlap:
         """
         units = sorted({limit.unit for limit in limits}, reverse=True)
         self._column = {unit: k for k, unit in enumerate(units, start=1)}
-        self._deepest, self._logged = [0.0] * (1 + len(units)), np.zeros(1 + len(units))
+        self.deepest, logged = np.zeros((2, 1 + len(units)))
         signals = (
             Signal("balance", OVERLAP, "m", f"deepest overlap of a pair of the contact rules {_SINCE}"),
             *(
@@ -43,13 +45,9 @@ class DeepestOverlap:
                 for unit in units
             ),
         )
-        self.columns = (Columns(signals, live=self._logged, on_sample=self._write),)
+        self.columns = (Columns(signals, live=logged, on_sample=Maxima(self.deepest, logged)),)
 
     def add(self, constraint: UnilateralConstraint, gap: float) -> None:
         """Update it with the gap of a pair in m, or of a joint limit in rad or m, at the end of a (sub-)step."""
         place = self._column[constraint.unit] if isinstance(constraint, JointLimit) else 0
-        self._deepest[place] = max(self._deepest[place], -gap)
-
-    def _write(self, _: float) -> None:
-        self._logged[:] = self._deepest
-        self._deepest = [0.0] * len(self._deepest)
+        self.deepest[place] = max(self.deepest[place], -gap)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj._core.tick import Periodically
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
@@ -19,8 +20,6 @@ from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 PERIOD_S = 0.02
 """The gaps are evaluated in the first sample and then once in this time: a rule may have hundreds of pairs."""
-_ROUNDING = 1e-9
-"""Relative rounding of the time of a sample."""
 _MEANING = "smallest gap of the pairs of {}, negative when overlapping; evaluated every {:g} s and held in between"
 
 
@@ -42,26 +41,16 @@ class RuleGaps:
         signals = tuple(
             Signal("contact", f"{identifier(rule)}_gap_m", "m", _MEANING.format(rule, PERIOD_S)) for rule in rules
         )
-        self.columns = (Columns(signals, live=self._gaps, on_sample=self._write, resume=self._resume),) if rules else ()
-        self._last_s, self._is_resumed = math.nan, False
+        self._period = Periodically(PERIOD_S, self._evaluate)
+        self.columns = (Columns(signals, live=self._gaps, on_sample=self._period, resume=self._resume),) if rules else ()
 
     def _resume(self, logged: FloatArray) -> None:
         # The next sample is the one that these values were logged with; zeros stand for the start of a run.
-        self._gaps[:], self._is_resumed, self._last_s = logged, bool(logged.any()), math.nan
+        self._gaps[:] = logged
+        self._period.resume(bool(logged.any()))
 
-    def _write(self, time_s: float) -> None:
-        """Evaluate the gaps if a multiple of the period has passed since the sample before.
-
-        Whether it has is a function of both times alone, so that a log replay evaluates the same samples.
-        """
-        last, self._last_s = self._last_s, time_s
-        is_resumed, self._is_resumed = self._is_resumed, False
-        if not is_resumed and (math.isnan(last) or _periods(time_s) > _periods(last)):
-            self._gaps[:] = [_smallest(*rule, self._model, self._data) for rule in self._rules]
-
-
-def _periods(time_s: float) -> int:
-    return math.floor(time_s / PERIOD_S * (1.0 + _ROUNDING) + _ROUNDING)
+    def _evaluate(self) -> None:
+        self._gaps[:] = [_smallest(*rule, self._model, self._data) for rule in self._rules]
 
 
 def _smallest(pairs: Sequence[ContactPair], spheres: BroadPhase, model: Any, data: Any) -> float:

@@ -187,8 +187,11 @@ class ActiveContactSet:
         return closed and not others and self.pressing == self.contact_points != ()
 
     def begin_steady_step(self) -> None:
-        """Begin a step with the active set of the step before, in which no point slides."""
+        """Begin an explicit step with the active set of the step before, in which no point slides."""
         self._chosen = None
+        self.stages.clear()
+        assert self.motion.forced is not None
+        self.motion.forced.implicit = False
 
     def set_pressing(self, pressing: tuple[ContactPoint, ...]) -> None:
         """Set the active set."""

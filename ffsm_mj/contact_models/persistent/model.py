@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.broad_phase import BroadPhase
@@ -185,7 +186,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def due(self) -> bool:
         """Whether a contact begins, ends or changes at the state in ``data`` under the efforts of the next step."""
         closed = self._active_set
-        if not self.active or ((closed.steady.is_now() or closed.is_settled()) and not self._changes.unlogged()):
+        if not self.active or ((closed.steady.holds() or closed.is_settled()) and not self._changes.unlogged()):
             return False
         return bool(self._changes.left_at_once() or self._changes.pending() or self._active_set.touches_elsewhere())
 
@@ -200,12 +201,19 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             self._account.projected = self._drift.remove_drift()
             self._active_set.update_pressing()
             self._active_set.modes.move()
-        self._active_set.stages.clear()
+            self._active_set.stages.clear()
 
     def continue_step(self) -> None:
         """Go on with the active set and the modes of the step before, without projection."""
         self._account.projected = None
         self._active_set.stages.clear()
+
+    def begin_steady_steps(self) -> SteadyContacts | None:
+        """Closed contacts, if they may be steady; see :class:`ForceSource`."""
+        if self._changes.unlogged():
+            return None
+        self._located_s, self._account.projected = None, None
+        return self._active_set.steady
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores the friction modes, which the start of a step chooses."""
@@ -218,7 +226,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def is_clear(self) -> bool:
         """Whether the active set and the features of the step's start are still valid at its end."""
         closed = self._active_set
-        return not self.active or closed.steady.is_now() or closed.witness_value() >= 0.0
+        return not self.active or closed.steady.holds() or closed.witness_value() >= 0.0
 
     def first_event(self, duration_s: float) -> float | None:
         """Time at which the active set or a feature ceased to be valid, located just after the zero crossing."""

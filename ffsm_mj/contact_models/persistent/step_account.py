@@ -50,17 +50,14 @@ class StepAccount:
         self._overlap = overlap
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
+        closed.steady.note_overlap(overlap.deepest)
         self._sums: StageSums
         self._last: tuple[Sequence[Stage], FloatArray]
         self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None
 
     def of_steady_step(self, duration_s: float) -> Exchange | None:
         """Energy and momentum exchanged in a step that ends in a steady state, with all that it adds to columns."""
-        closed = self._active_set
-        exchange = None if self.projected is not None else closed.steady.exchange(duration_s)
-        if exchange is not None:
-            self._overlap.add(closed.contact_points[0].pair, closed.steady.lowest)
-        return exchange
+        return None if self.projected is not None else self._active_set.steady.exchange(duration_s)
 
     def exchanged(self, duration_s: float) -> tuple[Exchange | None, Mapping[UnilateralConstraint, float]]:
         """Energy and momentum exchanged, and the impulse of each pair in N s."""

@@ -15,8 +15,8 @@ from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.log import recorder
 from ffsm_mj.replay import replay_log
-from ffsm_mj.simulation.rows import RowWriter
 from tests.contact_models.grasp.scenes import grasping
+from tests.ticks import at_each_tick
 
 CAPTURE_S, RELEASE_S = 0.904, 1.804
 # When, and how many captures and releases the log has by then: one that happens is written before anything else does.
@@ -42,14 +42,7 @@ def send(monkeypatch, when, number):
 
         monkeypatch.setattr(owner, when, done)
         return
-    fill = RowWriter.fill
-
-    def filled(self, line, time_s):
-        fill(self, line, time_s)
-        if abs(time_s - when) < 1e-9:
-            os.kill(os.getpid(), number)
-
-    monkeypatch.setattr(RowWriter, "fill", filled)
+    at_each_tick(monkeypatch, lambda time_s: os.kill(os.getpid(), number) if abs(time_s - when) < 1e-9 else None)
 
 
 def killed(path, out):

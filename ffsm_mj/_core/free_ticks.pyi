@@ -1,0 +1,48 @@
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from ffsm_mj._core.osdre import CommandingLaw
+from ffsm_mj._core.steady import SteadyContacts
+from ffsm_mj._core.steppers import FreeStepper
+from ffsm_mj._core.tick import Limits, RowFiller, StepWork
+
+class FreeTicks:
+    ticks: int
+    steps: int
+    line: int
+    evaluations: int
+    law_s: float
+    def __init__(
+        self,
+        data: Any,
+        recorder: Any,
+        rows: RowFiller,
+        work: StepWork,
+        *,
+        watched: Any | None,
+        overlaps: dict[Any, Any],
+        look: Callable[[float], object],
+        count: Callable[[], object],
+        after_step: Iterable[Callable[[float], object]],
+        step_s: float,
+        steps_per_tick: int,
+    ) -> None: ...
+    def pass_step(self) -> bool: ...
+    def begin(self, ticks: int, steps: int, line: int) -> None: ...
+    def take(
+        self,
+        stepper: FreeStepper,
+        contacts: SteadyContacts | None,
+        event_bound: float,
+        law: CommandingLaw | None,
+        limits: Limits | None,
+        *,
+        decide: Callable[[float], bool],
+        interrupted: Callable[[], object] | None,
+        report: Callable[[float], object] | None,
+        warnings: list[str],
+        ticks: int,
+        lines: int,
+        until_s: float,
+        clock: float,
+    ) -> None: ...

@@ -1,0 +1,183 @@
+# cython: boundscheck=False, wraparound=False
+"""Control ticks of a motion on which nothing acts but actuators, one after the other without Python, until something happens.
+
+The parts are those of the loop (:mod:`ffsm_mj.simulation.loop`), and so is their order. What is not of the core is called
+where the loop would call it: a control law in Python, balances of springs or thrusters, sensors, columns of a plug-in.
+"""
+
+from time import monotonic
+
+from cpython.exc cimport PyErr_CheckSignals
+from libc.math cimport isfinite
+
+from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
+from ffsm_mj._core.osdre cimport CommandingLaw
+from ffsm_mj._core.riccati_doubling import RiccatiError
+from ffsm_mj._core.steady cimport SteadyContacts
+from ffsm_mj._core.steppers cimport FreeStepper
+from ffsm_mj._core.tick cimport Limits, RowFiller, StepWork
+
+
+cdef class FreeTicks:
+    """Takes control ticks, and counts them.
+
+    Attributes:
+        ticks: Control ticks begun since the start of the run.
+        steps: Steps completed.
+        line: Line of the next row in its block.
+        evaluations: Evaluations of a law of the core since :meth:`begin`.
+        law_s: Wall time that they took, s.
+    """
+
+    cdef readonly Py_ssize_t ticks, steps, line, evaluations
+    cdef readonly double law_s
+    cdef bint has_stepped
+    cdef RowFiller rows
+    cdef StepWork work
+    cdef const mjModel* watched
+    cdef mjData* d
+    cdef object data, recorder, watched_model, look, count
+    cdef dict overlaps
+    cdef tuple after_step
+    cdef double step_s
+    cdef Py_ssize_t steps_per_tick
+
+    def __init__(
+        self,
+        data,
+        recorder,
+        RowFiller rows not None,
+        StepWork work not None,
+        *,
+        watched,
+        dict overlaps not None,
+        look,
+        count,
+        after_step,
+        double step_s,
+        Py_ssize_t steps_per_tick,
+    ):
+        self.data, self.d, self.recorder, self.rows, self.work = data, <mjData*>address(data), recorder, rows, work
+        self.watched_model, self.watched = watched, NULL if watched is None else <const mjModel*>address(watched)
+        self.overlaps, self.look, self.count, self.after_step = overlaps, look, count, tuple(after_step)
+        self.step_s, self.steps_per_tick = step_s, steps_per_tick
+
+    def begin(self, Py_ssize_t ticks, Py_ssize_t steps, Py_ssize_t line):
+        """Begin at a control tick that is due."""
+        self.ticks, self.steps, self.line, self.evaluations, self.law_s = ticks, steps, line, 0, 0.0
+        self.has_stepped = False
+
+    def pass_step(self):
+        """Whether the last step was made and is not completed; the caller completes it."""
+        has_stepped, self.has_stepped = self.has_stepped, False
+        return has_stepped
+
+    def take(
+        self,
+        FreeStepper stepper not None,
+        SteadyContacts contacts,
+        double event_bound,
+        law,
+        Limits limits,
+        *,
+        decide,
+        interrupted,
+        report,
+        list warnings not None,
+        Py_ssize_t ticks,
+        Py_ssize_t lines,
+        double until_s,
+        double clock,
+    ):
+        """Take control ticks until an event is possible, or a limit is reached.
+
+        Args:
+            stepper: Stepper of the motion.
+            contacts: Closed contacts that exert its applied forces; None: there are no applied forces.
+            event_bound: Motion bound from which other events are possible.
+            law: The law in charge, of the core; None: ``decide`` evaluates it.
+            limits: Limits of its efforts.
+            decide: Evaluates the controller at a time; returns whether that changes what the core may do.
+            interrupted: Called at each step: raises if the run is to end. None: not called.
+            report: Called with the time at each tick, or None.
+            warnings: MuJoCo's warnings.
+            ticks: Number of control ticks of the run.
+            lines: Number of rows that fit into the block.
+            until_s: Time from which another law may be in charge, s.
+            clock: Monotonic time from which the log is to be flushed, s.
+        """
+        cdef CommandingLaw own = law
+        cdef bint changes = False
+        cdef double now, started, period_s = self.step_s * self.steps_per_tick
+        while self.ticks < ticks and self.line + 1 < lines and stepper.motion_bound < event_bound:
+            now, started = self.ticks * period_s, monotonic()
+            if now >= until_s or started >= clock:
+                return
+            PyErr_CheckSignals()
+            if own is None:
+                self.ticks += 1
+                self.count()
+                changes = decide(now)
+                self.line = self.recorder.line  # it may have written an event, and the rows before it
+            else:
+                if not self.command(own, limits):
+                    return  # the loop evaluates it again, and says what is wrong
+                self.ticks, self.evaluations = self.ticks + 1, self.evaluations + 1
+                self.law_s += monotonic() - started
+            self.record(now)
+            if report is not None:
+                self.count()
+                report(now)
+            if changes or not self.step(stepper, contacts, event_bound, interrupted, warnings):
+                return
+
+    cdef bint command(self, CommandingLaw law, Limits limits) except -1:
+        """Evaluate the law and apply its command; returns whether it gives one."""
+        try:
+            law.decide()
+        except RiccatiError:
+            return False
+        return limits.apply()
+
+    cdef int record(self, double time_s) except -1:
+        """Fill a row, and look for contacts that nothing handles."""
+        self.rows.fill(self.line, time_s)
+        self.line += 1
+        if self.watched != NULL:
+            mj.collision(self.watched, self.d)
+            if self.overlaps or self.data.ncon:
+                self.count()
+                self.look(time_s)
+                self.line = self.recorder.line
+        return 0
+
+    cdef bint step(
+        self, FreeStepper stepper, SteadyContacts contacts, double event_bound, interrupted, list warnings
+    ) except -1:
+        """Make the steps of a tick; returns whether they are complete."""
+        cdef Py_ssize_t i
+        cdef double[21] exchange
+        for i in range(self.steps_per_tick):
+            if interrupted is not None:
+                interrupted()
+            if not stepper.motion_bound < event_bound or (contacts is not None and not contacts.goes_on()):
+                return False
+            self.work.open()
+            stepper.step(self.step_s)
+            if (
+                not stepper.motion_bound < event_bound
+                or len(warnings)
+                or not isfinite(stepper.energy)
+                or (contacts is not None and not contacts.exchange_into(self.step_s, exchange))
+            ):
+                self.has_stepped = True
+                return False
+            self.work.close(self.step_s)
+            if contacts is not None:
+                self.work.enter(exchange)
+            for each in self.after_step:
+                each(self.step_s)
+            self.steps += 1
+            # A multiple of the step, not a sum, so that it does not accumulate rounding.
+            self.data.time = self.steps * self.step_s
+        return True

@@ -1,0 +1,59 @@
+from ffsm_mj._core.contacts cimport ContactAcceleration, FrictionState, StageForces
+from ffsm_mj._core.forces cimport StuckPatches
+from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
+from ffsm_mj._core.stages cimport Smooth
+
+
+cdef class RuleColumns:
+    cdef Py_ssize_t[:, ::1] parts
+    cdef double[:, ::1] values, friction_values
+    cdef double[::1] work_J
+
+    cdef int write(
+        self, list groups, const double* axes, const double* normal_forces, const double* forces, const double* use
+    ) except -1
+    cdef void clear(self) noexcept
+    cdef void finish(self) noexcept
+    cdef void add_pair(self, Py_ssize_t i, const double* found) noexcept
+    cdef void add_friction(
+        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, double* found
+    ) noexcept
+    cdef void add_impulses(self, double part, const double* wrenches) noexcept
+
+
+cdef class SteadyContacts:
+    cdef object closed, modes, solver, system, tables
+    # Closed contacts, as they were taken over
+    cdef object points, pressing, generation, point_modes, evaluator, M
+    cdef bint possible, frictional, others, is_level
+    cdef Smooth smooth
+    cdef StageForces inside
+    cdef StuckPatches patches
+    cdef object data, pushes
+    cdef double[::1] applied, other, sums, deepest
+    cdef bytearray memory
+    cdef double* normal_forces
+    cdef double* use
+    cdef RuleColumns columns
+    cdef const double[::1] from_robot
+    cdef const double[:, ::1] outside
+    cdef Py_ssize_t robot_start, robot_stop
+    cdef const double[::1] mu
+    # State seen last
+    cdef object place, state, rows
+    cdef RowMemory own
+    cdef list groups
+    cdef FrictionState here
+    cdef ContactAcceleration problem
+    cdef double[4] extremes
+    cdef double lowest
+    cdef bint is_steady, is_reduced
+
+    cdef bint may_be(self) except -1
+    cdef int take(self) except -1
+    cpdef bint holds(self) except -1
+    cdef bint evaluate(self, place, load, pushes) except -1
+    cdef int find_rows(self, place) except -1
+    cdef bint touches_nowhere_else(self) except -1
+    cpdef bint goes_on(self) except -1
+    cdef bint exchange_into(self, double duration_s, double* sums) except -1

@@ -1,0 +1,79 @@
+"""Control ticks of free flight are those of the loop, bit by bit: the same rows, events and counts without them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.scenario.shipped import scenario_names
+from ffsm_mj.simulation.free_flight import FreeFlight
+
+RUNS = {
+    "an impact, a pause and another law": ("baseline", {"duration_s": 11.0}),
+    "five steps a tick": ("baseline", {"time_step_s": 0.0002, "duration_s": 1.734}),
+    "late ticks": ("baseline", {"actuation.control_jitter_s": 0.0004, "duration_s": 0.5}),
+    "late commands": ("baseline", {"actuators.motor_1.delay_s": 0.0013, "duration_s": 0.5}),
+    "another model for the law": ("baseline", {"controller_model.robot.base.mass_kg": 50.0, "duration_s": 1.0}),
+    "chosen sub-steps": ("baseline", {"accuracy": 1e-9, "duration_s": 0.5}),
+    "damping that the output does not feel, allocation": ("spatial", {"duration_s": 4.0}),
+    "valves": ("free-flying-hardware", {"duration_s": 2.0}),
+    "an estimator and sensors": ("capture-camera", {"duration_s": 2.0}),
+    "springs": ("capture-flexible", {"duration_s": 1.0}),
+    "contact that lasts": ("push", {"duration_s": 1.5}),
+    "contact on several points": ("squeeze", {}),
+    "a box that rests": ("resting", {}),
+    "a box that slides": ("probe-and-cone", {}),
+}
+
+
+def told(prepared, taken):
+    """Everything that a run says but wall times."""
+    run = prepared.run()
+    told = run.summary()
+    events = {kind: records for kind, records in run.log.records.items() if kind != "outcomes"}
+    counts = {key: value for key, value in told.items() if not key.startswith(("wall", "law_wall", "real_time"))}
+    return np.array(run.log.rows), events, counts, len(taken)
+
+
+@pytest.fixture
+def both(monkeypatch):
+    """A function that makes a run with and without free flight."""
+    take, taken = FreeFlight.take, []
+
+    def noted(self, *parts):
+        ticks, law_s = take(self, *parts)
+        taken.extend(range(ticks))
+        return ticks, law_s
+
+    def run(name, overrides):
+        prepared = prepare(name, overrides)
+        runs = []
+        for method in (noted, lambda *_: (0, 0.0)):
+            taken.clear()
+            monkeypatch.setattr(FreeFlight, "take", method)
+            runs.append(told(prepared, taken))
+        return runs
+
+    return run
+
+
+def assert_same(runs):
+    (rows, events, counts, taken), (other_rows, other_events, other_counts, none) = runs
+    np.testing.assert_array_equal(rows, other_rows)
+    assert events == other_events
+    assert counts == other_counts
+    assert none == 0
+    return taken
+
+
+@pytest.mark.parametrize("case", RUNS)
+def test_a_run_is_the_same_without_free_flight(both, case):
+    ticks = assert_same(both(*RUNS[case]))
+    assert (ticks > 0) == (case not in ("late ticks", "late commands", "chosen sub-steps"))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_is_the_same_without_free_flight(both, name):
+    assert_same(both(name, {}))
