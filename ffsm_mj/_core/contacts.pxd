@@ -33,23 +33,32 @@ cdef class FrictionState:
     cdef bytearray block
     # Accelerations without contact forces, forces of sticking points, (m,); rounding, (k,); generalised forces, (nv,)
     cdef double* b
-    cdef double* stuck
+    cdef double* along
     cdef double* roughness
+    cdef double* slips
     cdef double* pushed
     cdef const double[::1] mu
-    cdef double kept_margin
+    cdef double kept_margin, forward
     cdef bint has_margin, has_rounding, has_forces
 
     cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1
     cdef HeldForces held(self)
-    cdef double* stuck_forces(self) except NULL
+    cdef double* present_forces(self) except NULL
     cdef double* roundings(self) except NULL
     cdef double largest_slip(self) noexcept
     cdef bint creeps(self) noexcept
     cdef double margin(self) except? -2.0
+    cdef bint slides_on(self) except -1
     cdef double own_margin(self) except? -2.0
-    cdef StageInMemory stuck_into(self, double* generalised)
+    cdef StageInMemory stage_into(self, double* generalised)
 
+cdef double directions_of_slip(
+    RowMemory own,
+    const unsigned char[::1] slides,
+    const unsigned char[::1] straight,
+    const double[:, ::1] starts,
+    double* slips,
+) except? -1.0
 cdef object structure_of(modes, RowMemory own)
 cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes)
 cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept
@@ -73,7 +82,5 @@ cdef class StageForces:
 
     cdef object add_to(self, double[::1] applied)
     cdef object add_one_by_one(self, double[::1] applied)
-    cdef object slide(self, const double* along)
-    cdef int find_directions(self) except -1
     cdef int hold_rows(self, StageInMemory stage) except -1
     cdef int hold(self) except -1

@@ -10,7 +10,6 @@ cimport cython
 import numpy as np
 
 from ffsm_mj._core.forces import Active
-from ffsm_mj.contact_models.persistent.exchange import Slide
 from ffsm_mj.contact_models.persistent.complementarity import CLEARLY, IMMOVABLE, complementary_forces
 from ffsm_mj.contact_models.persistent.friction.cone_depth import ON_CONE
 from ffsm_mj.contact_models.persistent.friction.held_rows import NONE, HeldRows
@@ -18,7 +17,7 @@ from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.solution import Solution
 from ffsm_mj.contact_models.persistent.friction.stage import stage_of
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK
+from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK, RATE
 
 from libc.math cimport atan2, cos, fabs, hypot, INFINITY, sin, sqrt
 from libc.string cimport memcpy, memset
@@ -29,7 +28,7 @@ from ffsm_mj._core.rows cimport RowEvaluator, RowMemory, write_rounding, write_s
 from ffsm_mj._core.stages cimport empty_stage, finish_stage, generalise, Smooth, StageInMemory
 
 
-cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
+cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2, _RATE = RATE
 cdef double _CLEARLY = CLEARLY, _IMMOVABLE = IMMOVABLE
 
 
@@ -179,7 +178,7 @@ cdef class ContactAcceleration:
 
     cdef StageInMemory held_stage(self, const double* qvel, double* generalised):
         cdef RowMemory own = self.own
-        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), False)
+        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), False, False)
         memcpy(stage.along, self.all_held(), own.rows * sizeof(double))
         generalise(stage.along, own, generalised)
         finish_stage(stage, own, qvel, generalised)
@@ -228,6 +227,11 @@ cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, co
 cdef double _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED, _RANK = RANK
 
 
+# Points slide on, without a decision on the modes, above this many times the speeds at which they stop and the rounding of
+# slips: far above the speeds at which the choice of modes treats points that slow down (modes.py).
+cdef double _AWAY = 1e4
+
+
 cdef object structure_of(modes, RowMemory own):
     """The rows held in the modes of a step: as at the first of its states that needs them."""
     cdef const double* G
@@ -249,6 +253,53 @@ cdef object structure_of(modes, RowMemory own):
     return structure
 
 
+cdef double directions_of_slip(
+    RowMemory own,
+    const unsigned char[::1] slides,
+    const unsigned char[::1] straight,
+    const double[:, ::1] starts,
+    double* slips,
+) except? -1.0:
+    """Directions of slip along the tangents, (k, 2): see ``slip_directions`` in ``friction/decision.py``.
+
+    Args:
+        own: Rows of the points.
+        slides: Points that slide, (k,).
+        straight: Points that keep their direction, (k,).
+        starts: Directions at the start of the step, world axes, (k, 3).
+        slips: Receives the directions; those of other points are left as they are.
+
+    Returns:
+        Least slip along the direction at the start, m/s; infinite if no point slides.
+    """
+    cdef const double* G = own.delassus()
+    cdef const double* axes
+    cdef Py_ssize_t p, at, m = own.rows
+    cdef double u, v, first, second, size, a, b, c, largest, angle, least = INFINITY
+    for p in range(own.points):
+        if not slides[p]:
+            continue
+        axes, at = own.axes + 9 * p, (3 * p + 1) * (m + 1)
+        first = axes[3] * starts[p, 0] + axes[4] * starts[p, 1] + axes[5] * starts[p, 2]
+        second = axes[6] * starts[p, 0] + axes[7] * starts[p, 1] + axes[8] * starts[p, 2]
+        size = hypot(first, second)
+        if size > 0.0:
+            first, second = first / size, second / size
+        a, b, c = G[at], G[at + 1], G[at + m + 1]
+        largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+        u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
+        size, least = hypot(u, v), min(least, u * first + v * second)
+        if a * c - b * b <= _RANK * largest * largest:  # it can slip along a line only
+            angle = 0.5 * atan2(2.0 * b, a - c)
+            u, v, size = cos(angle), sin(angle), 1.0
+        elif straight[p] or size == 0.0:
+            u, v, size = first, second, 1.0
+        if u * first + v * second < 0.0:
+            size = -size
+        slips[2 * p], slips[2 * p + 1] = u / size, v / size
+    return least
+
+
 @cython.no_gc  # no cycle contains it
 cdef class FrictionState:
     """What stages and decisions need of k contact points at one state."""
@@ -261,11 +312,12 @@ cdef class FrictionState:
 
     cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1:
         self.contact_points, self.rows, self.own, self.modes, self.mu = contact_points, rows, own, modes, modes.mu
-        self.block = room(2 * own.rows + own.points + own.nv + 1)
+        self.block = room(2 * own.rows + 3 * own.points + own.nv + 1)
         self.b = numbers(self.block)
-        self.stuck = self.b + own.rows
-        self.roughness = self.stuck + own.rows
+        self.along = self.b + own.rows
+        self.roughness = self.along + own.rows
         self.pushed = self.roughness + own.points
+        self.slips = self.pushed + own.nv
         return 0
 
     def __reduce__(self):
@@ -308,14 +360,21 @@ cdef class FrictionState:
             held = self.rows.held[both] = of_rows(self.own, structure)
         return held
 
-    cdef double* stuck_forces(self) except NULL:
-        """Forces (n, t1, t2) in the present modes, in which no point slides with friction, N, (k, 3)."""
+    cdef double* present_forces(self) except NULL:
+        """Forces (n, t1, t2) in the present modes, N, (k, 3)."""
+        cdef HeldForces held
         if not self.has_forces:
-            memset(self.stuck, 0, self.own.rows * sizeof(double))
+            memset(self.along, 0, self.own.rows * sizeof(double))
             if self.own.points:
-                self.held().write_forces(self.b, self.stuck)
+                held = self.held()
+                if self.modes.any_slides:
+                    modes = self.modes
+                    slides, straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
+                    self.forward = directions_of_slip(self.own, slides, straight, modes.directions, self.slips)
+                    held.turn(self.slips)
+                held.write_forces(self.b, self.along)
             self.has_forces = True
-        return self.stuck
+        return self.along
 
     cdef bint creeps(self) noexcept:
         """Whether no point slips by more than the drift of sticking points."""
@@ -335,6 +394,28 @@ cdef class FrictionState:
             most = max(most, max(fabs(self.own.velocity(3 * p + 1)), fabs(self.own.velocity(3 * p + 2))))
         return most
 
+    cdef bint slides_on(self) except -1:
+        """Whether points that all slide go on to: far from their stops and from a turn about, with normal forces that press."""
+        cdef const double* forces
+        cdef const double[::1] stop_speeds = self.modes.stop_speeds
+        cdef const double* J
+        cdef double speed, largest
+        cdef Py_ssize_t p, i, d
+        for p in range(self.own.points):
+            largest = 0.0
+            for i in range(3 * p, 3 * p + 3):
+                J = self.own.J + i * self.own.nv
+                for d in range(self.own.nv):
+                    largest = max(largest, fabs(J[d] * self.own.qvel[d]))
+            speed = hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2))
+            if not speed > _AWAY * max(stop_speeds[p], _RATE * (1.0 + largest)):
+                return False
+        forces = self.present_forces()
+        for p in range(self.own.points):
+            if not forces[3 * p] > 0.0:
+                return False
+        return self.forward > 0.0 and self.held().has_sign()
+
     cdef double margin(self) except? -2.0:
         """Least margin of the points to their own cones, m/s^2, if all stick and none slips; negative otherwise."""
         if not self.has_margin:
@@ -343,7 +424,7 @@ cdef class FrictionState:
         return self.kept_margin
 
     cdef double own_margin(self) except? -2.0:
-        cdef const double* forces = self.stuck_forces()
+        cdef const double* forces = self.present_forces()
         cdef const double* rounding = self.roundings()
         cdef Py_ssize_t p
         cdef int j
@@ -367,7 +448,7 @@ cdef class FrictionState:
         cdef double total, least = self.margin()
         if not least >= 0.0:
             return None
-        rates, forces, G = np.empty((self.own.points, 3)), self.stuck_forces(), self.own.delassus()
+        rates, forces, G = np.empty((self.own.points, 3)), self.present_forces(), self.own.delassus()
         found, accelerations = np.frombuffer(self.block)[m : 2 * m].reshape(-1, 3), rates
         for i in range(m):
             total = self.b[i]
@@ -386,18 +467,21 @@ cdef class FrictionState:
             largest_ratio(&given[0, 0], self.mu, ratios)
         return [ratios[p] for p in range(n)]
 
-    def stuck_stage(self):
+    def stage_here(self):
         """A stage in the present modes, in which no point slides with friction, and the generalised forces, (nv,)."""
         generalised = np.empty(self.own.nv)
         cdef double[::1] sums = generalised
-        return self.stuck_into(&sums[0]), generalised
+        return self.stage_into(&sums[0]), generalised
 
-    cdef StageInMemory stuck_into(self, double* generalised):
+    cdef StageInMemory stage_into(self, double* generalised):
         cdef RowMemory own = self.own
-        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), True)
-        memcpy(stage.along, self.stuck_forces(), own.rows * sizeof(double))
+        cdef bint slides = self.modes.any_slides
+        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), True, slides)
+        memcpy(stage.along, self.present_forces(), own.rows * sizeof(double))
         generalise(stage.along, own, generalised)
         finish_stage(stage, own, own.qvel, generalised)
+        if slides:
+            stage.write_slide(own, self.modes.slides.view(np.uint8))
         return stage
 
 
@@ -462,59 +546,17 @@ cdef class StageForces:
             return self.add_one_by_one(applied)
         self.smooth.write_force(&applied[0], &self.force[0])
         self.evaluator.evaluate(self.states, own, self.frictional)
-        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.frictional)
+        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.frictional, self.sliding)
         if self.patches is not None and self.patches.prepare(self.states, own):
             self.patches.solve(own, &self.force[0], stage.along, &self.sums[0])
         else:
             self.hold_rows(stage)
         finish_stage(stage, own, &self.evaluator.rates[0], &self.sums[0])
         if self.sliding:
-            stage.slide = self.slide(stage.along)
+            stage.write_slide(own, self.slides)
         for d in range(own.nv):
             applied[d] += self.sums[d]
         return stage
-
-    cdef object slide(self, const double* along):
-        """Heat and slip of the points."""
-        cdef Py_ssize_t p
-        cdef double u, v
-        heats, speeds = np.zeros(self.own.points), np.zeros(self.own.points)
-        cdef double[::1] heat = heats, speed = speeds
-        for p in range(self.own.points):
-            if self.slides[p]:
-                u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
-                heat[p], speed[p] = -(along[3 * p + 1] * u + along[3 * p + 2] * v), hypot(u, v)
-        return Slide(heats, speeds)
-
-    cdef int find_directions(self) except -1:
-        """Directions of slip: see ``slip_directions`` in ``friction/decision.py``."""
-        cdef RowMemory own = self.own
-        cdef const double* G = own.delassus()
-        cdef const double* axes
-        cdef Py_ssize_t p, at, m = own.rows
-        cdef double u, v, first, second, size, a, b, c, largest, angle
-        for p in range(own.points):
-            if not self.slides[p]:
-                continue
-            axes, at = own.axes + 9 * p, (3 * p + 1) * (m + 1)
-            first = axes[3] * self.directions[p, 0] + axes[4] * self.directions[p, 1] + axes[5] * self.directions[p, 2]
-            second = axes[6] * self.directions[p, 0] + axes[7] * self.directions[p, 1] + axes[8] * self.directions[p, 2]
-            size = hypot(first, second)
-            if size > 0.0:
-                first, second = first / size, second / size
-            a, b, c = G[at], G[at + 1], G[at + m + 1]
-            largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
-            u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
-            size = hypot(u, v)
-            if a * c - b * b <= _RANK * largest * largest:  # it can slip along a line only
-                angle = 0.5 * atan2(2.0 * b, a - c)
-                u, v, size = cos(angle), sin(angle), 1.0
-            elif self.straight[p] or size == 0.0:
-                u, v, size = first, second, 1.0
-            if u * first + v * second < 0.0:
-                size = -size
-            self.slips[p, 0], self.slips[p, 1] = u / size, v / size
-        return 0
 
     cdef object add_one_by_one(self, double[::1] applied):
         """The same of points that are not evaluated in memory."""
@@ -542,7 +584,7 @@ cdef class StageForces:
         memset(stage.along, 0, own.rows * sizeof(double))
         self.hold()
         if self.sliding:
-            self.find_directions()
+            directions_of_slip(own, self.slides, self.straight, self.directions, &self.slips[0, 0])
             self.held.turn(&self.slips[0, 0])
         self.held.write_forces(&self.b[0], stage.along)
         generalise(stage.along, own, &self.sums[0])

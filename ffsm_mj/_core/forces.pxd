@@ -25,6 +25,7 @@ cdef class HeldForces:
     cdef object delassus(self)
     cdef void find_system(self) noexcept
     cdef void turn(self, const double* slips) noexcept
+    cdef bint has_sign(self) noexcept
     cdef void find_range(self) noexcept
     cdef object independent(self)
     cdef void add_forces(self, double* forces) noexcept

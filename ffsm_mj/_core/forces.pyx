@@ -155,10 +155,14 @@ cdef class HeldForces:
 
     def is_regular(self, slips):
         """Whether the determinant of the linear problem has the sign that it has without sliding friction."""
+        self.turn_to(slips)
+        return self.has_sign()
+
+    cdef bint has_sign(self) noexcept:
+        """The same for the present directions of slip."""
         cdef Py_ssize_t j
         cdef bint positive = True
         cdef double pivot
-        self.turn_to(slips)
         self.factor()
         if not self.factored:
             return False

@@ -160,7 +160,7 @@ cdef class FreeTicks:
         for i in range(self.steps_per_tick):
             if interrupted is not None:
                 interrupted()
-            if not stepper.motion_bound < event_bound or (contacts is not None and not contacts.goes_on()):
+            if not stepper.motion_bound < event_bound or (contacts is not None and not contacts.goes_on(self.step_s)):
                 return False
             self.work.open()
             stepper.step(self.step_s)

@@ -21,15 +21,21 @@ cdef class Smooth:
 
 cdef class StageInMemory:
     cdef readonly object rows
-    cdef readonly object slide  # heat and slip of points; None where none slides with friction
     cdef bytearray block
     cdef readonly Py_ssize_t count, nv, groups
-    cdef bint frictional
+    cdef bint frictional, slides
     cdef double* along
     cdef double* powers
     cdef double* found
+    # Heat of each point, W, and slip speed of each sliding one, m/s, (k,); only if a point slides with friction
+    cdef double* heats
+    cdef double* speeds
 
-cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional)
-cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional)
+    cdef void write_slide(self, RowMemory own, const unsigned char[::1] slides) noexcept
+
+cdef StageInMemory new_stage(
+    rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides
+)
+cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides)
 cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1
 cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept

@@ -1,10 +1,14 @@
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.dynamics.motion import Motion
+
+class Slide(NamedTuple):
+    heat: FloatArray
+    speeds: FloatArray
 
 class Smooth:
     motion: Motion

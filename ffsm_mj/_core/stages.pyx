@@ -3,17 +3,26 @@
 
 cimport cython
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ffsm_mj.balance.exchange import Exchange
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
-from libc.math cimport sqrt
+from libc.math cimport hypot, sqrt
 from libc.string cimport memcmp, memcpy, memset
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
 from ffsm_mj._core.memory cimport numbers, zeros
 from ffsm_mj._core.rows cimport RowMemory
+
+
+class Slide(NamedTuple):
+    """Points of which at least one slides with friction: heat at each, W, and slip speed of each sliding one, m/s, (k,)."""
+
+    heat: object
+    speeds: object
 
 
 cdef bytes copied(double[::1] values):
@@ -94,10 +103,8 @@ cdef class StageInMemory:
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return stage_in_memory, (self.rows, bytes(self.block), self.count, self.nv, self.groups, self.frictional), self.slide
-
-    def __setstate__(self, slide):
-        self.slide = slide
+        sizes = self.count, self.nv, self.groups
+        return stage_in_memory, (self.rows, bytes(self.block), *sizes, self.frictional, self.slides)
 
     @property
     def forces(self):
@@ -120,23 +127,47 @@ cdef class StageInMemory:
         """Force, and moment about the world origin, on geom b of each group of points of one pair."""
         return np.frombuffer(self.block)[self.count + self.nv : self.count + self.nv + 6 * self.groups].reshape(-1, 6)
 
+    @property
+    def slide(self):
+        """Heat and slip of the points; None where none slides with friction."""
+        if not self.slides:
+            return None
+        start, k = self.count + self.nv + 6 * self.groups, self.count // 3
+        return Slide(*np.frombuffer(self.block)[start : start + 2 * k].reshape(2, k))
 
-def stage_in_memory(rows, block, count, nv, groups, frictional):
+    cdef void write_slide(self, RowMemory own, const unsigned char[::1] slides) noexcept:
+        """Write heat and slip of the points; their velocities are those of the rows."""
+        cdef Py_ssize_t p
+        cdef double u, v
+        for p in range(own.points):
+            self.heats[p] = self.speeds[p] = 0.0
+            if slides[p]:
+                u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
+                self.heats[p] = -(self.along[3 * p + 1] * u + self.along[3 * p + 2] * v)
+                self.speeds[p] = hypot(u, v)
+
+
+def stage_in_memory(rows, block, count, nv, groups, frictional, slides):
     """A stage that was saved."""
-    return new_stage(rows, bytearray(block), count, nv, groups, frictional)
+    return new_stage(rows, bytearray(block), count, nv, groups, frictional, slides)
 
 
-cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
+cdef StageInMemory new_stage(
+    rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides
+):
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
     stage.rows, stage.block, stage.count, stage.nv, stage.groups = rows, block, count, nv, groups
-    stage.frictional, stage.along = frictional, numbers(block)
+    stage.frictional, stage.slides, stage.along = frictional, slides, numbers(block)
     stage.powers, stage.found = stage.along + count, stage.along + count + nv
+    stage.heats = stage.found + 6 * groups
+    stage.speeds = stage.heats + count // 3
     return stage
 
 
-cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional):
+cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides):
     """A stage without forces."""
-    return new_stage(rows, zeros(count + nv + 6 * groups + 1), count, nv, groups, frictional)
+    size = count + nv + 6 * groups + (2 * (count // 3) if slides else 0)
+    return new_stage(rows, zeros(size + 1), count, nv, groups, frictional, slides)
 
 
 cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:

@@ -1,23 +1,31 @@
 from ffsm_mj._core.contacts cimport ContactAcceleration, FrictionState, StageForces
 from ffsm_mj._core.forces cimport StuckPatches
 from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
-from ffsm_mj._core.stages cimport Smooth
+from ffsm_mj._core.stages cimport Smooth, StageInMemory
 
 
 cdef class RuleColumns:
     cdef Py_ssize_t[:, ::1] parts
     cdef double[:, ::1] values, friction_values
     cdef double[::1] work_J
+    cdef double mode
 
     cdef int write(
-        self, list groups, const double* axes, const double* normal_forces, const double* forces, const double* use
+        self,
+        list groups,
+        const double* axes,
+        const double* normal_forces,
+        const double* forces,
+        const double* use,
+        const double* speeds,
     ) except -1
     cdef void clear(self) noexcept
     cdef void finish(self) noexcept
     cdef void add_pair(self, Py_ssize_t i, const double* found) noexcept
     cdef void add_friction(
-        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, double* found
+        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, const double* speeds, double* found
     ) noexcept
+    cdef double add_slide(self, double part, StageInMemory stage) noexcept
     cdef void add_impulses(self, double part, const double* wrenches) noexcept
 
 
@@ -25,15 +33,17 @@ cdef class SteadyContacts:
     cdef object closed, modes, solver, system, tables
     # Closed contacts, as they were taken over
     cdef object points, pressing, generation, point_modes, evaluator, M
-    cdef bint possible, frictional, others, is_level
+    cdef public bint is_varied  # whether forces are varied by rounding, and those of a decision count
+    cdef bint possible, frictional, sliding, others, is_level
     cdef Smooth smooth
     cdef StageForces inside
     cdef StuckPatches patches
     cdef object data, pushes
-    cdef double[::1] applied, other, sums, deepest
+    cdef double[::1] applied, other, sums, deepest, heat_J
     cdef bytearray memory
     cdef double* normal_forces
     cdef double* use
+    cdef double* speeds
     cdef RuleColumns columns
     cdef const double[::1] from_robot
     cdef const double[:, ::1] outside
@@ -55,5 +65,7 @@ cdef class SteadyContacts:
     cdef bint evaluate(self, place, load, pushes) except -1
     cdef int find_rows(self, place) except -1
     cdef bint touches_nowhere_else(self) except -1
-    cpdef bint goes_on(self) except -1
+    cpdef bint goes_on(self, double left_s=*) except -1
+    cdef bint slide_on(self, double left_s) except -1
+    cdef list slip_speeds(self)
     cdef bint exchange_into(self, double duration_s, double* sums) except -1

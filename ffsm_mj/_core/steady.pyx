@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Shortcut through steady states, and their log columns: all contact points carry force and none slides, as most of the time.
+"""Shortcut through steady states, and their log columns: all contact points carry force, and all stick or all slide.
 
 States are evaluated by the contact problems that the choice of active set and modes finds where a state is not steady.
 """
@@ -12,11 +12,12 @@ from ffsm_mj._core.steppers import WEIGHTS
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs, Shares
-from ffsm_mj.contact_models.persistent.rule_columns import IMPULSE, NOTHING, PRESSING, STICKING
+from ffsm_mj.contact_models.persistent.rule_columns import IMPULSE, NOTHING, PRESSING, SLIDING, STICKING
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S
 
-from libc.math cimport sqrt
+from cpython.bytes cimport PyBytes_FromStringAndSize
+from libc.math cimport hypot, NAN, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.contacts cimport (
@@ -30,10 +31,11 @@ from ffsm_mj._core.contacts cimport (
 from ffsm_mj._core.forces cimport patches_of, StuckPatches
 from ffsm_mj._core.memory cimport numbers, room
 from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, RowMemory, sum_up
+from ffsm_mj._core.slip_layers cimport allows_step
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
 
 
-cdef double _PRESSING = PRESSING, _STICKING = STICKING
+cdef double _PRESSING = PRESSING, _STICKING = STICKING, _SLIDING = SLIDING
 cdef const double[::1] _NOTHING = NOTHING
 cdef Py_ssize_t COLUMNS = IMPULSE
 cdef enum:
@@ -44,7 +46,10 @@ cdef enum:
     FORCE = 4
     CENTRE = 7
     USE = 4  # of those of friction
+    SPEED = 5
     OF_FRICTION = 6
+    SLIP = 6
+    HEAT = 7
     START = 0  # of a pair: first of its points, end; rows of its rule, with friction or -1; first group of points, end
     STOP = 1
     ROW = 2
@@ -58,7 +63,7 @@ cdef inline double norm(const double* v) noexcept nogil:
 
 
 cdef class RuleColumns:
-    """Columns of the rules of pairs all of whose points carry force, without sliding."""
+    """Columns of the rules of pairs all of whose points carry force, and all stick or all slide."""
 
     def __init__(self, by_pair, shares, tables):
         """Find the points, groups of points and rows of each pair."""
@@ -73,7 +78,13 @@ cdef class RuleColumns:
             self.parts[i, GROUP], self.parts[i, LAST_GROUP] = min(groups[pair]), max(groups[pair]) + 1
 
     cdef int write(
-        self, list groups, const double* axes, const double* normal_forces, const double* forces, const double* use
+        self,
+        list groups,
+        const double* axes,
+        const double* normal_forces,
+        const double* forces,
+        const double* use,
+        const double* speeds,
     ) except -1:
         """Write all columns but the impulses.
 
@@ -83,15 +94,17 @@ cdef class RuleColumns:
             normal_forces: Normal force of each point, N.
             forces: Forces (n, t1, t2) of each point, N.
             use: Share of the friction limit of each point.
+            speeds: Slip speed of each point, m/s; NULL: none slides.
         """
         cdef Py_ssize_t i
         cdef double[9] found
         self.clear()
+        self.mode = _STICKING if speeds == NULL else _SLIDING
         for i in range(self.parts.shape[0]):
             memset(found, 0, sizeof(found))
             sum_up(groups, self.parts[i, START], self.parts[i, STOP], normal_forces, found)
             if self.parts[i, FRICTION_ROW] >= 0:
-                self.add_friction(i, axes, forces, use, found)
+                self.add_friction(i, axes, forces, use, speeds, found)
             self.add_pair(i, found)
         self.finish()
         return 0
@@ -124,7 +137,7 @@ cdef class RuleColumns:
         cdef double size = norm(found)
         cdef int j
         if values[PAIRS] == 0.0:
-            values[MODE] = _STICKING if self.parts[i, FRICTION_ROW] >= 0 else _PRESSING
+            values[MODE] = self.mode if self.parts[i, FRICTION_ROW] >= 0 else _PRESSING
             values[PAIRS], values[POINTS], values[SIZE] = 1.0, points, size
             memcpy(values + FORCE, found, 6 * sizeof(double))
             return
@@ -136,7 +149,7 @@ cdef class RuleColumns:
         values[PAIRS], values[POINTS], values[SIZE] = values[PAIRS] + 1.0, values[POINTS] + points, values[SIZE] + size
 
     cdef void add_friction(
-        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, double* found
+        self, Py_ssize_t i, const double* axes, const double* forces, const double* use, const double* speeds, double* found
     ) noexcept:
         """Add a pair to the columns of friction of its rule, and its friction to the force."""
         cdef double* values = &self.friction_values[self.parts[i, FRICTION_ROW], 0]
@@ -146,12 +159,30 @@ cdef class RuleColumns:
         across[0] = across[1] = across[2] = 0.0
         for p in range(self.parts[i, START], self.parts[i, STOP]):
             values[USE] = max(values[USE], use[p])
+            if speeds != NULL:
+                values[SPEED] = max(values[SPEED], speeds[p])
             for j in range(3):
                 across[j] += forces[3 * p + 1] * axes[9 * p + 3 + j] + forces[3 * p + 2] * axes[9 * p + 6 + j]
         values[0] += norm(across)
         for j in range(3):
             values[1 + j] += across[j]
             found[j] += across[j]
+
+    cdef double add_slide(self, double part, StageInMemory stage) noexcept:
+        """Add slip and heat of a stage, with its weight, to the columns of friction; returns the heat, J."""
+        cdef Py_ssize_t i, p, row
+        cdef double largest, total = 0.0
+        for row in range(self.friction_values.shape[0]):
+            largest = 0.0
+            for i in range(self.parts.shape[0]):
+                if self.parts[i, FRICTION_ROW] != row:
+                    continue
+                for p in range(self.parts[i, START], self.parts[i, STOP]):
+                    self.friction_values[row, HEAT] += part * stage.heats[p]
+                    total += part * stage.heats[p]
+                    largest = max(largest, stage.speeds[p])
+            self.friction_values[row, SLIP] += part * largest
+        return total
 
     cdef void add_impulses(self, double part, const double* wrenches) noexcept:
         """Add the sizes of the resultants of all pairs in a stage, with its weight, to the impulses of their rules."""
@@ -173,7 +204,7 @@ STEP = slice(-5, -1)  # the stages of an explicit step; the last one of all is a
 
 
 cdef class SteadyContacts:
-    """Closed contacts of which all points carry force and none slides."""
+    """Closed contacts of which all points carry force, and all stick or all slide."""
 
     def __init__(self, closed, system):
         self.closed, self.modes, self.solver, self.system = closed, closed.modes, closed.solver, system
@@ -181,18 +212,18 @@ cdef class SteadyContacts:
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), (self.closed, self.system), (self.tables, np.asarray(self.deepest))
+        return type(self), (self.closed, self.system), (self.tables, np.asarray(self.deepest), np.asarray(self.heat_J))
 
     def __setstate__(self, held):
-        self.tables, self.deepest = held
+        self.tables, self.deepest, self.heat_J = held
 
     def report_to(self, tables):
         """Set the tables of :meth:`write` and :meth:`exchange`."""
         self.tables = tables
 
-    def note_overlap(self, double[::1] deepest not None):
-        """Set the array whose first number is the deepest overlap, m."""
-        self.deepest = deepest
+    def account_to(self, double[::1] deepest not None, double[::1] heat_J not None):
+        """Set the arrays whose first numbers are the deepest overlap, m, and the heat of friction, J."""
+        self.deepest, self.heat_J = deepest, heat_J
 
     cdef bint may_be(self) except -1:
         """Whether the closed contacts may be steady; takes them over if they have changed."""
@@ -209,21 +240,24 @@ cdef class SteadyContacts:
         closed, solver = self.closed, self.solver
         self.points, self.pressing, self.generation = closed.contact_points, closed.pressing, self.modes.generation
         self.place, self.state, self.possible, self.frictional = None, None, False, closed.has_friction
+        self.sliding = False
         if not closed.may_be_steady:
             return 0
         if self.frictional:
             self.point_modes = self.modes.of(self.points)
-            if not self.point_modes.all_stick:
+            self.sliding = self.point_modes.all_slide
+            if not self.sliding and not self.point_modes.all_stick:
                 return 0
             self.mu = self.point_modes.mu
-            self.patches = patches_of(solver.evaluator(self.points))
+            self.patches = None if self.sliding else patches_of(solver.evaluator(self.points))
         self.possible, motion = True, closed.motion
         self.smooth, self.evaluator = solver.smooth, solver.evaluator(self.points)
         self.inside, self.data = solver.stage_forces(self.points, friction=self.frictional), motion.data
         self.applied, self.pushes = motion.data.qfrc_applied, np.zeros(motion.model.nv)
-        self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(2 * len(self.points))
+        self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(3 * len(self.points))
         self.normal_forces = numbers(self.memory)
         self.use = self.normal_forces + <Py_ssize_t>len(self.points)
+        self.speeds = self.use + <Py_ssize_t>len(self.points)
         self.M, pairs = partial(mass_matrix, motion.model, motion.data), closed.clearance.pairs
         self.others, self.is_level = bool(pairs), closed.clearance.flat_pairs.issuperset(pairs)
         shares = Shares.of(self.system, self.points, motion.grasped_bodies)
@@ -236,9 +270,9 @@ cdef class SteadyContacts:
     cpdef bint holds(self) except -1:
         """Whether the state in ``data`` under its efforts is steady: nothing changes, and no gap has drifted too far."""
         modes = self.modes
-        if not self.may_be():
+        if self.is_varied or not self.may_be():
             return False
-        if self.frictional and (modes.released or modes.struck or modes.stops or modes.beginning):
+        if self.frictional and (modes.released or modes.struck or modes.stops or modes.beginning or modes.replacing):
             return False
         pushes = self.solver.other_forces
         state = self.smooth.state(self.other if pushes is self.pushes else pushes)
@@ -260,7 +294,7 @@ cdef class SteadyContacts:
         if self.frictional:
             self.here = state_under(self.points, self.rows, self.own, self.point_modes, self.smooth, &pushed[0])
             if self.is_reduced:
-                self.patches.solve(self.own, self.here.pushed, self.here.stuck, &self.sums[0])
+                self.patches.solve(self.own, self.here.pushed, self.here.along, &self.sums[0])
                 self.here.has_forces = True
             solver.last_friction_state = place, load, self.here
         else:
@@ -270,7 +304,10 @@ cdef class SteadyContacts:
             self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
         ):
             return False
-        if not (self.here.margin() >= 0.0 if self.frictional else self.problem.holds_all()):
+        if self.sliding:
+            if not self.here.slides_on():
+                return False
+        elif not (self.here.margin() >= 0.0 if self.frictional else self.problem.holds_all()):
             return False
         return self.touches_nowhere_else()
 
@@ -295,15 +332,49 @@ cdef class SteadyContacts:
             return True
         return self.closed.clearance.least(self.place, self.extremes[1], self.closed.gaps_of) >= 0.0
 
-    cpdef bint goes_on(self) except -1:
-        """Begin a step with the contacts and modes of the step before, if the state is steady; returns whether it is."""
+    cpdef bint goes_on(self, double left_s=NAN) except -1:
+        """Begin a step with the contacts and modes of the step before, if the state is steady; returns whether it is.
+
+        Args:
+            left_s: Duration of the step, s; unknown: points that slide may allow a shorter one only.
+        """
         if not self.holds() or self.extremes[1] > GAP_M or self.extremes[2] > RATE_M_S:
             return False
-        if self.frictional:
+        if self.sliding:
+            if not self.slide_on(left_s):
+                return False
+        elif self.frictional:
             if self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds):
                 return False
         self.closed.begin_steady_step()
         return True
+
+    cdef bint slide_on(self, double left_s) except -1:
+        """Begin a step with points that slide, if they allow one of this duration; returns whether they do."""
+        cdef double[:, ::1] along
+        cdef const double* axes = self.own.axes
+        cdef const double* slips
+        cdef Py_ssize_t p
+        cdef int j
+        if left_s != left_s or not allows_step(
+            self.here, self.modes, left_s, self.data.time, PyBytes_FromStringAndSize(
+                <char*>&self.smooth.ctrl[0] if self.smooth.ctrl.shape[0] else NULL,
+                self.smooth.ctrl.shape[0] * <Py_ssize_t>sizeof(double),
+            )
+        ):
+            return False
+        directions, slips = np.empty((self.own.points, 3)), self.here.slips
+        along = directions
+        for p in range(self.own.points):
+            for j in range(3):
+                along[p, j] = slips[2 * p] * axes[9 * p + 3 + j] + slips[2 * p + 1] * axes[9 * p + 6 + j]
+        self.modes.slide_on(self.points, self.point_modes, directions, self.slip_speeds())
+        return True
+
+    cdef list slip_speeds(self):
+        """Slip speed of each point, m/s."""
+        cdef Py_ssize_t p
+        return [sqrt(self.own.velocity(3 * p + 1) ** 2 + self.own.velocity(3 * p + 2) ** 2) for p in range(self.own.points)]
 
     def push(self, data):
         """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
@@ -323,7 +394,7 @@ cdef class SteadyContacts:
             closed.push(data)
             return
         if self.frictional:
-            stage = self.here.stuck_into(&self.sums[0])
+            stage = self.here.stage_into(&self.sums[0])
         else:
             stage = self.problem.held_stage(&self.smooth.qvel[0], &self.sums[0])
         for i in range(n):
@@ -333,19 +404,24 @@ cdef class SteadyContacts:
     def write(self):
         """Write the columns of all contact rules, if the state is steady; returns whether it is."""
         cdef const double* forces = NULL
+        cdef const double* speeds
         cdef Py_ssize_t p, n
         if not self.holds():
             return False
         n = self.own.points
         if self.frictional:
-            forces = self.here.stuck_forces()
+            forces = self.here.present_forces()
             for p in range(n):
                 self.normal_forces[p] = max(forces[3 * p], 0.0)
-            if not largest_ratio(forces, self.mu, self.use) <= 1.0:
+                if self.sliding:
+                    self.use[p] = 1.0
+                    self.speeds[p] = hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2))
+            if not self.sliding and not largest_ratio(forces, self.mu, self.use) <= 1.0:
                 return False  # shares of least use are to be found
         else:
             memcpy(self.normal_forces, self.problem.all_held(), n * sizeof(double))
-        self.columns.write(self.groups, self.own.axes, self.normal_forces, forces, self.use)
+        speeds = self.speeds if self.sliding else NULL
+        self.columns.write(self.groups, self.own.axes, self.normal_forces, forces, self.use, speeds)
         return True
 
     def exchange(self, double duration_s):
@@ -360,13 +436,15 @@ cdef class SteadyContacts:
         """The same into energies, impulse of the robot, and impulses of fixed bodies, (21,); returns whether it is steady."""
         cdef list stages
         cdef StageInMemory stage
-        cdef double part, power, total = 0.0, own = 0.0
+        cdef double part, power, total = 0.0, own = 0.0, heat_J = 0.0
         cdef const double* wrench
         cdef Py_ssize_t s, i, g
         if not self.holds():
             return False
         stages = self.closed.stages[STEP]
         if len(stages) < 4 or not all([isinstance(each, StageInMemory) for each in stages]):
+            return False
+        if self.sliding and not all([(<StageInMemory>each).slides for each in stages]):
             return False
         memset(sums, 0, 21 * sizeof(double))
         for s in range(4):
@@ -383,8 +461,11 @@ cdef class SteadyContacts:
                     sums[9 + i] += part * self.outside[0, g] * wrench[i]
                     sums[15 + i] += part * self.outside[1, g] * wrench[i]
             self.columns.add_impulses(part, stage.found)
+            if self.sliding:
+                heat_J += self.columns.add_slide(part, stage)
         sums[0], sums[1], sums[2] = total, own, total - own
         if self.frictional:
             self.columns.work_J[0] += total
+        self.heat_J[0] += heat_J
         self.deepest[0] = max(self.deepest[0], -self.lowest)
         return True

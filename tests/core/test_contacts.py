@@ -218,7 +218,7 @@ def test_points_that_stick(resting):
         b = rows.J @ np.linalg.solve(mass_matrix(motion.model, motion.data), pushed) + rows.gamma
         agree(here.problem.b, b)
         expected = np.linalg.lstsq(rows.G, -b, rcond=RANK)[0]
-        stage, generalised = here.stuck_stage()
+        stage, generalised = here.stage_here()
         agree(stage.forces, expected[::3])
         agree(generalised, expected @ rows.J)
         agree(stage.friction, rows.across(expected.reshape(-1, 3)[:, 1:]))

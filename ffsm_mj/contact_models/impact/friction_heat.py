@@ -22,17 +22,18 @@ class FrictionHeat:
     """Sum of the heat of friction of all pairs.
 
     Attributes:
+        total_J: The sum, J, (1,).
         columns: Its column.
     """
 
     def __init__(self) -> None:
         """Start without heat."""
-        self._heat = np.zeros(1)
-        self.columns = (Columns((_HEAT,), live=self._heat, resume=self._resume),)
+        self.total_J = np.zeros(1)
+        self.columns = (Columns((_HEAT,), live=self.total_J, resume=self._resume),)
 
     def _resume(self, logged: FloatArray) -> None:
-        self._heat[:] = logged
+        self.total_J[:] = logged
 
     def add(self, heat_J: float) -> None:
         """Add the heat of an impact or of a (sub-)step."""
-        self._heat += heat_J
+        self.total_J += heat_J

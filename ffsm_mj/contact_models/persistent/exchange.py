@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
-from ffsm_mj._core.stages import StageSums
+from ffsm_mj._core.stages import Slide, StageSums
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.cached_property import cached_property
@@ -22,18 +21,6 @@ from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, point
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
-
-
-class Slide(NamedTuple):
-    """Points of which at least one slides with friction.
-
-    Attributes:
-        heat: Heat of friction at each point, W, (k,).
-        speeds: Slip speed of each sliding point, zero for the others, m/s, (k,).
-    """
-
-    heat: FloatArray
-    speeds: FloatArray
 
 
 class Stage:

@@ -66,10 +66,12 @@ def varied_forces(active_set: ActiveContactSet) -> Iterator[None]:
     if not changes.size:
         return
     decision, estimates = active_set.decide(), dict(active_set.modes.estimates)
+    active_set.steady.is_varied = True
     for change in np.moveaxis(changes, 2, 0):
         active_set.assume(decision.changed_by(change))
         yield
     active_set.assume(decision)
+    active_set.steady.is_varied = False
     active_set.modes.estimates = estimates
 
 

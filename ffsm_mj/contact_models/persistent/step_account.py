@@ -50,7 +50,7 @@ class StepAccount:
         self._overlap = overlap
         self._system, self._active_set, self._friction, self._heat = scene.system, closed, friction, heat
         self.projected: Exchange | None = None
-        closed.steady.note_overlap(overlap.deepest)
+        closed.steady.account_to(overlap.deepest, heat.total_J)
         self._sums: StageSums
         self._last: tuple[Sequence[Stage], FloatArray]
         self._shares_cache: tuple[tuple[tuple[ContactPoint, ...], Motion], Shares, slice] | None = None

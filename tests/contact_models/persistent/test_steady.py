@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
 from ffsm_mj.tolerances import PROJECTED_SLIP_M_S
+from tests.ticks import in_the_loop
 
 # Sums of some twenty terms are taken in another order, over 60 steps.
 ROUNDING = 1e-12
@@ -111,7 +113,7 @@ class NeverSteady(SteadyContacts):
     def __init__(self, closed, system):
         super().__init__(closed, system)
         self.push = closed.push
-        self.is_now = self.goes_on = self.write = lambda: False
+        self.holds = self.goes_on = self.write = lambda *_: False
         self.exchange = lambda _: None
 
 
@@ -191,18 +193,19 @@ def nudged(folder, monkeypatch, pad, slip, change=lambda _: lambda: None):
             super().__init__(closed, system)
             self.given = closed
 
-        def goes_on(self):
+        def goes_on(self, left_s=math.nan):
             qvel = self.given.data.qvel
             slips.append(qvel[box_z] - qvel[bus_z])
             if len(slips) == 20:
-                steady.append(self.is_now())
+                steady.append(self.holds())
                 qvel[box_z] += slip
                 self.given.motion.go_to(self.given.data.qpos.copy(), qvel.copy())
                 take_back = change(self.given)
-                steady.append(self.is_now())
+                steady.append(self.holds())
                 take_back()
-            return super().goes_on()
+            return super().goes_on(left_s)
 
+    in_the_loop(monkeypatch)
     monkeypatch.setattr(active_set, "SteadyContacts", Nudged)
     ffsm_mj.run(held(folder, pad=pad))
     return slips, steady

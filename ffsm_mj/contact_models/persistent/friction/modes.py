@@ -150,6 +150,26 @@ class FrictionModes:
             modes.structures.clear()
         return True
 
+    def slide_on(
+        self, contact_points: tuple[ContactPoint, ...], present: PointModes, directions: FloatArray, slips: Sequence[float]
+    ) -> None:
+        """Go on sliding at all points: of the modes of the step before, directions and slips change; see :meth:`set`.
+
+        Args:
+            contact_points: All closed contact points.
+            present: Their modes, which change in place.
+            directions: Directions of slip, world axes, (k, 3).
+            slips: Slip speeds, m/s, (k,).
+        """
+        before, self._largest_slip = self._largest_slip, {}
+        for i, (contact, slip) in enumerate(zip(contact_points, slips, strict=True)):
+            largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
+            present.stop_speeds[i] = _STOPPED * max(largest, _LEAST_SLIP_M_S)
+        self._directions = dict(zip(contact_points, directions, strict=True))
+        present.directions[:] = directions
+        present.structures.clear()
+        self._of = {contact_points: present}
+
     def replace(self, old: Sequence[ContactPoint], new: Sequence[ContactPoint]) -> None:
         """Replace points of a pair by others at the same state: where they stick, the slip of the others is drift, too."""
         kinds = {self._kinds.get(contact, UNKNOWN) for contact in old}

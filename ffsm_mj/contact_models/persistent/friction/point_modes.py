@@ -74,6 +74,11 @@ class PointModes:
         return bool((self.kinds == STICK).all())
 
     @cached_property
+    def all_slide(self) -> bool:
+        """Whether all points slide with friction, and none goes straight on to its stop."""
+        return bool(self.slides.all()) and not self.any_straight
+
+    @cached_property
     def none_slide(self) -> bool:
         """Whether no point slides, with friction or without."""
         return not bool((self.kinds == SLIDE).any())

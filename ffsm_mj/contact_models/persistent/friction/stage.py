@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ffsm_mj._core.stages import Slide
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.exchange import Slide, Stage
+from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.decision import slip_directions
 from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
@@ -27,10 +28,8 @@ def stage_of(here: FrictionState, directions: FloatArray | None = None) -> tuple
         The stage, and the generalised contact forces, (nv,).
     """
     rows, modes = here.rows, here.modes
-    if not modes.any_slides:
-        return here.stuck_stage()
-    if directions is None:
-        directions, _ = _directions_at(here)
+    if directions is None or not modes.any_slides:
+        return here.stage_here()
     forces, u = here.problem.forces(modes.kinds, directions), rows.slips
     along = forces.reshape(-1)
     generalised = along.dot(rows.J)

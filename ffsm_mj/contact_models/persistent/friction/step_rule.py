@@ -17,17 +17,17 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 
-_STIFF = 0.1
+STIFF = 0.1
 """Settled points make a step implicit where its duration times their rate exceeds this. RK4 is stable up to 2.8, but beyond
 this it errs by 1e-9 m/s just after a start of slip, when the step is as long as the time since then."""
-_DEVIATION_M_S = 1e-12
+DEVIATION_M_S = 1e-12
 """A smaller deviation is rounding."""
 _ERROR_M_S, _LEAST, _MOST = 24e-12, 0.05, 1.0
 """Unsettled points make steps no longer than (first / deviation)^(1/5) over their rate, a number within the other two.
 
 A step of RK4 turns the deviation with an error of (h rate)^5 / 120: of 2e-13 m/s, in a layer of several steps the rounding
 of slips."""
-_NEAR_STOP = 6.0
+NEAR_STOP = 6.0
 """A step is divided where a point would stop within this many durations of the step."""
 _STOP_SHARE = 0.5
 """Such a step takes at most this share of the time to the stop."""
@@ -99,7 +99,7 @@ def step_rule(decision: FrictionalDecision, last: Layers | None, left_s: float, 
     layers = Layers(points, efforts, time_s, first, damping, r, k)
     # A direction that changes on and on stays behind: only what is left of the deviation at the start falls at the rate.
     left = np.minimum(deviations, first * np.exp(-damping))
-    settled = left <= _DEVIATION_M_S
+    settled = left <= DEVIATION_M_S
     turning, limit = k + np.hypot(f[:, 0], f[:, 1]), left_s
     for speed, rate, deviation, brake, rests in zip(
         r.tolist(), turning.tolist(), left.tolist(), (-along).tolist(), settled.tolist(), strict=True
@@ -107,6 +107,6 @@ def step_rule(decision: FrictionalDecision, last: Layers | None, left_s: float, 
         if not rests:
             share = min(max((_ERROR_M_S / deviation) ** 0.2, _LEAST), _MOST)
             limit = min(limit, share * speed / rate)
-        if brake > 0.0 and _DEVIATION_M_S < speed < _NEAR_STOP * left_s * brake:
+        if brake > 0.0 and DEVIATION_M_S < speed < NEAR_STOP * left_s * brake:
             limit = min(limit, _STOP_SHARE * speed / brake)
-    return StepRule(limit, bool(np.any(settled & (limit * turning > _STIFF * r))), layers)
+    return StepRule(limit, bool(np.any(settled & (limit * turning > STIFF * r))), layers)

@@ -85,7 +85,7 @@ def test_a_leak_of_heat_is_no_truncation(tmp_path, monkeypatch):
     def stage_of(*given):
         stage, generalised = honest(*given)
         if stage.slide is not None:
-            stage.slide = stage.slide._replace(heat=stage.slide.heat * (1.0 + 1e-7))
+            stage.slide.heat[:] *= 1.0 + 1e-7
         return stage, generalised
 
     monkeypatch.setattr(active_set, "stage_of", stage_of)

@@ -1,0 +1,83 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""Whether points that slide allow an explicit step of a given length: the rule of ``friction/step_rule.py`` for such steps."""
+
+import numpy as np
+
+from ffsm_mj.contact_models.persistent.friction.step_rule import DEVIATION_M_S, Layers, NEAR_STOP, STIFF
+from ffsm_mj.tolerances import RANK
+
+from libc.float cimport DBL_MIN
+from libc.math cimport exp, fabs, hypot
+
+from ffsm_mj._core.contacts cimport FrictionState
+
+
+cdef double _RANK = RANK, _DEVIATION_M_S = DEVIATION_M_S, _NEAR_STOP = NEAR_STOP, _STIFF = STIFF
+
+
+cdef bint allows_step(FrictionState here, modes, double left_s, double time_s, efforts) except -1:
+    """Whether no point limits a step, which may then be explicit; the layers of the points are then those of its start.
+
+    Args:
+        here: The points, all of which slide and go on to.
+        modes: Their ``FrictionModes``, with the layers at the start of the step before.
+        left_s: Duration of the step, s.
+        time_s: Time at its start.
+        efforts: Efforts in it, bit by bit.
+    """
+    cdef const double* G = here.own.delassus()
+    cdef const double* forces = here.present_forces()
+    cdef const double* row
+    cdef double[:, ::1] found
+    cdef const double[::1] deviations, damping, speeds, strengths
+    cdef Py_ssize_t p, i, j, m = here.own.rows, count = 0
+    cdef double a, b, c, largest, k, r, along, across, deviation, left, slip
+    cdef double[2] f
+    cdef bint continues
+    turning = []
+    for p in range(here.own.points):
+        row = G + (3 * p + 1) * (m + 1)
+        a, b, c = row[0], row[1], row[m + 1]
+        largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+        if not a * c - b * b <= _RANK * largest * largest:  # others slip along a line
+            turning.append(p)
+    if not turning:
+        modes.layers = None
+        return True
+    last, points = modes.layers, tuple([here.contact_points[p] for p in turning])
+    continues = last is not None and last.points == points and last.efforts == efforts
+    if continues:
+        deviations, damping, speeds, strengths = last.deviations, last.damping, last.speeds, last.strengths
+    table = np.empty((4, len(turning)))
+    found = table
+    for i, p in enumerate(turning):
+        for j in range(2):
+            f[j] = product(G + (3 * p + 1 + j) * m, forces, m) + here.b[3 * p + 1 + j]
+        row = G + (3 * p + 1) * (m + 1)
+        largest = 0.5 * (row[0] + row[m + 1]) + hypot(0.5 * (row[0] - row[m + 1]), row[1])
+        r = hypot(here.own.velocity(3 * p + 1), here.own.velocity(3 * p + 2))
+        k = here.mu[p] * max(forces[3 * p], 0.0) * largest
+        along = here.slips[2 * p] * f[0] + here.slips[2 * p + 1] * f[1]
+        across = fabs(here.slips[2 * p] * f[1] - here.slips[2 * p + 1] * f[0])
+        deviation = r * min(1.0, across / max(k + fabs(along), DBL_MIN))
+        found[0, i], found[1, i], found[2, i], found[3, i] = deviation, 0.0, r, k
+        if continues:
+            slip = max(max(r, speeds[i]), DBL_MIN)
+            found[0, i], found[1, i] = deviations[i], damping[i] + strengths[i] * (time_s - last.time_s) / slip
+        left = min(deviation, found[0, i] * exp(-found[1, i]))
+        if (
+            not left <= _DEVIATION_M_S
+            or (along < 0.0 and _DEVIATION_M_S < r < -_NEAR_STOP * left_s * along)
+            or left_s * (k + hypot(f[0], f[1])) > _STIFF * r
+        ):
+            return False
+    modes.layers = Layers(points, efforts, time_s, *table)
+    return True
+
+
+cdef inline double product(const double* row, const double* forces, Py_ssize_t count) noexcept:
+    cdef double total = 0.0
+    cdef Py_ssize_t j
+    for j in range(count):
+        total += row[j] * forces[j]
+    return total
