@@ -31,6 +31,7 @@ class FreeTicks:
     def begin(self, ticks: int, steps: int, line: int) -> None: ...
     def take(
         self,
+        move: Callable[[float], bool] | None,
         stepper: FreeStepper,
         contacts: SteadyContacts | None,
         event_bound: float,

@@ -74,6 +74,7 @@ cdef class FreeTicks:
 
     def take(
         self,
+        move,
         FreeStepper stepper not None,
         SteadyContacts contacts,
         double event_bound,
@@ -92,6 +93,7 @@ cdef class FreeTicks:
         """Take control ticks until an event is possible, or a limit is reached.
 
         Args:
+            move: Makes a step of the motion of a given duration, where that is more than a step of the stepper, or None.
             stepper: Stepper of the motion.
             contacts: Closed contacts that exert its applied forces; None: there are no applied forces.
             event_bound: Motion bound from which other events are possible.
@@ -128,7 +130,7 @@ cdef class FreeTicks:
             if report is not None:
                 self.count()
                 report(now)
-            if changes or not self.step(stepper, contacts, event_bound, interrupted, warnings):
+            if changes or not self.step(move, stepper, contacts, event_bound, interrupted, warnings):
                 return
 
     cdef bint command(self, CommandingLaw law, Limits limits) except -1:
@@ -152,7 +154,7 @@ cdef class FreeTicks:
         return 0
 
     cdef bint step(
-        self, FreeStepper stepper, SteadyContacts contacts, double event_bound, interrupted, list warnings
+        self, move, FreeStepper stepper, SteadyContacts contacts, double event_bound, interrupted, list warnings
     ) except -1:
         """Make the steps of a tick; returns whether they are complete."""
         cdef Py_ssize_t i
@@ -163,7 +165,10 @@ cdef class FreeTicks:
             if not stepper.motion_bound < event_bound or (contacts is not None and not contacts.goes_on(self.step_s)):
                 return False
             self.work.open()
-            stepper.step(self.step_s)
+            if move is None:
+                stepper.step(self.step_s)
+            else:
+                move(self.step_s)
             if (
                 not stepper.motion_bound < event_bound
                 or len(warnings)

@@ -33,11 +33,13 @@ class CoreSteps(NamedTuple):
     """What the core needs to make steps.
 
     Attributes:
+        move: Makes a step of the motion, where that is more than a step of its model; None: the stepper makes it.
         stepper: Stepper of the motion.
         contacts: Closed contacts, which exert its applied forces; None: there are none.
         event_bound: Motion bound from which other events are possible.
     """
 
+    move: Callable[[float], bool] | None
     stepper: FreeStepper
     contacts: SteadyContacts | None
     event_bound: float
@@ -146,21 +148,26 @@ class EventDrivenIntegrator:
         return bool(self._active)
 
     def begin_core_steps(self) -> CoreSteps | None:
-        """Begin steps that the core makes: of a fixed length, of the logged system itself, under steady contacts at most.
+        """Begin steps that the core makes: of a fixed length, under steady contacts at most.
 
         Returns:
             None: the core cannot make them.
         """
-        if self._event_s is not None or self.control is not None or type(self.motion) is not Motion:
+        motion = self.motion
+        if self._event_s is not None or self.control is not None:
             return None
         if not self._active:
-            return CoreSteps(self.motion.flight, None, self.motion.flight.event_bound)
+            # A grasped object is part of the model of a motion of its own, which the logged system follows.
+            move = None if type(motion).step is Motion.step else motion.step
+            return CoreSteps(move, motion.flight, None, motion.flight.event_bound)
+        if type(motion) is not Motion:
+            return None
         contacts = self._active[0].begin_steady_steps() if len(self._active) == 1 and not self._after_substeps else None
         if contacts is None:
             return None
         active: list[ContactModel] = [*self._active]
         others = (each.event_bound for each in self.event_sources if each not in active)
-        return CoreSteps(self.motion.flight, contacts, min(others, default=math.inf))
+        return CoreSteps(None, motion.flight, contacts, min(others, default=math.inf))
 
     def contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts at the state in ``data``, with forces under its efforts."""

@@ -19,6 +19,7 @@ RUNS = {
     "damping that the output does not feel, allocation": ("spatial", {"duration_s": 4.0}),
     "valves": ("free-flying-hardware", {"duration_s": 2.0}),
     "an estimator and sensors": ("capture-camera", {"duration_s": 2.0}),
+    "a grasp of an object": ("capture-planar", {"duration_s": 12.0}),
     "springs": ("capture-flexible", {"duration_s": 1.0}),
     "contact that lasts": ("push", {"duration_s": 1.5}),
     "contact on several points": ("squeeze", {}),
