@@ -5,9 +5,8 @@ from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.exchange import Stage
-from ffsm_mj.contact_models.persistent.friction.point_modes import PointModes
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.solution import Solution
+from ffsm_mj.contact_models.persistent.friction.modes import PointModes
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows
 
 class ContactAcceleration:

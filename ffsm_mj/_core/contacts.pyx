@@ -11,12 +11,12 @@ import numpy as np
 
 from ffsm_mj._core.forces import Active
 from ffsm_mj.contact_models.persistent.complementarity import CLEARLY, IMMOVABLE, complementary_forces
-from ffsm_mj.contact_models.persistent.friction.cone_depth import ON_CONE
-from ffsm_mj.contact_models.persistent.friction.held_rows import NONE, HeldRows
+from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE
+from ffsm_mj.contact_models.persistent.friction.problem import NONE, HeldRows
 from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.solution import Solution
-from ffsm_mj.contact_models.persistent.friction.stage import stage_of
+from ffsm_mj.contact_models.persistent.friction.problem import Solution
+from ffsm_mj.contact_models.persistent.friction.stages import stage_of
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK, RATE
 
 from libc.math cimport atan2, cos, fabs, hypot, INFINITY, sin, sqrt
@@ -260,7 +260,7 @@ cdef double directions_of_slip(
     const double[:, ::1] starts,
     double* slips,
 ) except? -1.0:
-    """Directions of slip along the tangents, (k, 2): see ``slip_directions`` in ``friction/decision.py``.
+    """Directions of slip along the tangents, (k, 2): see ``slip_directions`` in ``friction/problem.py``.
 
     Args:
         own: Rows of the points.

@@ -3,8 +3,7 @@ from typing import TYPE_CHECKING
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from ffsm_mj.contact_models.persistent.friction.held_rows import HeldRows
-    from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
+    from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, HeldRows
 
 class HeldForces:
     def __init__(self, problem: FrictionProblem, structure: HeldRows) -> None: ...

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsm_mj.contact_models.persistent.friction.linear_systems import solved
+from ffsm_mj.contact_models.persistent.friction.cones import solved
 from ffsm_mj.tolerances import EPSILON, RANK
 
 from libc.math cimport sqrt
@@ -32,7 +32,7 @@ NONE = np.zeros(0, dtype=np.intp)
 
 
 class Active(NamedTuple):
-    """Active contacts without friction, as a structure of held rows; see ``friction/held_rows.py``."""
+    """Active contacts without friction, as a structure of held rows; see ``friction/problem.py``."""
 
     count: int
     rows: object

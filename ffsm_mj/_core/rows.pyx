@@ -8,9 +8,9 @@ at the contact point c, which moves at c' over both, has the rate
 
 along tangents that are fixed in space, with the accelerations a(c) of the material points.
 
-The rows of a point are combinations of the six of the relative twist of its bodies, see ``single_point.py``. They are in one
+The rows of a point are combinations of the six of the relative twist of its bodies, see ``contact_points.py``. They are in one
 block of memory, of which arrays are made when Python asks for them. Points over faces are evaluated here, points of other
-features and joint limits one by one (``single_point.py``).
+features and joint limits one by one (``contact_points.py``).
 """
 
 cimport cython
@@ -24,7 +24,7 @@ from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact_models.persistent.point_rows import ContactRows, Extremes, FrictionalRows
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
-from ffsm_mj.contact_models.persistent.single_point import SinglePoint
+from ffsm_mj.contact_models.persistent.contact_points import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, chain, PairTwist
 from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2
 

@@ -1,9 +1,9 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Whether points that slide allow an explicit step of a given length: the rule of ``friction/step_rule.py`` for such steps."""
+"""Whether points that slide allow an explicit step of a given length: the rule of ``friction/stages.py`` for such steps."""
 
 import numpy as np
 
-from ffsm_mj.contact_models.persistent.friction.step_rule import DEVIATION_M_S, Layers, NEAR_STOP, STIFF
+from ffsm_mj.contact_models.persistent.friction.stages import DEVIATION_M_S, Layers, NEAR_STOP, STIFF
 from ffsm_mj.tolerances import RANK
 
 from libc.float cimport DBL_MIN

@@ -6,12 +6,12 @@ from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
 from ffsm_mj.contact_models.grasp.record_kinds import KINDS as CAPTURES
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
-from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
     CONTACT_ENDS,
     FRICTION_KINDS,
+    LIMIT_KINDS,
 )
 from ffsm_mj.records.effort_change import EFFORT_CHANGE
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.model import GraspModel
-from ffsm_mj.contact_models.persistent.refusals import refusal
+from ffsm_mj.contact_models.persistent.closure import refusal
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:

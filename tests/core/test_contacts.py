@@ -19,9 +19,8 @@ from ffsm_mj._core.stages import Smooth, StageSums
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.cone_depth import own_margin
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK
+from ffsm_mj.contact_models.persistent.friction.cones import own_margin
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix

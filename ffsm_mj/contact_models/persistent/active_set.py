@@ -14,18 +14,15 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.clearance import Clearance
+from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts
+from ffsm_mj.contact_models.persistent.closure import points_at_rest, slow_points
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.decision import Decision
 from ffsm_mj.contact_models.persistent.exchange import Stage
-from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
+from ffsm_mj.contact_models.persistent.force_solver import Decision, ForceSolver
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
-from ffsm_mj.contact_models.persistent.friction.stage import ImplicitSlips, stage_of
-from ffsm_mj.contact_models.persistent.friction.step_rule import step_rule
+from ffsm_mj.contact_models.persistent.friction.stages import ImplicitSlips, stage_of, step_rule
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
-from ffsm_mj.contact_models.persistent.point_search import points_at_rest, slow_points
-from ffsm_mj.contact_models.persistent.tilts import Tilts
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, LIFT_OFF_M
 

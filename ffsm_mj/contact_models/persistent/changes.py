@@ -1,21 +1,25 @@
-"""Changes of persistent contact at one state under its efforts: which pairs and joint limits begin, end or change."""
+"""Changes of persistent contact at one state under its efforts: which pairs and joint limits begin, end or change.
+
+Their event records have the forces before, and the contact points before or after the change.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Callable, Container, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.interface import LoggedEvent, Scene
+from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.closure import switched_rate_tolerance
+from ffsm_mj.contact_models.persistent.closure import points_at_rest, switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.point_modes import Mode
-from ffsm_mj.contact_models.persistent.point_search import points_at_rest
+from ffsm_mj.contact_models.persistent.friction.modes import Mode
+from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
@@ -23,13 +27,18 @@ from ffsm_mj.contact_models.persistent.record import (
     CONTACT_SLIPS,
     CONTACT_STICKS,
     FRICTION_KINDS,
+    LIMIT_KINDS,
+    ContactRecord,
     ContactSlips,
     ContactSticks,
 )
+from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.records.kinds import RecordKind
 
 Change: TypeAlias = tuple[RecordKind, list[UnilateralConstraint]]
 """Kind of record of a change, as for pairs, and the pairs and limits concerned."""
+PAIR_KINDS = (CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES)
+"""Kinds of records of pairs, in the order of ``LIMIT_KINDS``."""
 
 
 class ContactChanges:
@@ -154,3 +163,71 @@ def _slides(contact_points: Sequence[ContactPoint], kinds: Sequence[int]) -> dic
         if contact.pair.mu > 0.0 and kind in (Mode.SLIDE, Mode.STICK):
             found[contact.pair] = found.get(contact.pair, False) or kind == Mode.SLIDE
     return found
+
+
+class ChangeRecords:
+    """Writes the records of the changes of a scene's closed contacts."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        closed: ActiveContactSet,
+        report: ContactReport,
+        limits: LimitReport,
+        changes: ContactChanges,
+    ) -> None:
+        """Bind to the closed contacts and their reports."""
+        self._scene, self._active_set = scene, closed
+        self._report, self._limits, self._changes = report, limits, changes
+
+    def of(
+        self,
+        kind: RecordKind,
+        pairs: Sequence[UnilateralConstraint],
+        instant: EventTime,
+        apply: Callable[[], None],
+    ) -> tuple[Any, ...]:
+        """Apply a change and return its records.
+
+        Args:
+            kind: Kind of the records, as for pairs.
+            pairs: Pairs and joint limits that change.
+            instant: Time of the change.
+            apply: Applies it to the closed contacts.
+        """
+        scene, report = self._scene, self._report
+        qvel, (geoms, limits) = scene.system.by_joint(scene.data.qvel), by_kind(pairs)
+        before, places, at_limits = report.forces_before(geoms), report.places(geoms), self._limits.forces_before(limits)
+        apply()
+        places |= report.places([pair for pair in geoms if pair in self._active_set.by_pair])
+        number = scene.numbers.next_number()
+        limit_kind = LIMIT_KINDS[PAIR_KINDS.index(kind)] if limits else LIMIT_KINDS[0]
+        closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
+        return (
+            *report.records(kind, places, before, instant, number, qvel, closed),
+            *self._limits.records(limit_kind, at_limits, instant, number, qvel),
+        )
+
+
+def by_kind(pairs: Sequence[UnilateralConstraint]) -> tuple[list[ContactPair], list[JointLimit]]:
+    """Pairs of geoms, and joint limits."""
+    geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
+    return geoms, [pair for pair in pairs if isinstance(pair, JointLimit)]
+
+
+def name_of(record: Any) -> str:
+    """Name of the pair or joint limit of a record."""
+    return str(record.pair) if isinstance(record, ContactRecord) else f"{record.joint} {record.side} limit"
+
+
+def listed_pairs(events: Sequence[LoggedEvent], pairs: Sequence[ContactPair], rules: Container[str]) -> list[ContactPair]:
+    """Pairs that were closed after the last of some events, of the rules that are closed according to the columns.
+
+    Args:
+        events: Events, in order.
+        pairs: All pairs.
+        rules: Rules with a closed pair.
+    """
+    records = [record for event in reversed(events) for record in event.records if isinstance(record, ContactRecord)]
+    names = set(records[0].closed_pairs) if records else set()
+    return [pair for pair in pairs if pair.name in names and pair.rule in rules]

@@ -1,9 +1,13 @@
 """How far rounding of a state changes the contact forces there: what a log replay allows for in rows and records.
 
 Two evaluations of the state in a log differ by rounding: where it is transferred, as with a grasped object, and at the end
-of a step. It changes forces by much more than rounding in two ways: the direction of a slow slip turns, see
-:mod:`.friction.slip_rounding`, and so does the tilt of a rim that lies almost flat, or of two sides at a small angle, whose
-contact point travels at the rate of the tilt over the tilt.
+of a step. It changes forces by much more than rounding in two ways: the direction of a slow slip turns, and so does the
+tilt of a rim that lies almost flat, or of two sides at a small angle, whose contact point travels at the rate of the tilt
+over the tilt.
+
+Friction acts against the slip u. Velocities are known to their rounding d, 1e-12 (1 m/s + their terms), so the direction of
+a slip is known to d / |u|: 1e-6 rad at 1e-6 m/s, as just before a stop. Its effect is first order: forces change by the
+response to the turn.
 """
 
 from __future__ import annotations
@@ -14,19 +18,44 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.features.gap_function import tilt_rounding
-from ffsm_mj.contact_models.persistent.decision import Decision
+from ffsm_mj.contact_models.persistent.force_solver import Decision
+from ffsm_mj.contact_models.persistent.friction.cones import least_norm_solution
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
-from ffsm_mj.contact_models.persistent.friction.linear_systems import least_norm_solution
-from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE
-from ffsm_mj.contact_models.persistent.friction.slip_rounding import changes_by_turns
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE
+from ffsm_mj.contact_models.persistent.friction.problem import Solution
 from ffsm_mj.contact_models.persistent.record import ContactRecord
 from ffsm_mj.tolerances import ACCELERATION, EVENT_TIME
 
 if TYPE_CHECKING:
     from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
     from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+
+_LEAST_M_S = 1e-300
+"""Keeps a quotient finite where a slip is exactly zero."""
+
+
+def changes_by_turns(decision: FrictionalDecision, solution: Solution, slides: BoolArray) -> FloatArray:
+    """Changes of the forces where the direction of each slip turns by its rounding, N, (k, 3, m) for m turns.
+
+    Turns below ``ACCELERATION`` are left out: normals are not known any better.
+
+    Args:
+        decision: The points at their state.
+        solution: Their forces in some modes.
+        slides: Points that slide in these modes, (k,).
+    """
+    modes, rows = decision.here.modes, decision.rows
+    # A point that goes straight on to its stop keeps the direction of an earlier slip.
+    known_at = np.where(modes.straight, modes.directed_at, np.hypot(*rows.slips.T))
+    points = np.flatnonzero(slides & (modes.mu > 0.0) & (rows.speed_rounding > ACCELERATION * known_at))
+    if not len(points):
+        return np.zeros((len(slides), 3, 0))
+    changes = decision.problem.responses_to_turns(solution.kinds, solution.directions, points, solution.forces)
+    # A slip that is no more than its rounding may have any direction.
+    turns = np.minimum(rows.speed_rounding[points] / np.maximum(known_at[points], _LEAST_M_S), math.pi)
+    return changes * turns
 
 
 class RecordAccuracy:

@@ -5,6 +5,10 @@ forces. The active set is chosen at the start of a step from the complementarity
 (Brogliato, *Nonsmooth Mechanics*) and is frozen within it, so that every step integrates a smooth ODE at the full order of
 RK4. A step ends early when the active set would change, a contact point leaves its feature, or a pair touches at another
 point.
+
+Constraints are enforced at the acceleration level, so rounding and truncation error make gaps drift; projection onto the
+position and velocity constraints is the standard remedy (Hairer & Wanner, *Solving ODEs II*, sec. VII.2). The energy and
+momentum that it changes are accounted for.
 """
 
 from __future__ import annotations
@@ -13,8 +17,10 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj._core.steady import SteadyContacts
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.constraint import UnilateralConstraint
@@ -23,34 +29,159 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
+from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
+from ffsm_mj.contact_models.persistent.account import StepAccount
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.change_records import PAIR_KINDS, ChangeRecords, by_kind, listed_pairs, name_of
-from ffsm_mj.contact_models.persistent.changes import ContactChanges
+from ffsm_mj.contact_models.persistent.changes import (
+    PAIR_KINDS,
+    ChangeRecords,
+    ContactChanges,
+    by_kind,
+    listed_pairs,
+    name_of,
+)
 from ffsm_mj.contact_models.persistent.closure import (
     closed_after_change,
     closed_and_still,
     closed_at,
     held_rate_tolerance,
     rate_tolerance,
+    refusal_in,
 )
-from ffsm_mj.contact_models.persistent.drift import DriftProjection
+from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.force_rounding import RecordAccuracy, varied_forces
-from ffsm_mj.contact_models.persistent.limit_record import LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
-from ffsm_mj.contact_models.persistent.localisation import first_change
-from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
-from ffsm_mj.contact_models.persistent.refusals import refusal_in
+from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
+from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.report import ContactReport
-from ffsm_mj.contact_models.persistent.step_account import StepAccount
+from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.projection import ClosedRows, needs_projection
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
-from ffsm_mj.tolerances import CLEARLY_APART_M
+from ffsm_mj.tolerances import CLEARLY_APART_M, EVENT_TIME, EVENT_TIME_S, INSTANT_S
+
+_START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
+"""Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
+
+
+class DriftProjection:
+    """Projects out the drift of the closed contacts of a scene."""
+
+    def __init__(self, scene: Scene, closed: ActiveContactSet) -> None:
+        """Bind to the closed contacts."""
+        self._system, self._active_set, self._projection = scene.system, closed, StateProjection(scene)
+
+    def remove_drift(self) -> Exchange | None:
+        """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
+        closed = self._active_set
+        if not closed.contact_points or not needs_projection(*drift_of(closed)):
+            return None
+        contact_points, motion = closed.contact_points, closed.motion
+        outside = Shares.of(self._system, contact_points, motion.grasped_bodies).outside != 0.0
+        taken = unit_wrenches(closed, outside.any(axis=0))
+        return self._projection.apply(motion, lambda: closed_rows(closed), taken, outside.any(axis=1))
+
+
+def drift_of(closed: ActiveContactSet) -> tuple[float, float, float]:
+    """Largest gap of the closed contact points, m, gap rate, m/s, and slip along a tangent that is drift, m/s."""
+    rows = closed.decide().rows
+    slip = rows.largest_slip(closed.modes.of(closed.contact_points).drifts) if isinstance(rows, FrictionalRows) else 0.0
+    return rows.extremes.gap, rows.extremes.rate, slip
+
+
+def closed_rows(closed: ActiveContactSet) -> ClosedRows:
+    """Rows of all closed contact points at the current state, as a projection needs them."""
+    every = closed.decide().rows
+    if not isinstance(every, FrictionalRows):
+        return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, closed.motion.model.nv)))
+    J = every.J.reshape(len(closed.contact_points), 3, -1)
+    sticking = J[closed.modes.of(closed.contact_points).drifts, 1:]
+    return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))
+
+
+def unit_wrenches(closed: ActiveContactSet, which: BoolArray) -> FloatArray:
+    """Wrenches about the world origin of unit forces on geom b, (m, 6), at some of the closed contact points, (k,).
+
+    Along the normals, and at points whose slip is drift along two tangents.
+    """
+    points = [contact for contact, taken in zip(closed.contact_points, which.tolist(), strict=True) if taken]
+    states = [contact.feature.at(closed.data) for contact in points]
+    forces = [
+        (here.point, along)
+        for here, drifts in zip(states, closed.modes.of(tuple(points)).drifts.tolist(), strict=True)
+        for along in (here.normal, *(tangents(here.normal) if drifts else ()))
+    ]
+    return np.array([np.concatenate((along, np.cross(point, along))) for point, along in forces]).reshape(-1, 6)
+
+
+def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float, bool] | None:
+    """First time in a step at which the active set or a feature is no longer valid.
+
+    Args:
+        active_set: The closed contacts, with the active set chosen at the start of the step.
+        duration_s: Time since the start of the step up to which to search.
+
+    Returns:
+        The time, located just after the zero crossing, and whether closed pairs touch there at a point that is not one of
+        their contact points; None if all stays valid.
+    """
+    path = active_set.motion.path
+
+    def slack(time_s: float) -> float:
+        if time_s <= 0.0:
+            return 1.0  # the active set was chosen at this state, so it is valid there whatever the rounding
+        path.move_to(time_s)
+        # Points stick a little beyond the limit of friction. Those that leave it further behind are released at the limit.
+        return active_set.witness_value(exact=True)
+
+    path.move_to(duration_s)
+    if active_set.witness_value() >= 0.0:
+        return None
+    changed = _just_after(slack, 0.0, duration_s)
+    # A gap that drifts beyond its bound may return and cross it again: of several roots the first one counts.
+    while changed > INSTANT_S and slack(0.5 * changed) < 0.0:
+        changed = _just_after(slack, 0.0, 0.5 * changed)
+    path.move_to(changed)
+    landing = active_set.touches_elsewhere()
+    return _landing_time(active_set, changed) if landing else changed, landing
+
+
+def _landing_time(active_set: ActiveContactSet, seen_s: float) -> float:
+    """Time at which the overlapping points of closed pairs touched.
+
+    The detection threshold is a depth; an impact at that depth instead of at gap zero would change the energy.
+    """
+    overlapping, path = active_set.overlapping_features(), active_set.motion.path
+
+    def gap(time_s: float) -> float:
+        path.move_to(time_s)
+        return min(feature.at(active_set.data).gap for feature in overlapping)
+
+    if not overlapping:
+        return seen_s
+    # brentq needs a sign change. A point that rocks may have lifted off only after the start of the step.
+    above = next((part * seen_s for part in (0.0, *_START_FRACTIONS) if gap(part * seen_s) > 0.0), seen_s)
+    return _just_after(gap, above, seen_s) if above < seen_s else seen_s
+
+
+def _just_after(f: Callable[[float], float], start_s: float, end_s: float) -> float:
+    """First time between two times at which a function becomes negative, rounded up until it is negative there.
+
+    A log replay evaluates the same state with slightly different rounding: it must reach the same decision.
+    """
+    from scipy.optimize import brentq  # takes a second to import: only runs with persistent contact pay
+
+    root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
+    while True:
+        root, late = min(root + late, end_s), 2.0 * late
+        if root >= end_s or f(root) < 0.0:
+            return root
 
 
 class PersistentContactModel(EventSource, ForceSource, Replayable):

@@ -41,7 +41,7 @@ class PointRows:
     Attributes:
         groups: The points, by what is evaluated together.
         memory: Their rows.
-        held: Linear problems for the forces that hold some of the rows; see ``friction/held_rows.py``.
+        held: Linear problems for the forces that hold some of the rows; see ``friction/problem.py``.
         loop_rates: Part of gamma that is due to closed loops, m/s^2; None without any.
     """
 

@@ -1,4 +1,4 @@
-"""Event records of persistent contact: a contact begins, ends or changes its features."""
+"""Event records of persistent contact: contacts begin, end, change features; joints come to rest at limits, leave them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,48 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ffsm_mj.contact_models.impact.limit_record import force_unit
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import Layout
+
+_COLUMNS = {
+    "time_s": ("s", "simulation time"),
+    "event": ("", "event number, counted over persistent contacts and grasps from 0"),
+    "pair": ("", "name of the pair of geoms"),
+    "rule": ("", "name of its contact rule"),
+    "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
+    "mode": ("", "contact features after the event"),
+    "points": ("", "number of contact points after the event"),
+    "point_{xyz}_m": ("m", "centre of pressure, world frame"),
+    "normal_{xyz}": ("", "mean normal from a to b, world frame"),
+    "force_before_N": ("N", "resultant force just before"),
+    "force_after_N": ("N", "resultant force just after"),
+    "impulse_N_s": ("N s", "integral of the contact force of the rule since t = 0"),
+    "friction": ("", "friction mode after the event; empty without friction or force"),
+}
+_FRICTION_COLUMNS = {
+    "friction_N": ("N", "friction force just after"),
+    "friction_use": ("", "share of the friction limit, mu times the normal force, that is used just after"),
+    "slip_speed_m_s": ("m/s", "largest slip speed just after"),
+    "slip_m": ("m", "slip distance of the rule since t = 0"),
+}
+_LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
+_LIMIT_COLUMNS = {
+    "time_s": ("s", "simulation time"),
+    "event": ("", "event number, counted over persistent contacts and grasps from 0"),
+    "joint": ("", "full name of the joint"),
+    "side": ("", "lower or upper limit"),
+    "unit": ("", "unit of the joint's coordinate, rad or m: forces are torques in N m, or in N"),
+    "value": ("", "coordinate at the event, rad or m"),
+    "limit": ("", "value of the limit, rad or m"),
+    "state": ("", "pressed, touching (without force) or free, after the event"),
+    "force_before": ("", "force or torque of the limit just before, N or N m"),
+    "force_after": ("", "force or torque of the limit just after, N or N m"),
+    "impulse": ("", "integral of the force of this joint's limits since t = 0, N s or N m s"),
+    "point_{xyz}_m": ("m", "anchor of the joint, world frame"),
+    "axis_{xyz}": ("", "axis of the joint in the sense of the force, world frame"),
+}
 
 
 @dataclass(frozen=True)
@@ -133,30 +172,6 @@ def _force_arrows(layout: Layout) -> Iterator[ArrowColumns]:
             yield ArrowColumns(name, "contact force", layout.places(vector), layout.places(point), layout.index[size])
 
 
-_COLUMNS = {
-    "time_s": ("s", "simulation time"),
-    "event": ("", "event number, counted over persistent contacts and grasps from 0"),
-    "pair": ("", "name of the pair of geoms"),
-    "rule": ("", "name of its contact rule"),
-    "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
-    "mode": ("", "contact features after the event"),
-    "points": ("", "number of contact points after the event"),
-    "point_{xyz}_m": ("m", "centre of pressure, world frame"),
-    "normal_{xyz}": ("", "mean normal from a to b, world frame"),
-    "force_before_N": ("N", "resultant force just before"),
-    "force_after_N": ("N", "resultant force just after"),
-    "impulse_N_s": ("N s", "integral of the contact force of the rule since t = 0"),
-    "friction": ("", "friction mode after the event; empty without friction or force"),
-}
-_FRICTION_COLUMNS = {
-    "friction_N": ("N", "friction force just after"),
-    "friction_use": ("", "share of the friction limit, mu times the normal force, that is used just after"),
-    "slip_speed_m_s": ("m/s", "largest slip speed just after"),
-    "slip_m": ("m", "slip distance of the rule since t = 0"),
-}
-_LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
-
-
 def _kind(
     record: type,
     name: str,
@@ -227,3 +242,104 @@ CONTACT_CHANGES = _kind(
     "when its features change, it starts to carry force, or some points slip, stick or turn their slip",
     "changes",
 )
+
+
+@dataclass(frozen=True)
+class LimitRecord:
+    """An event of a joint that rests at a limit.
+
+    Attributes:
+        event: Event number, counted over persistent contacts and grasps from 0; all that changes together shares it.
+        time_s: Simulation time.
+        step: Index of the integration step, from 0.
+        joint: Full name of the joint.
+        side: ``lower`` or ``upper``.
+        unit: Unit of the coordinate: ``rad`` (forces are torques in N m) or ``m`` (forces in N).
+        value: Coordinate of the joint.
+        limit: Value of the limit.
+        state: ``pressed``, ``touching`` without force, or ``free``, after the event.
+        force_before: Force or torque of the limit on the joint just before, >= 0 away from the limit; 0 if there was none.
+        force_after: The same just after, under the efforts up to the event.
+        impulse: Time integral of the force of this joint's limits since t = 0, N s or N m s.
+        point_m: Anchor of the joint in world axes.
+        axis: Unit vector along the joint's axis in world axes, in the sense of the force.
+        qpos: Configuration.
+        qvel_before: Generalised velocity before, by joint.
+        qvel_after: Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.
+        efforts_after: Effort by actuator at the event; the controller is not evaluated.
+    """
+
+    event: int
+    time_s: float
+    step: int
+    joint: str
+    side: str
+    unit: str
+    value: float
+    limit: float
+    state: str
+    force_before: float
+    force_after: float
+    impulse: float
+    point_m: tuple[float, ...]
+    axis: tuple[float, ...]
+    qpos: tuple[float, ...]
+    qvel_before: Mapping[str, tuple[float, ...]]
+    qvel_after: Mapping[str, tuple[float, ...]]
+    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LimitBegins(LimitRecord):
+    """A joint comes to rest at a limit; fields as in :class:`LimitRecord`."""
+
+
+@dataclass(frozen=True)
+class LimitEnds(LimitRecord):
+    """A joint leaves its limit; fields as in :class:`LimitRecord`."""
+
+
+@dataclass(frozen=True)
+class LimitChanges(LimitRecord):
+    """A joint at rest at a limit starts to press on it; fields as in :class:`LimitRecord`."""
+
+
+def _force(record: Any) -> str:
+    return f"{record.force_after:.4g} {force_unit(record.unit)}"
+
+
+def _limit_marks(record: Any) -> list[Mark]:
+    name = f"{record.joint} {record.side} limit"
+    if record.force_after == 0.0:
+        return [Mark(record.point_m, text="leaves its limit" if record.state == "free" else "at its limit", name=name)]
+    return [Mark(record.point_m, record.axis, record.force_after, _force(record), name)]
+
+
+def _limit_kind(record: type, name: str, plural: str, when: str, says: str) -> RecordKind:
+    def sentence(record: Any) -> str:
+        at = f"its {record.side} limit of {record.limit:g} {record.unit}"
+        force = f"{record.force_before:.4g} {force_unit(record.unit)} before, {_force(record)} after"
+        return f"joint {record.joint} {says} {at}: {force}"
+
+    return RecordKind(
+        record=record,
+        name=name,
+        plural=plural,
+        when=when,
+        time=lambda record: record.time_s,
+        sentence=sentence,
+        columns=_LIMIT_COLUMNS,
+        lengths={"point_m": 3, "axis": 3},
+        marks=_limit_marks,
+        event_group="contact",
+    )
+
+
+LIMIT_BEGINS = _limit_kind(
+    LimitBegins, "limit_begins", "limit_beginnings", "when a joint comes to rest at a limit", "comes to rest at"
+)
+LIMIT_ENDS = _limit_kind(LimitEnds, "limit_ends", "limit_endings", "when it leaves the limit", "leaves")
+LIMIT_CHANGES = _limit_kind(
+    LimitChanges, "limit_changes", "limit_changes", "when it starts to press on the limit", "starts to press on"
+)
+LIMIT_KINDS = (LIMIT_BEGINS, LIMIT_ENDS, LIMIT_CHANGES)

@@ -16,11 +16,10 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
-from ffsm_mj.contact_models.persistent.decision import Decision
+from ffsm_mj.contact_models.persistent.force_solver import Decision
 from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
-from ffsm_mj.contact_models.persistent.resultant import Resultant, points_of, resultant
 from ffsm_mj.contact_models.persistent.rule_columns import (
     CLOSED,
     FREE,
@@ -30,7 +29,10 @@ from ffsm_mj.contact_models.persistent.rule_columns import (
     PRESSING,
     SLIDING,
     STICKING,
+    Resultant,
     RuleTables,
+    points_of,
+    resultant,
     row_of,
     signals_of,
 )

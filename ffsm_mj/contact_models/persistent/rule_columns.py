@@ -1,4 +1,4 @@
-"""Log columns of one contact rule: its mode, the resultant of its pairs, and its impulse."""
+"""Log columns of one contact rule: its mode, the resultants of its pairs with their centres of pressure, its impulse."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.persistent.resultant import Resultant
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.records.signals import Signal, identifier
 
 FREE, CLOSED, PRESSING, STICKING, SLIDING = 0.0, 1.0, 2.0, 3.0, 4.0
 """Contact modes of a rule in the log: one with friction that carries force is sticking or sliding instead of pressing."""
 MODE_NAMES = {FREE: "open", CLOSED: "closed", PRESSING: "pressing", STICKING: "sticking", SLIDING: "sliding"}
 """Words for the contact modes."""
-
 _MODE = "contact state of {}: 0 open, 1 closed without force, 2 closed with force"
 _FRICTION_MODE = "contact state of {}: 0 open, 1 closed without force, 3 sticking, 4 sliding at one or more points"
 _SIGNALS = (
@@ -34,6 +34,57 @@ NOTHING = np.array([FREE, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, math
 IMPULSE = len(NOTHING) - 1
 """Index of the impulse among the columns of a rule."""
 _NOWHERE = [math.nan] * 3
+
+
+class Resultant(NamedTuple):
+    """Resultant contact force of a pair at one state.
+
+    Attributes:
+        force: Force on geom b, N, (3,).
+        centre: Centre of pressure; mean of the contact points if none carries force, m, (3,).
+        normal: Mean unit normal, (3,).
+        contact_points: The contact points.
+    """
+
+    force: FloatArray
+    centre: FloatArray
+    normal: FloatArray
+    contact_points: Sequence[ContactPoint] = ()
+
+    @property
+    def points(self) -> int:
+        """Number of contact points."""
+        return len(self.contact_points)
+
+    @property
+    def mode(self) -> str:
+        """Their features."""
+        return " + ".join(dict.fromkeys(contact.feature.name for contact in self.contact_points))
+
+    @property
+    def size(self) -> float:
+        """Norm of the force, N."""
+        return math.hypot(*self.force.tolist())
+
+
+def resultant(
+    contact_points: Sequence[ContactPoint],
+    rows: PointRows,
+    forces: FloatArray,
+    part: slice,
+    friction: FloatArray | None = None,
+) -> Resultant:
+    """Resultant over the contact points of one pair, of normal forces (k,) and friction forces (k, 3)."""
+    return Resultant(*rows.resultant(part, forces, friction), contact_points[part])
+
+
+def points_of(pair: UnilateralConstraint, contact_points: Sequence[ContactPoint]) -> slice:
+    """The contact points of one pair, which are consecutive."""
+    start = next((i for i, contact in enumerate(contact_points) if contact.pair is pair), 0)
+    end = start
+    while end < len(contact_points) and contact_points[end].pair is pair:
+        end += 1
+    return slice(start, end)
 
 
 class RuleTables(NamedTuple):

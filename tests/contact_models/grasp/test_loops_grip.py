@@ -113,7 +113,7 @@ def test_a_cube_slips_between_fingers_on_slide_latches(tmp_path):
     way, speed = grip.relative()
     assert speed == pytest.approx(-0.024, abs=1e-11)
     assert way == pytest.approx(-0.0008, abs=1e-11)
-    assert float(grip.heat._heat[0]) == pytest.approx(0.0032, abs=1e-11)
+    assert float(grip.heat.total_J[0]) == pytest.approx(0.0032, abs=1e-11)
     slips = [record.time_s for record in grip.records if "Slip" in type(record).__name__]
     assert slips[0] == pytest.approx(0.5, abs=1e-9)
     # What is held by rows moves as what is a child body: both fingers stay at equal distances.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.persistent.localisation import first_change
+from ffsm_mj.contact_models.persistent.model import first_change
 from tests.contact_models.persistent.random_pushes import drawn
 from tests.contact_models.persistent.test_closed_forms import good
 from tests.contact_models.persistent.test_random_pushes import wrong

@@ -15,13 +15,11 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
 from ffsm_mj.contact_models.impact.friction.lemke import lemke
-from ffsm_mj.contact_models.persistent.friction.cone_depth import in_accelerations, own_margin
-from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
+from ffsm_mj.contact_models.persistent.friction.cones import cone_margin, in_accelerations, own_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, unit_slips
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.solution import Solution
-from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution
+from ffsm_mj.contact_models.persistent.friction.stages import StageEquation
 from ffsm_mj.tolerances import SOLVED
 
 _SLIPS, _SATURATED = 1e-7, 1e-6

@@ -10,12 +10,10 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
-from ffsm_mj.contact_models.persistent.friction.cone_shares import shares_in_cones
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, sliding
-from ffsm_mj.contact_models.persistent.friction.pair_state import FrictionOfPairs
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, Mode, unit_slips
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.solution import Solution
+from ffsm_mj.contact_models.persistent.friction.internal_forces import shares_in_cones
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes, Mode, sliding, unit_slips
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, slip_directions
+from ffsm_mj.contact_models.persistent.friction.report import FrictionOfPairs
 from ffsm_mj.records.events import Outcome, RunEnded
 
 if TYPE_CHECKING:
@@ -280,35 +278,3 @@ class FrictionalDecision:
     def releases(self) -> bool:
         """Whether sticking points are beyond the limit of friction in the modes of the step."""
         return self._in_present_modes[0].releases
-
-
-def slip_directions(
-    problem: FrictionProblem, slips: FloatArray, at_start: FloatArray, slides: BoolArray, straight: BoolArray
-) -> tuple[FloatArray, float]:
-    """Directions of slip within a step: along the slip, with the sense that it had at the start of the step.
-
-    A stage beyond the time at which a point stops then keeps the sense of its friction, and the slip along the direction at
-    the start passes through zero smoothly.
-
-    Args:
-        problem: The contact problem, which knows the points that can slip along a line only.
-        slips: Slip velocities along (t1, t2), m/s, (k, 2).
-        at_start: Directions at the start of the step, (k, 2).
-        slides: Points that slide, (k,).
-        straight: Points that keep the direction, (k,).
-
-    Returns:
-        Unit directions, (k, 2), and the least slip along the direction at the start, m/s.
-    """
-    directions = np.zeros_like(slips)
-    if not slides.any():
-        return directions, np.inf
-    forward = np.sum(slips * at_start, axis=1)
-    unit = unit_slips(slips) * np.where(forward < 0.0, -1.0, 1.0)[:, None]
-    unit = np.where((straight | ~np.any(unit != 0.0, axis=1))[:, None], at_start, unit)
-    if problem.lines.any():
-        axes = problem.line_directions()
-        forth = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
-        unit = np.where(problem.lines[:, None], forth, unit)
-    directions[slides] = unit[slides]
-    return directions, float(forward[slides].min())

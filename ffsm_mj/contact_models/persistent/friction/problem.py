@@ -16,14 +16,86 @@ the modes: a patch that slides over the edge of a face shrinks to a line or to a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
 import numpy as np
 
 from ffsm_mj._core.forces import HeldForces
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact_models.persistent.friction.held_rows import HeldProblems, HeldRows, Structures
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, STICK
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.tolerances import CANCELLED, RANK
+
+NONE: IntArray = np.zeros(0, dtype=np.intp)
+"""No indices."""
+HeldProblems: TypeAlias = dict[tuple[bytes, bytes], HeldForces]
+"""Linear problems of the same points at one state, by the modes and the rows held."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeldRows:
+    """The rows held by points in given modes; it stays the same for a step.
+
+    Attributes:
+        count: Number of all rows, 3k.
+        rows: Indices of those held, ascending, (r,).
+        slides: Indices of sliding points with friction, (m,).
+        mu: Coefficients of friction of all points, (k,).
+    """
+
+    count: int
+    rows: IntArray
+    slides: IntArray
+    mu: FloatArray
+
+    @classmethod
+    def of(cls, problem: FrictionProblem, kinds: IntArray) -> HeldRows:
+        """Determine the rows in a problem."""
+        rows = problem.held_rows(kinds)
+        slides = ((kinds == SLIDE) & (problem.mu > 0.0) & problem.movable_normals).nonzero()[0] if SLIDE in kinds else NONE
+        return cls(3 * len(kinds), rows, slides, problem.mu)
+
+    @cached_property
+    def key(self) -> bytes:
+        """What tells the rows held apart from others of the same points in the same modes."""
+        return self.rows.tobytes()
+
+    @cached_property
+    def columns(self) -> IntArray:
+        """Columns of the normal forces of the sliding points, (m,)."""
+        return np.searchsorted(self.rows, 3 * self.slides)
+
+
+Structures: TypeAlias = dict[bytes, HeldRows]
+"""Rows held by the same points in several modes, by the modes."""
+
+
+class Solution(NamedTuple):
+    """Forces in given modes at one state.
+
+    Attributes:
+        kinds: Modes, (k,).
+        directions: Directions of slip along (t1, t2), (k, 2).
+        forces: Forces (n, t1, t2), N, (k, 3).
+        accelerations: Relative accelerations (n, t1, t2), m/s^2, (k, 3).
+        validity: Least margin of all conditions, m/s^2; negative if one is violated.
+        exact: The same without the excess over the limit of friction up to which points stick: zero at the limit.
+        releases: Whether the condition violated most is that limit.
+    """
+
+    kinds: IntArray
+    directions: FloatArray
+    forces: FloatArray
+    accelerations: FloatArray
+    validity: float
+    exact: float
+    releases: bool
+
+    @property
+    def valid(self) -> bool:
+        """Whether all conditions hold."""
+        return self.validity >= 0.0
 
 
 class FrictionProblem:
@@ -184,3 +256,35 @@ class FrictionProblem:
             decided = held.decide(rows, self.inverse_mass[closed])
             shares[closed] = np.where(decided, held.springs(rows, forces), 0.0)
         return shares
+
+
+def slip_directions(
+    problem: FrictionProblem, slips: FloatArray, at_start: FloatArray, slides: BoolArray, straight: BoolArray
+) -> tuple[FloatArray, float]:
+    """Directions of slip within a step: along the slip, with the sense that it had at the start of the step.
+
+    A stage beyond the time at which a point stops then keeps the sense of its friction, and the slip along the direction at
+    the start passes through zero smoothly.
+
+    Args:
+        problem: The contact problem, which knows the points that can slip along a line only.
+        slips: Slip velocities along (t1, t2), m/s, (k, 2).
+        at_start: Directions at the start of the step, (k, 2).
+        slides: Points that slide, (k,).
+        straight: Points that keep the direction, (k,).
+
+    Returns:
+        Unit directions, (k, 2), and the least slip along the direction at the start, m/s.
+    """
+    directions = np.zeros_like(slips)
+    if not slides.any():
+        return directions, np.inf
+    forward = np.sum(slips * at_start, axis=1)
+    unit = unit_slips(slips) * np.where(forward < 0.0, -1.0, 1.0)[:, None]
+    unit = np.where((straight | ~np.any(unit != 0.0, axis=1))[:, None], at_start, unit)
+    if problem.lines.any():
+        axes = problem.line_directions()
+        forth = axes * np.where(np.sum(axes * at_start, axis=1) < 0.0, -1.0, 1.0)[:, None]
+        unit = np.where(problem.lines[:, None], forth, unit)
+    directions[slides] = unit[slides]
+    return directions, float(forward[slides].min())

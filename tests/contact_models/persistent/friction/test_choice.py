@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
-from ffsm_mj.contact_models.persistent.friction.cone_margin import cone_margin
+from ffsm_mj.contact_models.persistent.friction.cones import cone_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_use, wedged
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, UNKNOWN
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, UNKNOWN
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 

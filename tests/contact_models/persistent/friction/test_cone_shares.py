@@ -9,9 +9,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice
-from ffsm_mj.contact_models.persistent.friction.cone_depth import depth
-from ffsm_mj.contact_models.persistent.friction.cone_margin import largest_margin
-from ffsm_mj.contact_models.persistent.friction.cone_shares import least_in_cones
+from ffsm_mj.contact_models.persistent.friction.cones import depth, largest_margin
+from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_cones
 from ffsm_mj.replay import replay_log
 from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.test_friction_seen import in_a_v, on_floor

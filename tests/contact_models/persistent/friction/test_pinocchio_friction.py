@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, PointStates
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK, UNKNOWN
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, UNKNOWN
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from tests.contact_models.impact.friction.problems import problem
 from tests.contact_models.impact.friction.test_oracles import pinocchio_impulses

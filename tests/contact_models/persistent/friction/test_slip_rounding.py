@@ -10,10 +10,9 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.decision import slip_directions
-from ffsm_mj.contact_models.persistent.friction.force_check import _direction
-from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes, sliding
-from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK
+from ffsm_mj.contact_models.persistent.force_check import _direction
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK, FrictionModes, sliding
+from ffsm_mj.contact_models.persistent.friction.problem import slip_directions
 from ffsm_mj.replay import replay_log
 from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.test_friction_seen import on_floor

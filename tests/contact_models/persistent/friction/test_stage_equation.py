@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from ffsm_mj.contact_models.persistent.friction.point_modes import CLOSED, SLIDE, STICK
+from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.stage_equation import StageEquation
+from ffsm_mj.contact_models.persistent.friction.stages import StageEquation
 
 ONE, EVERY = np.array([0]), np.arange(4)
 

@@ -8,7 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.contact_models.persistent.friction import choice
-from ffsm_mj.contact_models.persistent.friction.point_modes import SLIDE, STICK
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK
 from tests.contact_models.persistent.friction import test_closed_forms as closed_forms
 from tests.contact_models.persistent.friction import test_slip_in_space as slip_in_space
 from tests.contact_models.persistent.friction.reading import final

@@ -1,21 +1,27 @@
-"""Margin of sticking contacts: how far forces with a required effect can stay inside all friction cones.
+"""Friction cones of sticking contacts: how far forces are inside them, and how far forces with a required effect can be.
 
     margin = max m   subject to   lam = given + freedom y,   |lam_t,i| <= mu_i lam_n,i - m   for every contact i
 
 The margin is signed: a set of contacts can stick if and only if it is not negative. It is a second-order cone program in a
 few unknowns, solved by a primal-dual interior-point method with the scaling of Nesterov and Todd (Vandenberghe, *The CVXOPT
 linear and quadratic cone program solvers*, 2010).
+
+Small dense linear systems are solved by the functions of LAPACK that NumPy calls too, at several times their cost.
 """
 
 from __future__ import annotations
 
 import math
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.persistent.friction.linear_systems import triangular_solution
+from ffsm_mj.tolerances import EPSILON, RANK
 
+ON_CONE = 1e-13
+"""Rounding of the margin to a friction cone, as a share of the largest force."""
 _MIRROR = np.array((1.0, -1.0, -1.0))
 _ACCURACY = 1e-14
 """Duality gap and residual at which iterations end, in units of the largest force."""
@@ -28,6 +34,73 @@ _STEP = 0.99
 """Share of the step to the boundary of the cones that is taken."""
 _CAP = 10.0
 """Bound on the margin in units of the largest force: internal forces of a wedge have no other."""
+
+
+def solved(system: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution of linear equations; large where they are singular, as at the limit of Painleve's paradox."""
+    solution: FloatArray
+    _, _, solution, singular = _lapack().dgesv(system, right)
+    if singular:
+        return np.asarray(np.linalg.lstsq(system, right, rcond=EPSILON)[0])
+    return solution
+
+
+def triangular_solution(R: FloatArray, right: FloatArray, *, transposed: bool = False) -> FloatArray:
+    """Solution of R x = right, or of R^T x = right, with an upper triangular R; the least one where R is singular."""
+    sizes = np.abs(R.diagonal())
+    if sizes.min() <= EPSILON * sizes.max():
+        return np.asarray(np.linalg.lstsq(R.T if transposed else R, right, rcond=None)[0])
+    solution: FloatArray = _lapack().dtrtrs(R, right, trans=int(transposed))[0]
+    return solution
+
+
+def least_norm_solution(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Least-norm solution x of A x = b with a positive semidefinite A, (k, k), as of ``numpy.linalg.lstsq``."""
+    solve, *work = _solver(len(b))
+    solution: FloatArray = solve(A, b, *work, RANK)[0]
+    return solution
+
+
+@cache
+def _solver(k: int) -> tuple[Any, int, int]:
+    """LAPACK's solver, and sizes of its work space."""
+    lapack = _lapack()
+    size, size_of_integers, _ = lapack.dgelsd_lwork(k, k, 1)
+    return lapack.dgelsd, int(size), int(size_of_integers)
+
+
+@cache
+def _lapack() -> Any:
+    from scipy.linalg import lapack  # a third of a second to import
+
+    return lapack
+
+
+def depth(forces: FloatArray, mu: FloatArray) -> float:
+    """Least of mu lam_n - |lam_t| of some points, N."""
+    each = zip(mu.tolist(), forces.tolist(), strict=True)  # plain floats: of few numbers, these are faster than arrays
+    return float(min([limit * normal - math.hypot(*across) for limit, (normal, *across) in each]))
+
+
+def own_margin(forces: FloatArray, mu: FloatArray, inverse_mass: FloatArray, rounding: FloatArray, largest: float) -> float:
+    """Least margin of sticking points to their own friction cones as an acceleration, m/s^2; negative outside.
+
+    Args:
+        forces: Forces (n, t1, t2) of the m points, N, (m, 3).
+        mu: Coefficients of friction, (m,).
+        inverse_mass: Inverse masses along the normals, 1/kg, (m,).
+        rounding: Rounding of the accelerations, m/s^2, (m,).
+        largest: Largest component of the forces of all points, N.
+    """
+    inertia, allowed = in_accelerations(inverse_mass, rounding, largest)
+    return depth(forces, mu) * inertia + allowed
+
+
+def in_accelerations(inverse_mass: FloatArray, rounding: FloatArray, largest: float) -> tuple[float, float]:
+    """Factor from margins of forces to margins of accelerations, 1/kg, and rounding of the latter, m/s^2."""
+    masses: list[float] = inverse_mass.tolist()
+    inertia = sum(masses) / len(masses)
+    return inertia, ON_CONE * (largest * inertia + max(rounding.tolist()))
 
 
 def cone_margin(given: FloatArray, freedom: FloatArray, mu: FloatArray) -> float:
