@@ -252,7 +252,7 @@ class LogReplay:
         """Integrate to a logged state, which enters the balance; returns the integrated state for comparison."""
         last_s, plant = self._integrate(duration_s), self._plant
         predicted = plant.state_now()
-        differs = not np.array_equal(predicted, state)
+        differs = not bool((predicted == state).all())
         if differs:
             plant.set_state(state)
         self._enter(last_s, is_set=differs)

@@ -168,7 +168,10 @@ class Plant:
 
     def state_now(self) -> FloatArray:
         """Coordinates and rates in ``data``, (nq + nv,), a copy."""
-        return np.concatenate((self.data.qpos, self.data.qvel))
+        data = self.data
+        state, nq = np.empty(len(data.qpos) + len(data.qvel)), len(data.qpos)
+        state[:nq], state[nq:] = data.qpos, data.qvel
+        return state
 
     def set_state(self, state: FloatArray) -> None:
         """Set coordinates and rates, (nq + nv,), and update what follows but applied forces; the motion follows too."""

@@ -8,6 +8,7 @@ import pytest
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.simulation.free_flight import FreeFlight
+from tests.contact_models.persistent.test_steady import held
 
 RUNS = {
     "an impact, a pause and another law": ("baseline", {"duration_s": 11.0}),
@@ -72,6 +73,16 @@ def assert_same(runs):
 def test_a_run_is_the_same_without_free_flight(both, case):
     ticks = assert_same(both(*RUNS[case]))
     assert (ticks > 0) == (case not in ("late ticks", "late commands", "chosen sub-steps"))
+
+
+@pytest.mark.parametrize(("pad", "slip"), [("plates", 0.05), ("balls", 0.05), ("plates", 2e-4)])
+def test_sliding_is_the_same_without_free_flight(both, tmp_path, pad, slip):
+    """To rounding: the loop solves for the directions of slip by other functions. A slow slip stops within the run."""
+    path = held(tmp_path, pad=pad, mu=0.1, squeeze=1.0, slip=slip)
+    (rows, events, _, taken), (other_rows, other_events, _, none) = both(str(path), {})
+    np.testing.assert_allclose(rows, other_rows, rtol=1e-12, atol=1e-12)
+    assert {kind: len(records) for kind, records in events.items()} == {k: len(r) for k, r in other_events.items()}
+    assert (taken > 30, none) == (True, 0)
 
 
 @pytest.mark.long

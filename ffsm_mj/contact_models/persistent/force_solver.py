@@ -1,4 +1,4 @@
-"""Contact forces at the present state under the present efforts, each problem set up once; the active set without friction."""
+"""Contact forces at the present state under the present efforts, each problem set up once; active sets without friction."""
 
 from __future__ import annotations
 
