@@ -98,6 +98,11 @@ class PhaseMachine:
         part = law.in_charge if isinstance(law := phase.law(self._grasp), Parts) else ""
         return f"phase {phase.name!r}, {part}" if part else f"phase {phase.name!r} ({phase.kind})"
 
+    @property
+    def grasp(self) -> str:
+        """Name of the grasp for whose system the law in charge is made; empty: for the system without a grasp."""
+        return self._grasp
+
     def control(self, observation: Observation, command: Command) -> None:
         """Change phase where it is due, then ask its controller, unless a given command leaves it nothing to command."""
         if self.phase_index < 0:

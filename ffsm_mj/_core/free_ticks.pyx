@@ -119,8 +119,10 @@ cdef class FreeTicks:
             if own is None:
                 self.ticks += 1
                 self.count()
-                changes = decide(now)
-                self.line = self.recorder.line  # it may have written an event, and the rows before it
+                try:
+                    changes = decide(now)
+                finally:
+                    self.line = self.recorder.line  # it may have written an event, and the rows before it
             else:
                 if not self.command(own, limits):
                     return  # the loop evaluates it again, and says what is wrong
@@ -149,8 +151,10 @@ cdef class FreeTicks:
             mj.collision(self.watched, self.d)
             if self.overlaps or self.data.ncon:
                 self.count()
-                self.look(time_s)
-                self.line = self.recorder.line
+                try:
+                    self.look(time_s)
+                finally:
+                    self.line = self.recorder.line
         return 0
 
     cdef bint step(

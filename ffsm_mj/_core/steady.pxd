@@ -30,7 +30,7 @@ cdef class RuleColumns:
 
 
 cdef class SteadyContacts:
-    cdef object closed, modes, solver, system, tables
+    cdef object closed, modes, solver, system, tables, accounts
     # Closed contacts, as they were taken over
     cdef object points, pressing, generation, point_modes, evaluator, M
     cdef public bint is_varied  # whether forces are varied by rounding, and those of a decision count

@@ -212,17 +212,19 @@ cdef class SteadyContacts:
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), (self.closed, self.system), (self.tables, np.asarray(self.deepest), np.asarray(self.heat_J))
+        return type(self), (self.closed, self.system), (self.tables, self.accounts)
 
     def __setstate__(self, held):
-        self.tables, self.deepest, self.heat_J = held
+        self.tables, accounts = held
+        self.account_to(*accounts)
 
     def report_to(self, tables):
         """Set the tables of :meth:`write` and :meth:`exchange`."""
         self.tables = tables
 
-    def account_to(self, double[::1] deepest not None, double[::1] heat_J not None):
+    def account_to(self, deepest, heat_J):
         """Set the arrays whose first numbers are the deepest overlap, m, and the heat of friction, J."""
+        self.accounts = deepest, heat_J  # the arrays themselves: others write and read them too
         self.deepest, self.heat_J = deepest, heat_J
 
     cdef bint may_be(self) except -1:

@@ -113,5 +113,5 @@ class ControllerModelPhaseMachine(PhaseMachine):
         super().control(of_model, command)
 
     def in_core(self, command: Command, data: Any) -> LawInCore | None:
-        """See :class:`PhaseMachine`; the model follows the plant before each evaluation."""
-        return self._in_core(command, partial(self._model.follow, data))
+        """See :class:`PhaseMachine`; the model follows the plant before each evaluation. None while an object is grasped."""
+        return None if self.grasp else self._in_core(command, partial(self._model.follow, data))

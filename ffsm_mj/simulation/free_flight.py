@@ -80,7 +80,9 @@ class FreeFlight:
         steps = integrator.begin_core_steps() if plant.control is None else None
         if steps is None:
             return 0, 0.0
-        if (in_core := self._controller.in_core(command, plant.data)) is not None:
+        # The law for another motion takes over at its next evaluation.
+        same = self._controller.grasp == integrator.motion.grasp
+        if (in_core := self._controller.in_core(command, plant.data) if same else None) is not None:
             limits = plant.actuation.limits(in_core.actuators)
             law, until_s = (in_core.law, in_core.until_s) if limits is not None else (None, math.inf)
         begun, made = progress.ticks, progress.steps

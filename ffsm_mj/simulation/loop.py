@@ -247,6 +247,8 @@ class Simulation:
 
     def _fly(self) -> bool:
         """Take the control ticks of free flight; returns whether there are any."""
+        if self._evaluation.pending:  # an event may end the phase: its records are for the controller alone
+            return False
         interrupted = None if self.interrupted is bool else self._poll
         report = None if self.report is None else self._report
         ticks, law_s = self._free_flight.take(self._evaluation.command, self._decide, interrupted, report)

@@ -27,6 +27,10 @@ class TaskController(Protocol):
     def control(self, observation: Observation, command: Command) -> None:
         """Like :meth:`~ffsm_mj.controller_protocol.Controller.control`."""
 
+    @property
+    def grasp(self) -> str:
+        """Name of the grasp for whose system the law in charge is made; empty: for the system without a grasp."""
+
     def in_core(self, command: Command, data: Any) -> LawInCore | None:
         """The law in charge, to be evaluated by the core at control ticks without events; None if it cannot be.
 

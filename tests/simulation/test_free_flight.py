@@ -6,16 +6,31 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.simulation.free_flight import FreeFlight
 from tests.contact_models.persistent.test_steady import held
 
+OSDRE = {"kind": "osdre", "joints": ["joint_1", "joint_2", "joint_3"], "Q": [1.0, 1.0, 0.5, 0.5], "R": [1.0, 1.0, 1.0]}
+UNTIL_CONTACT = {
+    "duration_s": 9.0,
+    "contacts.rules": [{"between": ["gripper", "box"], "restitution": 0.0}],
+    "phases": [
+        {"name": "approach", "until": "contact_begins", "controller": OSDRE},
+        {"name": "after", "until": "end", "controller": {"kind": "off"}},
+    ],
+}
 RUNS = {
     "an impact, a pause and another law": ("baseline", {"duration_s": 11.0}),
     "five steps a tick": ("baseline", {"time_step_s": 0.0002, "duration_s": 1.734}),
     "late ticks": ("baseline", {"actuation.control_jitter_s": 0.0004, "duration_s": 0.5}),
     "late commands": ("baseline", {"actuators.motor_1.delay_s": 0.0013, "duration_s": 0.5}),
     "another model for the law": ("baseline", {"controller_model.robot.base.mass_kg": 50.0, "duration_s": 1.0}),
+    "another model for the law that carries": (
+        "capture-planar",
+        {"duration_s": 10.0, "controller_model.robot.base.mass_kg": 50.0},
+    ),
+    "a phase that ends at an event between ticks": ("push", UNTIL_CONTACT),
     "chosen sub-steps": ("baseline", {"accuracy": 1e-9, "duration_s": 0.5}),
     "damping that the output does not feel, allocation": ("spatial", {"duration_s": 4.0}),
     "valves": ("free-flying-hardware", {"duration_s": 2.0}),
@@ -73,6 +88,30 @@ def assert_same(runs):
 def test_a_run_is_the_same_without_free_flight(both, case):
     ticks = assert_same(both(*RUNS[case]))
     assert (ticks > 0) == (case not in ("late ticks", "late commands", "chosen sub-steps"))
+
+
+def test_an_event_that_cannot_be_written_leaves_the_rows_written_once(monkeypatch):
+    """A sink fails at a phase that begins in free flight: the rows before it are not passed on again."""
+    passed, event, pass_on = [], Recorder.event, Recorder.pass_on
+
+    def failing(self, *records):
+        if any(getattr(record, "name", "") == "second" for record in records):
+            self.pass_on()
+            raise OSError("no space left")
+        event(self, *records)
+
+    def counted(self):
+        passed.append(self.line)
+        pass_on(self)
+
+    monkeypatch.setattr(Recorder, "event", failing)
+    monkeypatch.setattr(Recorder, "pass_on", counted)
+    off = {"kind": "off"}
+    phases = [{"name": "first", "for_s": 0.5, "controller": off}, {"name": "second", "until": "end", "controller": off}]
+    run = prepare("baseline", {"duration_s": 1.0, "phases": phases}).run()
+    assert run.outcome == "internal_error"
+    assert sum(passed) == len(run.log.rows) == 500
+    assert len(run.log.records["internal_errors"]) == 1
 
 
 @pytest.mark.parametrize(("pad", "slip"), [("plates", 0.05), ("balls", 0.05), ("plates", 2e-4)])

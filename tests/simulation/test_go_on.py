@@ -12,6 +12,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.report.plots.time_series import energies
+from tests.contact_models.persistent.test_steady import held
 from tests.controllers.test_script_laws import Damp, settle
 
 SHORT = ["--no-rerun", "-s", "duration_s=0.6"]
@@ -32,6 +33,15 @@ def test_without_changes_it_is_the_same_run(logged, from_s):
     assert rest.time[0] == pytest.approx(np.ceil(from_s / 0.005 - 1e-9) * 0.005, abs=1e-12)
     assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
     assert all(check.passes for check in rest.checks())
+
+
+def test_a_slide_goes_on(tmp_path):
+    """From within a slide, bit for bit: slip, heat and overlap are columns that its steps add to."""
+    whole = ffsm_mj.run(held(tmp_path, mu=0.1, squeeze=1.0, slip=0.05), out=tmp_path / "slide", rerun=False)
+    rest = ffsm_mj.go_on(tmp_path / "slide", 0.02)
+    assert whole["contact.robot_box_mode"][-1] == 4.0
+    assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
+    assert rest["contact.robot_box_heat_J"][-1] > rest["contact.robot_box_heat_J"][0] > 0.0
 
 
 def test_settings_change_there_and_not_before(logged, tmp_path, capsys):
