@@ -376,7 +376,7 @@ cdef class SteadyContacts:
     cdef list slip_speeds(self):
         """Slip speed of each point, m/s."""
         cdef Py_ssize_t p
-        return [sqrt(self.own.velocity(3 * p + 1) ** 2 + self.own.velocity(3 * p + 2) ** 2) for p in range(self.own.points)]
+        return [hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)) for p in range(self.own.points)]
 
     def push(self, data):
         """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
