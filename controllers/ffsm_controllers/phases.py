@@ -133,10 +133,12 @@ class PhaseMachine:
             return None
         phase, places = self.phases[self.phase_index], self._columns[self.phase_index]
         law = phase.law(self._grasp)
+        until_s = min((each.trigger.rests_until_s(self._start_s, law) for each in phase.endings), default=math.inf)
+        if until_s == -math.inf:
+            return None
         # Asking for the method is fifty times faster than isinstance of a protocol.
         if not hasattr(law, "law_of_core") or (of_core := cast("OfCore", law).law_of_core()) is None:
             return None
-        until_s = min((each.trigger.rests_until_s(self._start_s, law) for each in phase.endings), default=math.inf)
         actuators = np.array(cast("OfCore", law).driven_actuators, dtype=np.intp)
         telemetry = np.arange(len(self.telemetry))[places]
         written = actuators, command.effort, command.powered, telemetry, self.telemetry

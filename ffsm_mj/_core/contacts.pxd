@@ -36,6 +36,7 @@ cdef class FrictionState:
     cdef double* along
     cdef double* roughness
     cdef double* slips
+    cdef double* speeds
     cdef double* pushed
     cdef const double[::1] mu
     cdef double kept_margin, forward
@@ -52,6 +53,7 @@ cdef class FrictionState:
     cdef double own_margin(self) except? -2.0
     cdef StageInMemory stage_into(self, double* generalised)
 
+cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double* largest) noexcept
 cdef double directions_of_slip(
     RowMemory own,
     const unsigned char[::1] slides,

@@ -253,6 +253,14 @@ cdef object structure_of(modes, RowMemory own):
     return structure
 
 
+cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double* largest) noexcept:
+    """Whether the tangent rows of a point have rank one in G, (m, m), as in a planar mechanism; their largest eigenvalue."""
+    cdef const double* row = G + (3 * p + 1) * (m + 1)
+    cdef double a = row[0], b = row[1], c = row[m + 1]
+    largest[0] = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+    return a * c - b * b <= _RANK * largest[0] * largest[0]
+
+
 cdef double directions_of_slip(
     RowMemory own,
     const unsigned char[::1] slides,
@@ -275,7 +283,7 @@ cdef double directions_of_slip(
     cdef const double* G = own.delassus()
     cdef const double* axes
     cdef Py_ssize_t p, at, m = own.rows
-    cdef double u, v, first, second, size, a, b, c, largest, angle, least = INFINITY
+    cdef double u, v, first, second, size, largest, angle, least = INFINITY
     for p in range(own.points):
         if not slides[p]:
             continue
@@ -285,12 +293,10 @@ cdef double directions_of_slip(
         size = hypot(first, second)
         if size > 0.0:
             first, second = first / size, second / size
-        a, b, c = G[at], G[at + 1], G[at + m + 1]
-        largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
         u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
         size, least = hypot(u, v), min(least, u * first + v * second)
-        if a * c - b * b <= _RANK * largest * largest:  # it can slip along a line only
-            angle = 0.5 * atan2(2.0 * b, a - c)
+        if slips_along_a_line(G, m, p, &largest):
+            angle = 0.5 * atan2(2.0 * G[at + 1], G[at] - G[at + m + 1])
             u, v, size = cos(angle), sin(angle), 1.0
         elif straight[p] or size == 0.0:
             u, v, size = first, second, 1.0
@@ -312,12 +318,13 @@ cdef class FrictionState:
 
     cdef int set_up(self, contact_points, rows, RowMemory own, modes) except -1:
         self.contact_points, self.rows, self.own, self.modes, self.mu = contact_points, rows, own, modes, modes.mu
-        self.block = room(2 * own.rows + 3 * own.points + own.nv + 1)
+        self.block = room(2 * own.rows + 4 * own.points + own.nv + 1)
         self.b = numbers(self.block)
         self.along = self.b + own.rows
         self.roughness = self.along + own.rows
         self.pushed = self.roughness + own.points
         self.slips = self.pushed + own.nv
+        self.speeds = self.slips + 2 * own.points
         return 0
 
     def __reduce__(self):
@@ -399,7 +406,7 @@ cdef class FrictionState:
         cdef const double* forces
         cdef const double[::1] stop_speeds = self.modes.stop_speeds
         cdef const double* J
-        cdef double speed, largest
+        cdef double largest
         cdef Py_ssize_t p, i, d
         for p in range(self.own.points):
             largest = 0.0
@@ -407,8 +414,8 @@ cdef class FrictionState:
                 J = self.own.J + i * self.own.nv
                 for d in range(self.own.nv):
                     largest = max(largest, fabs(J[d] * self.own.qvel[d]))
-            speed = hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2))
-            if not speed > _AWAY * max(stop_speeds[p], _RATE * (1.0 + largest)):
+            self.speeds[p] = hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2))
+            if not self.speeds[p] > _AWAY * max(stop_speeds[p], _RATE * (1.0 + largest)):
                 return False
         forces = self.present_forces()
         for p in range(self.own.points):

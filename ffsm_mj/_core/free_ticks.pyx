@@ -183,7 +183,7 @@ cdef class FreeTicks:
                 return False
             self.work.close(self.step_s)
             if contacts is not None:
-                self.work.enter(exchange)
+                self.work.add(exchange, exchange + 3, exchange + 9)
             for each in self.after_step:
                 each(self.step_s)
             self.steps += 1

@@ -4,15 +4,14 @@
 import numpy as np
 
 from ffsm_mj.contact_models.persistent.friction.stages import DEVIATION_M_S, Layers, NEAR_STOP, STIFF
-from ffsm_mj.tolerances import RANK
 
 from libc.float cimport DBL_MIN
 from libc.math cimport exp, fabs, hypot
 
-from ffsm_mj._core.contacts cimport FrictionState
+from ffsm_mj._core.contacts cimport FrictionState, slips_along_a_line
 
 
-cdef double _RANK = RANK, _DEVIATION_M_S = DEVIATION_M_S, _NEAR_STOP = NEAR_STOP, _STIFF = STIFF
+cdef double _DEVIATION_M_S = DEVIATION_M_S, _NEAR_STOP = NEAR_STOP, _STIFF = STIFF
 
 
 cdef bint allows_step(FrictionState here, modes, double left_s, double time_s, efforts) except -1:
@@ -27,19 +26,15 @@ cdef bint allows_step(FrictionState here, modes, double left_s, double time_s, e
     """
     cdef const double* G = here.own.delassus()
     cdef const double* forces = here.present_forces()
-    cdef const double* row
     cdef double[:, ::1] found
     cdef const double[::1] deviations, damping, speeds, strengths
     cdef Py_ssize_t p, i, j, m = here.own.rows, count = 0
-    cdef double a, b, c, largest, k, r, along, across, deviation, left, slip
+    cdef double largest, k, r, along, across, deviation, left, slip
     cdef double[2] f
     cdef bint continues
     turning = []
     for p in range(here.own.points):
-        row = G + (3 * p + 1) * (m + 1)
-        a, b, c = row[0], row[1], row[m + 1]
-        largest = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
-        if not a * c - b * b <= _RANK * largest * largest:  # others slip along a line
+        if not slips_along_a_line(G, m, p, &largest):
             turning.append(p)
     if not turning:
         modes.layers = None
@@ -53,9 +48,8 @@ cdef bint allows_step(FrictionState here, modes, double left_s, double time_s, e
     for i, p in enumerate(turning):
         for j in range(2):
             f[j] = product(G + (3 * p + 1 + j) * m, forces, m) + here.b[3 * p + 1 + j]
-        row = G + (3 * p + 1) * (m + 1)
-        largest = 0.5 * (row[0] + row[m + 1]) + hypot(0.5 * (row[0] - row[m + 1]), row[1])
-        r = hypot(here.own.velocity(3 * p + 1), here.own.velocity(3 * p + 2))
+        slips_along_a_line(G, m, p, &largest)
+        r = here.speeds[p]
         k = here.mu[p] * max(forces[3 * p], 0.0) * largest
         along = here.slips[2 * p] * f[0] + here.slips[2 * p + 1] * f[1]
         across = fabs(here.slips[2 * p] * f[1] - here.slips[2 * p + 1] * f[0])

@@ -43,7 +43,6 @@ cdef class SteadyContacts:
     cdef bytearray memory
     cdef double* normal_forces
     cdef double* use
-    cdef double* speeds
     cdef RuleColumns columns
     cdef const double[::1] from_robot
     cdef const double[:, ::1] outside
@@ -67,5 +66,4 @@ cdef class SteadyContacts:
     cdef bint touches_nowhere_else(self) except -1
     cpdef bint goes_on(self, double left_s=*) except -1
     cdef bint slide_on(self, double left_s) except -1
-    cdef list slip_speeds(self)
     cdef bint exchange_into(self, double duration_s, double* sums) except -1

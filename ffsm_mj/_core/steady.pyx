@@ -17,7 +17,7 @@ from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
-from libc.math cimport hypot, NAN, sqrt
+from libc.math cimport NAN, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.contacts cimport (
@@ -256,10 +256,9 @@ cdef class SteadyContacts:
         self.smooth, self.evaluator = solver.smooth, solver.evaluator(self.points)
         self.inside, self.data = solver.stage_forces(self.points, friction=self.frictional), motion.data
         self.applied, self.pushes = motion.data.qfrc_applied, np.zeros(motion.model.nv)
-        self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(3 * len(self.points))
+        self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(2 * len(self.points))
         self.normal_forces = numbers(self.memory)
         self.use = self.normal_forces + <Py_ssize_t>len(self.points)
-        self.speeds = self.use + <Py_ssize_t>len(self.points)
         self.M, pairs = partial(mass_matrix, motion.model, motion.data), closed.clearance.pairs
         self.others, self.is_level = bool(pairs), closed.clearance.flat_pairs.issuperset(pairs)
         shares = Shares.of(self.system, self.points, motion.grasped_bodies)
@@ -370,13 +369,9 @@ cdef class SteadyContacts:
         for p in range(self.own.points):
             for j in range(3):
                 along[p, j] = slips[2 * p] * axes[9 * p + 3 + j] + slips[2 * p + 1] * axes[9 * p + 6 + j]
-        self.modes.slide_on(self.points, self.point_modes, directions, self.slip_speeds())
+        speeds = [self.here.speeds[p] for p in range(self.own.points)]
+        self.modes.slide_on(self.points, self.point_modes, directions, speeds)
         return True
-
-    cdef list slip_speeds(self):
-        """Slip speed of each point, m/s."""
-        cdef Py_ssize_t p
-        return [hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)) for p in range(self.own.points)]
 
     def push(self, data):
         """Add the contact forces to ``data.qfrc_applied``, which holds all other applied forces."""
@@ -417,12 +412,11 @@ cdef class SteadyContacts:
                 self.normal_forces[p] = max(forces[3 * p], 0.0)
                 if self.sliding:
                     self.use[p] = 1.0
-                    self.speeds[p] = hypot(self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2))
             if not self.sliding and not largest_ratio(forces, self.mu, self.use) <= 1.0:
                 return False  # shares of least use are to be found
         else:
             memcpy(self.normal_forces, self.problem.all_held(), n * sizeof(double))
-        speeds = self.speeds if self.sliding else NULL
+        speeds = self.here.speeds if self.sliding else NULL
         self.columns.write(self.groups, self.own.axes, self.normal_forces, forces, self.use, speeds)
         return True
 

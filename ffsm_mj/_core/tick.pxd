@@ -41,7 +41,7 @@ cdef class StepWork:
 
     cpdef int open(self) except -1
     cpdef int close(self, double duration_s) except -1
-    cdef void enter(self, const double* exchange) noexcept
+    cdef void add(self, const double* energy, const double* contact, const double* fixed) noexcept
 
 
 cdef class Limits:

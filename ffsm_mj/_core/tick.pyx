@@ -205,15 +205,21 @@ cdef class StepWork:
             raise ValueError(f"{len(gained)}, {len(contact)} and {len(fixed)} numbers for 3 energies and three impulses")
         self.gained, self.contact, self.fixed = gained, contact, fixed
 
-    cdef void enter(self, const double* exchange) noexcept:
-        """Add energies of three subsystems, impulse of the robot on objects, and impulses of fixed bodies, (21,)."""
+    def enter(self, energy, contact, fixed):
+        """Enter an exchange: energies of three subsystems, impulse of the robot on objects, impulses of fixed bodies, (2, 6)."""
+        cdef double[::1] every = np.concatenate((energy, contact, np.ravel(fixed)), dtype=np.float64)
+        if len(energy) != 3 or len(contact) != 6 or len(every) != 21:
+            raise ValueError(f"an exchange of {len(energy)} energies, {len(contact)} numbers of contacts, {len(every)} in all")
+        self.add(&every[0], &every[3], &every[9])
+
+    cdef void add(self, const double* energy, const double* contact, const double* fixed) noexcept:
         cdef int i
         for i in range(3):
-            self.gained[i] += exchange[i]
+            self.gained[i] += energy[i]
         for i in range(6):
-            self.contact[i] += exchange[3 + i]
+            self.contact[i] += contact[i]
         for i in range(12):
-            self.fixed[i] += exchange[9 + i]
+            self.fixed[i] += fixed[i]
 
     cpdef int open(self) except -1:
         """Begin a step: parts outside take part if an effort in it is external."""

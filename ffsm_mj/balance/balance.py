@@ -227,7 +227,4 @@ class Balance:
             contact: Impulse of the robot on the objects, (6,).
             outside: Impulse of fixed bodies on the robot and on the objects, (2, 6).
         """
-        accounts = self._accounts
-        np.add(accounts.gained, energy_change, out=accounts.gained)
-        np.add(accounts.contact, contact, out=accounts.contact)
-        np.add(accounts.fixed, outside.reshape(-1), out=accounts.fixed)
+        self.work.enter(energy_change, contact, outside)
