@@ -144,8 +144,8 @@ class Actuation:
 
     def limits(self, actuators: IntArray) -> Limits | None:
         """Limits of the bound command while it drives some actuators alone; None if a valve takes part."""
-        switches = self._valves_open or np.isin(self._counted, actuators).any() or self._foreign is not None
-        return None if switches else self._limits
+        switches = self._valves_open or not {i for i, _ in self._valves}.isdisjoint(actuators.tolist())
+        return None if switches or self._foreign is not None else self._limits
 
     def bind(self, command: Command, data: Any) -> None:
         """Bind to the command and the data that :meth:`apply` is going to be called with."""
