@@ -3,30 +3,7 @@ from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
 
 
-cdef class ContactAcceleration:
-    cdef readonly object rows
-    cdef object M
-    cdef dict held
-    cdef RowMemory own
-    cdef bytearray block
-    # Second rates of gaps without contact forces, their rounding, forces that hold all contacts, (k,); forces, (nv,)
-    cdef double* without
-    cdef double* allowed
-    cdef double* holding
-    cdef double* pushed
-    cdef bint is_rounded, has_forces
-
-    cdef int set_up(self, M, rows, RowMemory own) except -1
-    cdef double* roundings(self) except NULL
-    cdef double* all_held(self) except NULL
-    cdef HeldForces problem(self, key)
-    cdef StageInMemory held_stage(self, const double* qvel, double* generalised)
-    cdef bint holds_all(self) except -1
-
-cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, const double* pushes)
-
-
-cdef class FrictionState:
+cdef class ContactEvaluation:
     cdef readonly object contact_points, rows, modes
     cdef RowMemory own
     cdef object kept_problem
@@ -48,6 +25,7 @@ cdef class FrictionState:
     cdef double* roundings(self) except NULL
     cdef double largest_slip(self) noexcept
     cdef bint creeps(self) noexcept
+    cdef double presses(self, Py_ssize_t p) except? -2.0
     cdef double margin(self) except? -2.0
     cdef bint slides_on(self) except -1
     cdef double own_margin(self) except? -2.0
@@ -62,7 +40,7 @@ cdef double directions_of_slip(
     double* slips,
 ) except? -1.0
 cdef object structure_of(modes, RowMemory own)
-cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes)
+cdef ContactEvaluation state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes)
 cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept
 
 
@@ -75,7 +53,7 @@ cdef class StageForces:
     cdef HeldForces held
     cdef StuckPatches patches
     cdef list states
-    cdef bint frictional, sliding
+    cdef bint sliding
     cdef double[::1] force, b, sums
     # Of points that slide with friction: which, which go straight on, directions at the start of the step, and directions
     cdef const unsigned char[::1] slides, straight

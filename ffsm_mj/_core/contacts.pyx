@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Contact problems at one state, without friction and with it, and contact forces in the stages of a step.
+"""The contact problem at one state, and contact forces in the stages of a step.
 
 States inside a step are evaluated once. Points over faces and joint limits are evaluated in memory that is used again from
 stage to stage; others one by one.
@@ -9,222 +9,24 @@ cimport cython
 
 import numpy as np
 
-from ffsm_mj._core.forces import Active
-from ffsm_mj.contact_models.persistent.complementarity import CLEARLY, IMMOVABLE, complementary_forces
 from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE
 from ffsm_mj.contact_models.persistent.friction.problem import NONE, HeldRows
 from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.problem import Solution
 from ffsm_mj.contact_models.persistent.friction.stages import stage_of
-from ffsm_mj.tolerances import ACCELERATION, ACCELERATION_M_S2, CANCELLED, RANK, RATE
+from ffsm_mj.tolerances import CANCELLED, RANK, RATE
 
 from libc.math cimport atan2, cos, fabs, hypot, INFINITY, sin, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.forces cimport HeldForces, of_rows, patches_of
 from ffsm_mj._core.memory cimport numbers, room
-from ffsm_mj._core.rows cimport RowEvaluator, RowMemory, write_rounding, write_scales
+from ffsm_mj._core.rows cimport RowEvaluator, RowMemory, write_rounding
 from ffsm_mj._core.stages cimport empty_stage, finish_stage, generalise, Smooth, StageInMemory
 
 
-cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2, _RATE = RATE
-cdef double _CLEARLY = CLEARLY, _IMMOVABLE = IMMOVABLE
-
-
-@cython.no_gc  # no cycle contains it
-cdef class ContactAcceleration:
-    """The contact problem at one state."""
-
-    def __init__(self, M, rows, const double[::1] force not None):
-        self.set_up(M, rows, rows.memory)
-        if self.own.nv:
-            memcpy(self.pushed, &force[0], self.own.nv * sizeof(double))
-        self.own.accelerate(self.pushed, self.without)
-
-    cdef int set_up(self, M, rows, RowMemory own) except -1:
-        self.M, self.rows, self.own, self.held = M, rows, own, {}
-        self.block = room(3 * own.rows + own.nv + 1)
-        self.without = numbers(self.block)
-        self.allowed = self.without + own.rows
-        self.holding = self.allowed + own.rows
-        self.pushed = self.holding + own.rows
-        return 0
-
-    @property
-    def free(self):
-        """Gap'' without contact forces, m/s^2, (k,)."""
-        return np.frombuffer(self.block)[: self.own.rows]
-
-    @property
-    def force(self):
-        """Generalised forces without the contact forces, less the bias, (nv,)."""
-        at = 3 * self.own.rows
-        return np.frombuffer(self.block)[at : at + self.own.nv]
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.M, self.rows, self.force)
-
-    @property
-    def rounding(self):
-        """Rounding of each gap'', m/s^2, (k,): a share of its largest term."""
-        cdef Py_ssize_t i
-        cdef const double* rounding = self.roundings()
-        return [rounding[i] for i in range(self.own.rows)]
-
-    cdef double* roundings(self) except NULL:
-        cdef RowMemory own = self.own
-        cdef const double* response
-        cdef Py_ssize_t i, d
-        cdef double most
-        if not self.is_rounded:
-            write_scales(self.rows.groups, self.allowed)
-            for i in range(own.rows):
-                response, most = own.response + i * own.nv, max(self.allowed[i], fabs(own.gamma[i]))
-                for d in range(own.nv):
-                    most = max(most, fabs(response[d] * self.pushed[d]))
-                self.allowed[i] = _ACCELERATION_M_S2 + _ACCELERATION * most
-            self.is_rounded = True
-        return self.allowed
-
-    def pushing(self, const double[::1] forces not None):
-        """Contacts whose force accelerates their gap by more than rounding."""
-        cdef Py_ssize_t i, k = self.own.rows
-        cdef const double* G = self.own.delassus()
-        cdef const double* rounding = self.roundings()
-        return [i for i in range(k) if forces[i] * G[i * (k + 1)] > rounding[i]]
-
-    def own_acceleration(self, const double[:] forces not None):
-        """Contribution of each force to gap'' at its own contact, m/s^2, (k,)."""
-        cdef Py_ssize_t i, k = self.own.rows
-        cdef const double* G = self.own.delassus()
-        rates = np.empty(k)
-        cdef double[::1] found = rates
-        for i in range(k):
-            found[i] = forces[i] * G[i * (k + 1)]
-        return rates
-
-    def gap_accelerations(self, const double[:] forces not None):
-        """Gap'' under given forces, m/s^2, (k,)."""
-        cdef Py_ssize_t i, j, k = self.own.rows
-        cdef const double* G = self.own.delassus()
-        rates = np.empty(k)
-        cdef double[::1] found = rates
-        for i in range(k):
-            found[i] = self.without[i]
-            for j in range(k):
-                found[i] += G[i * k + j] * forces[j]
-        return rates
-
-    def bilateral_forces(self, which):
-        """Forces that keep gap'' = 0 at some contacts, of either sign, N, (k,); zero at the others."""
-        cdef double[::1] found
-        cdef Py_ssize_t i, k = self.own.rows
-        key = tuple(which)
-        forces = self.held.get(key)
-        if forces is None and len(key) == k:
-            self.all_held()
-            forces = self.held[key] = np.frombuffer(self.block)[2 * k : 3 * k]
-        elif forces is None:
-            forces = self.held[key] = np.zeros(k)
-            found = forces
-            if len(key) == 1:
-                i = key[0]
-                found[i] = -self.without[i] / self.own.delassus()[i * (k + 1)]
-            elif key:
-                self.problem(key).write_forces(self.without, &found[0])
-        return forces
-
-    cdef double* all_held(self) except NULL:
-        """Forces that keep gap'' = 0 at all contacts, N, (k,)."""
-        cdef Py_ssize_t k = self.own.rows
-        if not self.has_forces:
-            memset(self.holding, 0, k * sizeof(double))
-            if k == 1:
-                self.holding[0] = -self.without[0] / self.own.delassus()[0]
-            elif k:
-                self.problem(tuple(range(k))).write_forces(self.without, self.holding)
-            self.has_forces = True
-        return self.holding
-
-    cdef HeldForces problem(self, key):
-        """The linear problem of active contacts: the same under several efforts."""
-        problem = self.rows.held.get(key)
-        if problem is None:
-            active = Active(self.own.rows, np.array(key, dtype=np.intp))
-            problem = self.rows.held[key] = of_rows(self.own, active)
-        return problem
-
-    def validity(self, which):
-        """Margin by which some active contacts push and gap'' = 0 everywhere, m/s^2."""
-        cdef Py_ssize_t i, j, k = self.own.rows
-        cdef const double* G = self.own.delassus()
-        cdef const double[::1] forces = self.bilateral_forces(which)
-        cdef double opens, allowed, least = INFINITY
-        cdef const double* rounding = self.roundings()
-        for i in range(k):
-            opens, allowed = self.without[i], _CLEARLY * rounding[i]
-            for j in range(k):
-                opens += G[i * k + j] * forces[j]
-            least = min(least, min(forces[i] * G[i * (k + 1)] + allowed, allowed - fabs(opens)))
-        return least
-
-    def stage(self, const double[::1] qvel not None):
-        """A stage in which all contacts are active, and the generalised forces, (nv,)."""
-        generalised = np.empty(self.own.nv)
-        cdef double[::1] sums = generalised
-        return self.held_stage(&qvel[0], &sums[0]), generalised
-
-    cdef StageInMemory held_stage(self, const double* qvel, double* generalised):
-        cdef RowMemory own = self.own
-        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), False, False)
-        memcpy(stage.along, self.all_held(), own.rows * sizeof(double))
-        generalise(stage.along, own, generalised)
-        finish_stage(stage, own, qvel, generalised)
-        return stage
-
-    cdef bint holds_all(self) except -1:
-        """Whether all contacts push, each by more than rounding: their forces are then those that hold them."""
-        cdef Py_ssize_t i, j, k = self.own.rows
-        cdef const double* G = self.own.delassus()
-        cdef const double* rounding = self.roundings()
-        cdef const double* forces
-        cdef double opens, allowed
-        if k == 1 and not G[0] > _IMMOVABLE:
-            return False
-        forces = self.all_held()
-        if k == 1:
-            return forces[0] * G[0] > rounding[0]
-        for i in range(k):
-            opens, allowed = self.without[i], _CLEARLY * rounding[i]
-            for j in range(k):
-                opens += G[i * k + j] * forces[j]
-            if not (forces[i] * G[i * (k + 1)] > allowed and fabs(opens) <= allowed):
-                return False
-        return True
-
-    def unilateral_forces(self, expected=()):
-        """Solution of the complementarity problem, N, (k,); redundant contacts share the load by least norm.
-
-        Args:
-            expected: Contacts that probably carry force, such as the active set of the last step; tried first.
-        """
-        if self.own.rows > 1 and len(expected) == self.own.rows and self.holds_all():
-            return self.bilateral_forces(range(self.own.rows))
-        return complementary_forces(self, self.M, expected)
-
-
-cdef ContactAcceleration problem_under(M, rows, RowMemory own, Smooth smooth, const double* pushes):
-    """The problem under the smooth forces at the current state and applied forces, (nv,)."""
-    cdef ContactAcceleration found = ContactAcceleration.__new__(ContactAcceleration)
-    found.set_up(M, rows, own)
-    smooth.write_force(pushes, found.pushed)
-    own.accelerate(found.pushed, found.without)
-    return found
-
-
-cdef double _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED, _RANK = RANK
+cdef double _RATE = RATE, _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUNDING, _CANCELLED = CANCELLED, _RANK = RANK
 
 
 # Points slide on, without a decision on the modes, above this many times the speeds at which they stop and the rounding of
@@ -307,7 +109,7 @@ cdef double directions_of_slip(
 
 
 @cython.no_gc  # no cycle contains it
-cdef class FrictionState:
+cdef class ContactEvaluation:
     """What stages and decisions need of k contact points at one state."""
 
     def __init__(self, contact_points, rows, const double[::1] force not None, modes):
@@ -388,9 +190,10 @@ cdef class FrictionState:
         cdef Py_ssize_t p
         cdef double u, v, most = self.modes.drift_m_s
         for p in range(self.own.points):
-            u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
-            if not u * u + v * v <= most * most:
-                return False
+            if self.own.rubs[p]:
+                u, v = self.own.velocity(3 * p + 1), self.own.velocity(3 * p + 2)
+                if not u * u + v * v <= most * most:
+                    return False
         return True
 
     cdef double largest_slip(self) noexcept:
@@ -398,18 +201,21 @@ cdef class FrictionState:
         cdef Py_ssize_t p
         cdef double most = 0.0
         for p in range(self.own.points):
-            most = max(most, max(fabs(self.own.velocity(3 * p + 1)), fabs(self.own.velocity(3 * p + 2))))
+            if self.own.rubs[p]:
+                most = max(most, max(fabs(self.own.velocity(3 * p + 1)), fabs(self.own.velocity(3 * p + 2))))
         return most
 
     cdef bint slides_on(self) except -1:
-        """Whether points that all slide go on to: far from their stops and from a turn about, with normal forces that press."""
+        """Whether points that slide go on to: far from their stops and from a turn about, with normal forces that press."""
         cdef const double* forces
         cdef const double[::1] stop_speeds = self.modes.stop_speeds
         cdef const double* J
         cdef double largest
         cdef Py_ssize_t p, i, d
         for p in range(self.own.points):
-            largest = 0.0
+            largest, self.speeds[p] = 0.0, 0.0
+            if not self.own.rubs[p]:
+                continue
             for i in range(3 * p, 3 * p + 3):
                 J = self.own.J + i * self.own.nv
                 for d in range(self.own.nv):
@@ -419,12 +225,19 @@ cdef class FrictionState:
                 return False
         forces = self.present_forces()
         for p in range(self.own.points):
-            if not forces[3 * p] > 0.0:
+            if not forces[3 * p] > 0.0 or (not self.own.rubs[p] and not self.presses(p) >= 0.0):
                 return False
         return self.forward > 0.0 and self.held().has_sign()
 
+    cdef double presses(self, Py_ssize_t p) except? -2.0:
+        """Margin by which the normal force of a point exceeds its rounding, m/s^2."""
+        return self.present_forces()[3 * p] * self.own.inverse_mass(3 * p) - self.roundings()[p]
+
     cdef double margin(self) except? -2.0:
-        """Least margin of the points to their own cones, m/s^2, if all stick and none slips; negative otherwise."""
+        """Least margin of the points to their own cones, m/s^2, if all stick and none slips; negative otherwise.
+
+        Points without friction press instead: of them it is that of their normal forces.
+        """
         if not self.has_margin:
             self.has_margin = True
             self.kept_margin = self.own_margin() if self.modes.all_stick and self.creeps() else -1.0
@@ -435,19 +248,28 @@ cdef class FrictionState:
         cdef const double* rounding = self.roundings()
         cdef Py_ssize_t p
         cdef int j
-        cdef double least = 0.0, largest = 0.0, roughest = 0.0, inertia = 0.0, depth
+        cdef double least = INFINITY, largest = 0.0, roughest = 0.0, inertia = 0.0, pressing = INFINITY
+        cdef Py_ssize_t sticking = 0
         for p in range(self.own.points):
-            depth = self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2])
-            least = depth if p == 0 or depth < least else least
-            roughest, inertia = max(roughest, rounding[p]), inertia + self.own.inverse_mass(3 * p)
+            if self.own.rubs[p]:
+                least = min(least, self.mu[p] * forces[0] - sqrt(forces[1] * forces[1] + forces[2] * forces[2]))
+                roughest, inertia = max(roughest, rounding[p]), inertia + self.own.inverse_mass(3 * p)
+                sticking += 1
+            else:
+                pressing = min(pressing, self.presses(p))
             for j in range(3):
                 largest = max(largest, fabs(forces[j]))
             forces += 3
-        inertia /= self.own.points
-        return least * inertia + _ON_CONE * (largest * inertia + roughest)
+        if not sticking:
+            return pressing
+        inertia /= sticking
+        return min(pressing, least * inertia + _ON_CONE * (largest * inertia + roughest))
 
     def sticking(self):
-        """The solution if all points stick and may go on to do so: none slips, and each is inside its own cone."""
+        """The solution if all points stick and may go on to do so: none slips, and each is inside its own cone.
+
+        Those without friction press.
+        """
         cdef double[:, ::1] accelerations
         cdef const double* G
         cdef const double* forces
@@ -483,7 +305,7 @@ cdef class FrictionState:
     cdef StageInMemory stage_into(self, double* generalised):
         cdef RowMemory own = self.own
         cdef bint slides = self.modes.any_slides
-        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), True, slides)
+        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), slides)
         memcpy(stage.along, self.present_forces(), own.rows * sizeof(double))
         generalise(stage.along, own, generalised)
         finish_stage(stage, own, own.qvel, generalised)
@@ -492,9 +314,9 @@ cdef class FrictionState:
         return stage
 
 
-cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes):
+cdef ContactEvaluation state_under(contact_points, rows, RowMemory own, modes, Smooth smooth, const double* pushes):
     """The points under the smooth forces at the current state and applied forces, (nv,)."""
-    cdef FrictionState here = FrictionState.__new__(FrictionState)
+    cdef ContactEvaluation here = ContactEvaluation.__new__(ContactEvaluation)
     here.set_up(contact_points, rows, own, modes)
     smooth.write_force(pushes, here.pushed)
     own.accelerate(here.pushed, here.b)
@@ -502,7 +324,7 @@ cdef FrictionState state_under(contact_points, rows, RowMemory own, modes, Smoot
 
 
 cdef double largest_ratio(const double* forces, const double[::1] mu, double* ratios) noexcept:
-    """Ratios of friction to its limit, see ``FrictionState.limit_ratios``, and the largest of them."""
+    """Ratios of friction to its limit, see ``ContactEvaluation.limit_ratios``, and the largest of them."""
     cdef Py_ssize_t p
     cdef double friction, limit, rounding = 0.0, largest = 0.0
     for p in range(3 * mu.shape[0]):
@@ -520,22 +342,19 @@ cdef class StageForces:
 
     def __init__(self, smooth, evaluator, contact_points, modes):
         self.given = smooth, evaluator, contact_points, modes
-        self.contact_points, self.modes, self.frictional = contact_points, modes, modes is not None
+        self.contact_points, self.modes = contact_points, modes
         self.smooth, self.evaluator = smooth, evaluator
         if self.smooth.motion.loops is None:
             self.states = self.evaluator.groups_in_memory()
         if self.states is None:
             return
-        self.own = self.evaluator.empty(self.frictional)
+        self.own = self.evaluator.empty()
         self.force, self.b, self.sums = np.empty(self.own.nv), np.empty(self.own.rows), np.empty(self.own.nv)
-        if self.frictional:
-            self.patches = patches_of(self.evaluator) if modes.all_stick else None
-            self.sliding = modes.any_slides
-            if self.sliding:
-                self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
-                self.directions, self.slips = modes.directions, np.zeros((self.own.points, 2))
-        else:
-            self.structure = Active(self.own.rows, np.arange(self.own.rows))
+        self.patches = patches_of(self.evaluator) if modes.all_stick else None
+        self.sliding = modes.any_slides
+        if self.sliding:
+            self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
+            self.directions, self.slips = modes.directions, np.zeros((self.own.points, 2))
 
     def __reduce__(self):
         """How a saved state of a simulation holds it: it has no memory."""
@@ -552,8 +371,8 @@ cdef class StageForces:
         if self.states is None:
             return self.add_one_by_one(applied)
         self.smooth.write_force(&applied[0], &self.force[0])
-        self.evaluator.evaluate(self.states, own, self.frictional)
-        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.frictional, self.sliding)
+        self.evaluator.evaluate(self.states, own)
+        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.sliding)
         if self.patches is not None and self.patches.prepare(self.states, own):
             self.patches.solve(own, &self.force[0], stage.along, &self.sums[0])
         else:
@@ -571,13 +390,10 @@ cdef class StageForces:
         cdef const double[::1] sums
         motion = self.smooth.motion
         force = self.smooth.force(applied.base)
-        rows = self.evaluator.frictional_rows() if self.frictional else self.evaluator.rows()
+        rows = self.evaluator.rows()
         if motion.loops is not None:
             rows.close_loops(motion.loops)
-        if self.frictional:
-            stage, generalised = stage_of(FrictionState(self.contact_points, rows, force, self.modes))
-        else:
-            stage, generalised = ContactAcceleration(None, rows, force).stage(motion.data.qvel)
+        stage, generalised = stage_of(ContactEvaluation(self.contact_points, rows, force, self.modes))
         sums = generalised
         for d in range(applied.shape[0]):
             applied[d] += sums[d]
@@ -586,7 +402,7 @@ cdef class StageForces:
     cdef int hold_rows(self, StageInMemory stage) except -1:
         """Find the forces that hold the rows of all points, and the generalised forces."""
         cdef RowMemory own = self.own
-        self.evaluator.combine(own, 3 if self.frictional else 1)
+        self.evaluator.combine(own)
         own.accelerate(&self.force[0], &self.b[0])
         memset(stage.along, 0, own.rows * sizeof(double))
         self.hold()
@@ -599,10 +415,9 @@ cdef class StageForces:
 
     cdef int hold(self) except -1:
         """Take the rows that are held in this step, as the start of the step determined them, and their matrix."""
-        if self.frictional:
-            structure = structure_of(self.modes, self.own)
-            if structure is not self.structure:
-                self.structure, self.held = structure, None
+        structure = structure_of(self.modes, self.own)
+        if structure is not self.structure:
+            self.structure, self.held = structure, None
         if self.held is None:
             self.held = of_rows(self.own, self.structure)
         else:

@@ -38,7 +38,7 @@ cdef class FaceState:
     cdef double normal_rate(self, const Twist* body, const double* arm) noexcept
     cdef double normal_gamma(self, Py_ssize_t p) noexcept
     cdef void outward(self, double* normal) noexcept
-    cdef void normal_rows(self, double* rows, double* gamma, Py_ssize_t stride) noexcept
+    cdef void normal_rows(self, double* rows, double* gamma) noexcept
     cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept
     cdef double inside(self, Py_ssize_t p) except? -1.0
     cdef Py_ssize_t write_scales(self, double* scales) noexcept

@@ -197,14 +197,14 @@ cdef class FaceState:
         for i in range(3):
             normal[i] = self.sign * self.normal[i]
 
-    cdef void normal_rows(self, double* rows, double* gamma, Py_ssize_t stride) noexcept:
-        """Write the wrench rows of the normals and the second rates of the gaps at qacc = 0, every so many rows."""
+    cdef void normal_rows(self, double* rows, double* gamma) noexcept:
+        """Write the wrench rows of the normals and the second rates of the gaps at qacc = 0 into rows (n, t1, t2)."""
         cdef Py_ssize_t p
         cdef double[3] normal
         self.outward(normal)
         for p in range(self.count):
-            self.wrench_row(normal, self.own + p * COLUMNS + PLACE, rows + 6 * stride * p)
-            gamma[stride * p] = self.normal_gamma(p)
+            self.wrench_row(normal, self.own + p * COLUMNS + PLACE, rows + 18 * p)
+            gamma[3 * p] = self.normal_gamma(p)
 
     cdef void tangential_rows(self, const double* tangents, double* rows, double* gamma) noexcept:
         """Write the wrench rows of two tangents and the rates along these into rows (n, t1, t2) of each point."""

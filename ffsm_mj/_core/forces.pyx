@@ -32,7 +32,7 @@ NONE = np.zeros(0, dtype=np.intp)
 
 
 class Active(NamedTuple):
-    """Active contacts without friction, as a structure of held rows; see ``friction/problem.py``."""
+    """Rows that are all held, as a structure of held rows; see ``friction/problem.py``."""
 
     count: int
     rows: object
@@ -311,7 +311,7 @@ cdef class StuckPatches:
         for i, group in enumerate(evaluator.groups):
             self.groups_of_pairs[group.pair].append(i)
             self.counts[group.pair] += group.count
-            self.possible = self.possible and group.on_face is not None
+            self.possible = self.possible and group.on_face is not None and group.rubs
         for q in range(self.pairs):
             self.possible = self.possible and self.counts[q] != 2
             self.starts[q + 1] = self.starts[q] + (3 if self.counts[q] == 1 else 6)

@@ -6,7 +6,8 @@ cdef class RowMemory:
     cdef readonly Py_ssize_t points, rows, nv
     cdef readonly tuple counts
     cdef bytearray block, G_block
-    cdef bint frictional
+    cdef bytes kept_rubs
+    cdef const unsigned char* rubs
     cdef double* start
     cdef double* J
     cdef double* response
@@ -18,6 +19,7 @@ cdef class RowMemory:
     cdef double* G
     cdef bint has_G
 
+    cdef bint moves(self, Py_ssize_t i) noexcept
     cdef void renew(self) noexcept
     cdef void accelerate(self, const double* force, double* found) noexcept
     cdef double velocity(self, Py_ssize_t i) noexcept
@@ -35,7 +37,8 @@ cdef class Group:
 cdef class RowEvaluator:
     cdef readonly list at_limits
     cdef list groups, limits
-    cdef tuple counts, frictional_counts
+    cdef tuple counts
+    cdef bytes rubs
     cdef const mjModel* m
     cdef mjData* d
     cdef readonly object data
@@ -51,17 +54,15 @@ cdef class RowEvaluator:
 
     cdef int evaluate_twists(self) except -1
     cdef int evaluate_pairs(self) except -1
-    cdef int combine(self, RowMemory own, Py_ssize_t per_point) except -1
+    cdef int combine(self, RowMemory own) except -1
     cdef object twist(self, Py_ssize_t body)
     cdef list states(self)
     cdef object state(self, Group group)
     cdef list groups_in_memory(self)
-    cdef RowMemory empty(self, bint frictional)
-    cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1
-    cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1
-    cdef int write_wrenches(self, list states, RowMemory own, bint frictional) except -1
-    cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1
-    cdef int write_frictional_rows(self, Group group, state, RowMemory own) except -1
+    cdef RowMemory empty(self)
+    cdef int evaluate(self, list states, RowMemory own) except -1
+    cdef int write_wrenches(self, list states, RowMemory own) except -1
+    cdef int write_group(self, Group group, state, RowMemory own) except -1
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1
 
 cdef int write_scales(list groups, double* scales) except -1

@@ -4,7 +4,7 @@ from typing import Any
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.point_rows import ContactRows, FrictionalRows
+from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.dynamics.motion import Motion
 
 class RowMemory:
@@ -21,5 +21,4 @@ class RowEvaluator:
         contact_points: Sequence[ContactPoint],
         flat: Collection[UnilateralConstraint] = (),
     ) -> None: ...
-    def rows(self) -> ContactRows: ...
-    def frictional_rows(self) -> FrictionalRows: ...
+    def rows(self) -> PointRows: ...

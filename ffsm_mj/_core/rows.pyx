@@ -1,12 +1,13 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Contact Jacobians: gap' = J qdot and gap'' = J qddot + gamma for each contact point and joint limit, at one state.
 
-With friction, rows of two tangents follow each normal: the relative velocity u = v_b(c) - v_a(c) of the two material points
-at the contact point c, which moves at c' over both, has the rate
+Rows of two tangents follow each normal: the relative velocity u = v_b(c) - v_a(c) of the two material points at the contact
+point c, which moves at c' over both, has the rate
 
     u' = a_b(c) + omega_b x (c' - v_b(c)) - a_a(c) - omega_a x (c' - v_a(c))
 
-along tangents that are fixed in space, with the accelerations a(c) of the material points.
+along tangents that are fixed in space, with the accelerations a(c) of the material points. Without friction, and at a joint
+limit, these rows are zero, and loops leave them out.
 
 The rows of a point are combinations of the six of the relative twist of its bodies, see ``contact_points.py``. They are in one
 block of memory, of which arrays are made when Python asks for them. Points over faces are evaluated here, points of other
@@ -22,7 +23,7 @@ import numpy as np
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.point_rows import ContactRows, Extremes, FrictionalRows
+from ffsm_mj.contact_models.persistent.point_rows import Extremes, PointRows
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
 from ffsm_mj.contact_models.persistent.contact_points import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, chain, PairTwist
@@ -40,16 +41,15 @@ from ffsm_mj._core.memory cimport numbers, room, zeros
 cdef class RowMemory:
     """Rows of groups of points at one state.
 
-    J and J M^-1, (m, nv), gamma, (m,), the wrench rows, (m, 6), and their centres, (g, 3); with friction axes, (k, 3, 3), and
-    rates, (nv,). The Delassus matrix J M^-1 J^T, (m, m), is computed when it is needed.
+    J and J M^-1, (m, nv), gamma, (m,), the wrench rows, (m, 6), their centres, (g, 3), axes, (k, 3, 3), and rates, (nv,). The
+    Delassus matrix J M^-1 J^T, (m, m), is computed when it is needed.
     """
 
-    def __init__(self, Py_ssize_t points, tuple counts, Py_ssize_t nv, bint frictional, block=None):
-        cdef Py_ssize_t rows = 0, count, size
-        for count in counts:
-            rows += count
-        self.points, self.rows, self.nv, self.counts, self.frictional = points, rows, nv, counts, frictional
-        size = 2 * rows * nv + 7 * rows + 3 * len(counts) + (9 * points + nv if frictional else 0)
+    def __init__(self, tuple counts, bytes rubs, Py_ssize_t nv, block=None):
+        cdef Py_ssize_t points = len(rubs), rows = 3 * points, size
+        self.points, self.rows, self.nv, self.counts, self.kept_rubs = points, rows, nv, counts, rubs
+        self.rubs = <const unsigned char*><const char*>rubs
+        size = 2 * rows * nv + 7 * rows + 3 * len(counts) + 9 * points + nv
         self.block = zeros(size + 1) if block is None else bytearray(block)
         self.start = self.J = numbers(self.block)
         self.response, self.gamma = self.J + rows * nv, self.J + 2 * rows * nv
@@ -60,7 +60,11 @@ cdef class RowMemory:
 
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
-        return type(self), (self.points, self.counts, self.nv, self.frictional, bytes(self.block))
+        return type(self), (self.counts, self.kept_rubs, self.nv, bytes(self.block))
+
+    cdef inline bint moves(self, Py_ssize_t i) noexcept:
+        """Whether a row is not that of a tangent without friction."""
+        return i % 3 == 0 or self.rubs[i // 3]
 
     cdef int write_resultants(self, const double* forces, double* out) except -1:
         """Write force, and moment about the world origin, on geom b of each group, (g, 6), for forces along the rows."""
@@ -107,12 +111,16 @@ cdef class RowMemory:
         cdef const double* J
         if not self.has_G:
             if self.G == NULL:
-                self.G_block = room(rows * rows + 1)
+                self.G_block = zeros(rows * rows + 1)
                 self.G = numbers(self.G_block)
             G, self.has_G = self.G, True
             for i in range(rows):
+                if not self.moves(i):
+                    continue
                 response = self.response + i * nv
                 for j in range(i + 1):
+                    if not self.moves(j):
+                        continue
                     J, total = self.J + j * nv, 0.0
                     for d in range(nv):
                         total += response[d] * J[d]
@@ -126,12 +134,13 @@ cdef class RowMemory:
         cdef const double* response
         for i in range(self.rows):
             response, total = self.response + i * self.nv, self.gamma[i]
-            for d in range(self.nv):
-                total += response[d] * force[d]
+            if self.moves(i):
+                for d in range(self.nv):
+                    total += response[d] * force[d]
             found[i] = total
 
     cdef double velocity(self, Py_ssize_t i) noexcept:
-        """Velocity along a row, m/s; with friction."""
+        """Velocity along a row, m/s."""
         cdef Py_ssize_t d
         cdef const double* J = self.J + i * self.nv
         cdef double total = 0.0
@@ -203,14 +212,14 @@ cdef int write_scales(list groups, double* scales) except -1:
 
 
 cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1:
-    """Write the rounding of the accelerations of each point with friction under a generalised force, m/s^2."""
+    """Write the rounding of the accelerations of each point under a generalised force, m/s^2."""
     cdef Py_ssize_t p, j, d, nv = own.nv
     cdef const double* response
     cdef double most
     write_scales(groups, found)
     for p in range(own.points):
         most = found[p]
-        for j in range(3 * p, 3 * p + 3):
+        for j in range(3 * p, 3 * p + (3 if own.rubs[p] else 1)):
             most, response = max(most, fabs(own.gamma[j])), own.response + j * nv
             for d in range(nv):
                 most = max(most, fabs(response[d] * force[d]))
@@ -278,22 +287,14 @@ cdef object resultant_of(list groups, part, const double[:] forces, friction):
     return vectors[0], vectors[1], vectors[2]
 
 
-class _InMemory:
-    """What loops over the points find."""
+class RowsInMemory(PointRows):
+    """Rows of points, with what loops over these find."""
 
     extremes = cached_property(lambda self: extremes_of(self.groups))
 
     def resultant(self, part, forces, friction):
         """Resultant force of the points of one pair, its centre, and the mean unit normal."""
         return resultant_of(self.groups, part, forces, friction)
-
-
-class RowsInMemory(_InMemory, ContactRows):
-    """Rows of the normals."""
-
-
-class FrictionalRowsInMemory(_InMemory, FrictionalRows):
-    """Rows of normals and tangents."""
 
     def largest_slip(self, which):
         """Largest slip of some points along a tangent, m/s; which, (k,)."""
@@ -302,7 +303,7 @@ class FrictionalRowsInMemory(_InMemory, FrictionalRows):
         cdef Py_ssize_t p
         cdef double most = 0.0
         for p in range(own.points):
-            if chosen[p]:
+            if chosen[p] and own.rubs[p]:
                 most = max(most, max(fabs(own.velocity(3 * p + 1)), fabs(own.velocity(3 * p + 2))))
         return most
 
@@ -358,8 +359,8 @@ cdef class RowEvaluator:
             group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
             group.pair = pairs.setdefault((group.b, group.a), len(pairs))
             self.groups.append(group)
-        self.counts = tuple([len(contact_points[run]) for run in runs])
-        self.frictional_counts = tuple([3 * count for count in self.counts])
+        self.counts = tuple([3 * len(contact_points[run]) for run in runs])
+        self.rubs = bytes([each.pair.mu > 0.0 for each in contact_points])
         self.pairs = np.array(list(pairs), dtype=np.intp).reshape(-1, 2)
         self.bodies = len(bodies)
         self.memory = np.zeros((len(bodies) + 1, sizeof(Twist) // sizeof(double)))
@@ -426,7 +427,7 @@ cdef class RowEvaluator:
             mj.solveM(self.m, self.d, &self.responses[0, 0], &self.own[0, 0], <int>(self.own.shape[0] - 1))
         return 0
 
-    cdef int combine(self, RowMemory own, Py_ssize_t per_point) except -1:
+    cdef int combine(self, RowMemory own) except -1:
         """Write J and J M^-1 of all points."""
         cdef Group group
         cdef Py_ssize_t i, d, at, row, n = self.nv
@@ -437,7 +438,9 @@ cdef class RowEvaluator:
         cdef double* J
         cdef double* answers
         for group in self.groups:
-            for i in range(per_point * group.start, per_point * (group.start + group.count)):
+            for i in range(3 * group.start, 3 * (group.start + group.count)):
+                if not own.moves(i):
+                    continue
                 J, answers = own.J + i * n, own.response + i * n
                 for j in range(6):
                     share = own.wrenches[6 * i + j]
@@ -449,8 +452,8 @@ cdef class RowEvaluator:
                             answers[d] += share * response[d]
         for at, row in self.limits:
             for d in range(n):
-                own.J[per_point * at * n + d] = self.own[row, d]
-                own.response[per_point * at * n + d] = self.responses[row, d]
+                own.J[3 * at * n + d] = self.own[row, d]
+                own.response[3 * at * n + d] = self.responses[row, d]
         return 0
 
     cdef object twist(self, Py_ssize_t body):
@@ -479,11 +482,11 @@ cdef class RowEvaluator:
             return None
         return [None if group.is_limit else group.on_face.at_state(&self.twists[group.b], &self.twists[group.a]) for group in self.groups]
 
-    cdef RowMemory empty(self, bint frictional):
+    cdef RowMemory empty(self):
         """Memory for the rows."""
-        return RowMemory(self.k, self.frictional_counts if frictional else self.counts, self.nv, frictional)
+        return RowMemory(self.counts, self.rubs, self.nv)
 
-    cdef int evaluate(self, list states, RowMemory own, bint frictional) except -1:
+    cdef int evaluate(self, list states, RowMemory own) except -1:
         """Evaluate points of :meth:`groups_in_memory` and their wrench rows at the current state; mass matrix factored.
 
         :meth:`combine` completes the rows.
@@ -495,14 +498,9 @@ cdef class RowEvaluator:
             if state is not None:
                 (<FaceState>state).move(&self.twists[group.b], &self.twists[group.a])
         own.renew()
-        return self.write_wrenches(states, own, frictional)
+        return self.write_wrenches(states, own)
 
-    cdef int write_rows(self, list states, RowMemory own, bint frictional) except -1:
-        """Write the rows of the points, which are zero."""
-        self.write_wrenches(states, own, frictional)
-        return self.combine(own, 3 if frictional else 1)
-
-    cdef int write_wrenches(self, list states, RowMemory own, bint frictional) except -1:
+    cdef int write_wrenches(self, list states, RowMemory own) except -1:
         """Write the wrench rows of the points, their centres and gamma."""
         cdef Group group
         cdef Py_ssize_t g, d
@@ -510,26 +508,13 @@ cdef class RowEvaluator:
             group, state = self.groups[g], states[g]
             for d in range(3):
                 own.centres[3 * g + d] = self.twists[group.b].centre[d]
-            if state is None:
-                continue
-            if frictional:
-                self.write_frictional_rows(group, state, own)
-            else:
-                self.write_normal_rows(group, state, own)
-        if frictional:
-            for d in range(self.nv):
-                own.qvel[d] = self.rates[d]
+            if state is not None:
+                self.write_group(group, state, own)
+        for d in range(self.nv):
+            own.qvel[d] = self.rates[d]
         return 0
 
-    cdef int write_normal_rows(self, Group group, state, RowMemory own) except -1:
-        if group.on_face is not None:
-            (<FaceState>state).normal_rows(own.wrenches + 6 * group.start, own.gamma + group.start, 1)
-            return 0
-        part = slice(group.start, group.start + group.count)
-        state.normal_rows(own.array("wrenches")[part], own.array("gamma")[part])
-        return 0
-
-    cdef int write_frictional_rows(self, Group group, state, RowMemory own) except -1:
+    cdef int write_group(self, Group group, state, RowMemory own) except -1:
         cdef Py_ssize_t p
         cdef int i
         cdef double[3] normal
@@ -538,7 +523,7 @@ cdef class RowEvaluator:
         cdef double* gamma = own.gamma + 3 * group.start
         if group.on_face is None:
             return self.other_rows(group, state, own.array("axes"), own.array("wrenches"), own.array("gamma"))
-        (<FaceState>state).normal_rows(rows, gamma, 3)
+        (<FaceState>state).normal_rows(rows, gamma)
         (<FaceState>state).outward(normal)
         for i in range(6):
             across[i] = 0.0
@@ -551,18 +536,12 @@ cdef class RowEvaluator:
         return 0
 
     def rows(self):
-        """Rows of the normals; positions and velocities current, mass matrix factored."""
-        cdef RowMemory own = self.empty(False)
-        cdef list states = self.states()
-        self.write_rows(states, own, False)
-        return RowsInMemory(states, own)
-
-    def frictional_rows(self):
         """Rows of normals and tangents; positions and velocities current, mass matrix factored."""
-        cdef RowMemory own = self.empty(True)
+        cdef RowMemory own = self.empty()
         cdef list states = self.states()
-        self.write_rows(states, own, True)
-        return FrictionalRowsInMemory(states, own)
+        self.write_wrenches(states, own)
+        self.combine(own)
+        return RowsInMemory(states, own)
 
     cdef int other_rows(self, Group group, state, axes, wrenches, gamma) except -1:
         """Rows of a single point of another feature, or of a joint limit."""

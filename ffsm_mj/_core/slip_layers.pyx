@@ -8,17 +8,17 @@ from ffsm_mj.contact_models.persistent.friction.stages import DEVIATION_M_S, Lay
 from libc.float cimport DBL_MIN
 from libc.math cimport exp, fabs, hypot
 
-from ffsm_mj._core.contacts cimport FrictionState, slips_along_a_line
+from ffsm_mj._core.contacts cimport ContactEvaluation, slips_along_a_line
 
 
 cdef double _DEVIATION_M_S = DEVIATION_M_S, _NEAR_STOP = NEAR_STOP, _STIFF = STIFF
 
 
-cdef bint allows_step(FrictionState here, modes, double left_s, double time_s, efforts) except -1:
+cdef bint allows_step(ContactEvaluation here, modes, double left_s, double time_s, efforts) except -1:
     """Whether no point limits a step, which may then be explicit; the layers of the points are then those of its start.
 
     Args:
-        here: The points, all of which slide and go on to.
+        here: The points, of which all with friction slide and go on to.
         modes: Their ``FrictionModes``, with the layers at the start of the step before.
         left_s: Duration of the step, s.
         time_s: Time at its start.
@@ -34,7 +34,7 @@ cdef bint allows_step(FrictionState here, modes, double left_s, double time_s, e
     cdef bint continues
     turning = []
     for p in range(here.own.points):
-        if not slips_along_a_line(G, m, p, &largest):
+        if here.own.rubs[p] and not slips_along_a_line(G, m, p, &largest):
             turning.append(p)
     if not turning:
         modes.layers = None

@@ -104,17 +104,16 @@ cdef class StageInMemory:
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
         sizes = self.count, self.nv, self.groups
-        return stage_in_memory, (self.rows, bytes(self.block), *sizes, self.frictional, self.slides)
+        return stage_in_memory, (self.rows, bytes(self.block), *sizes, self.slides)
 
     @property
     def forces(self):
         """Normal forces, N, (k,)."""
-        along = np.frombuffer(self.block)[: self.count]
-        return along[::3] if self.frictional else along
+        return np.frombuffer(self.block)[: self.count : 3]
 
     @property
     def friction(self):
-        """Friction force on geom b of each point, world axes, N, (k, 3); None without friction."""
+        """Friction force on geom b of each point, world axes, N, (k, 3)."""
         return self.rows.friction_forces(np.frombuffer(self.block)[: self.count])
 
     @property
@@ -147,27 +146,25 @@ cdef class StageInMemory:
                 self.speeds[p] = hypot(u, v)
 
 
-def stage_in_memory(rows, block, count, nv, groups, frictional, slides):
+def stage_in_memory(rows, block, count, nv, groups, slides):
     """A stage that was saved."""
-    return new_stage(rows, bytearray(block), count, nv, groups, frictional, slides)
+    return new_stage(rows, bytearray(block), count, nv, groups, slides)
 
 
-cdef StageInMemory new_stage(
-    rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides
-):
+cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
     stage.rows, stage.block, stage.count, stage.nv, stage.groups = rows, block, count, nv, groups
-    stage.frictional, stage.slides, stage.along = frictional, slides, numbers(block)
+    stage.slides, stage.along = slides, numbers(block)
     stage.powers, stage.found = stage.along + count, stage.along + count + nv
     stage.heats = stage.found + 6 * groups
     stage.speeds = stage.heats + count // 3
     return stage
 
 
-cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint frictional, bint slides):
+cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
     """A stage without forces."""
     size = count + nv + 6 * groups + (2 * (count // 3) if slides else 0)
-    return new_stage(rows, zeros(size + 1), count, nv, groups, frictional, slides)
+    return new_stage(rows, zeros(size + 1), count, nv, groups, slides)
 
 
 cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:

@@ -1,4 +1,4 @@
-from ffsm_mj._core.contacts cimport ContactAcceleration, FrictionState, StageForces
+from ffsm_mj._core.contacts cimport ContactEvaluation, StageForces
 from ffsm_mj._core.forces cimport StuckPatches
 from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
@@ -32,9 +32,9 @@ cdef class RuleColumns:
 cdef class SteadyContacts:
     cdef object closed, modes, solver, system, tables, accounts
     # Closed contacts, as they were taken over
-    cdef object points, pressing, generation, point_modes, evaluator, M
+    cdef object points, pressing, generation, point_modes, evaluator
     cdef public bint is_varied  # whether forces are varied by rounding, and those of a decision count
-    cdef bint possible, frictional, sliding, others, is_level
+    cdef bint possible, rubs, sliding, others, is_level
     cdef Smooth smooth
     cdef StageForces inside
     cdef StuckPatches patches
@@ -52,8 +52,7 @@ cdef class SteadyContacts:
     cdef object place, state, rows
     cdef RowMemory own
     cdef list groups
-    cdef FrictionState here
-    cdef ContactAcceleration problem
+    cdef ContactEvaluation here
     cdef double[4] extremes
     cdef double lowest
     cdef bint is_steady, is_reduced

@@ -1,10 +1,9 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
 """Shortcut through steady states, and their log columns: all contact points carry force, and all stick or all slide.
 
-States are evaluated by the contact problems that the choice of active set and modes finds where a state is not steady.
+Points without friction press in either case. States are evaluated by the contact problem that the choice of modes finds
+where a state is not steady.
 """
-
-from functools import partial
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs, Shares
 from ffsm_mj.contact_models.persistent.rule_columns import IMPULSE, NOTHING, PRESSING, SLIDING, STICKING
-from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S
 
 from cpython.bytes cimport PyBytes_FromStringAndSize
@@ -21,10 +19,8 @@ from libc.math cimport NAN, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.contacts cimport (
-    ContactAcceleration,
-    FrictionState,
+    ContactEvaluation,
     largest_ratio,
-    problem_under,
     StageForces,
     state_under,
 )
@@ -90,7 +86,7 @@ cdef class RuleColumns:
 
         Args:
             groups: The points at the state.
-            axes: Normal and tangents of each point; without friction, they and the next are not read.
+            axes: Normal and tangents of each point.
             normal_forces: Normal force of each point, N.
             forces: Forces (n, t1, t2) of each point, N.
             use: Share of the friction limit of each point.
@@ -204,7 +200,7 @@ STEP = slice(-5, -1)  # the stages of an explicit step; the last one of all is a
 
 
 cdef class SteadyContacts:
-    """Closed contacts of which all points carry force, and all stick or all slide."""
+    """Closed contacts of which all points carry force, and all with friction stick or all slide."""
 
     def __init__(self, closed, system):
         self.closed, self.modes, self.solver, self.system = closed, closed.modes, closed.solver, system
@@ -241,31 +237,29 @@ cdef class SteadyContacts:
     cdef int take(self) except -1:
         closed, solver = self.closed, self.solver
         self.points, self.pressing, self.generation = closed.contact_points, closed.pressing, self.modes.generation
-        self.place, self.state, self.possible, self.frictional = None, None, False, closed.has_friction
-        self.sliding = False
+        self.place, self.state, self.possible, self.sliding = None, None, False, False
         if not closed.may_be_steady:
             return 0
-        if self.frictional:
-            self.point_modes = self.modes.of(self.points)
-            self.sliding = self.point_modes.all_slide
-            if not self.sliding and not self.point_modes.all_stick:
-                return 0
-            self.mu = self.point_modes.mu
-            self.patches = None if self.sliding else patches_of(solver.evaluator(self.points))
+        self.point_modes = self.modes.of(self.points)
+        self.sliding = self.point_modes.all_slide
+        if not self.sliding and not self.point_modes.all_stick:
+            return 0
+        self.mu = self.point_modes.mu
+        self.patches = None if self.sliding else patches_of(solver.evaluator(self.points))
         self.possible, motion = True, closed.motion
         self.smooth, self.evaluator = solver.smooth, solver.evaluator(self.points)
-        self.inside, self.data = solver.stage_forces(self.points, friction=self.frictional), motion.data
+        self.inside, self.data = solver.stage_forces(self.points), motion.data
         self.applied, self.pushes = motion.data.qfrc_applied, np.zeros(motion.model.nv)
         self.other, self.sums, self.memory = self.pushes, np.empty(motion.model.nv), room(2 * len(self.points))
         self.normal_forces = numbers(self.memory)
         self.use = self.normal_forces + <Py_ssize_t>len(self.points)
-        self.M, pairs = partial(mass_matrix, motion.model, motion.data), closed.clearance.pairs
+        pairs = closed.clearance.pairs
         self.others, self.is_level = bool(pairs), closed.clearance.flat_pairs.issuperset(pairs)
         shares = Shares.of(self.system, self.points, motion.grasped_bodies)
         self.from_robot, self.outside = shares.of_groups
         robot = robot_dofs(self.system, motion)
         self.robot_start, self.robot_stop = robot.start, robot.stop
-        self.columns = RuleColumns(closed.by_pair, shares, self.tables)
+        self.columns, self.rubs = RuleColumns(closed.by_pair, shares, self.tables), bool(self.point_modes.pairs)
         return 0
 
     cpdef bint holds(self) except -1:
@@ -273,7 +267,7 @@ cdef class SteadyContacts:
         modes = self.modes
         if self.is_varied or not self.may_be():
             return False
-        if self.frictional and (modes.released or modes.struck or modes.stops or modes.beginning or modes.replacing):
+        if modes.released or modes.struck or modes.stops or modes.beginning or modes.replacing:
             return False
         pushes = self.solver.other_forces
         state = self.smooth.state(self.other if pushes is self.pushes else pushes)
@@ -292,15 +286,11 @@ cdef class SteadyContacts:
             find_extremes(self.groups, self.extremes)
         if pushes is not self.pushes:
             pushed = pushes
-        if self.frictional:
-            self.here = state_under(self.points, self.rows, self.own, self.point_modes, self.smooth, &pushed[0])
-            if self.is_reduced:
-                self.patches.solve(self.own, self.here.pushed, self.here.along, &self.sums[0])
-                self.here.has_forces = True
-            solver.last_friction_state = place, load, self.here
-        else:
-            self.problem = problem_under(self.M, self.rows, self.own, self.smooth, &pushed[0])
-            solver.last_problem = place, load, self.problem
+        self.here = state_under(self.points, self.rows, self.own, self.point_modes, self.smooth, &pushed[0])
+        if self.is_reduced:
+            self.patches.solve(self.own, self.here.pushed, self.here.along, &self.sums[0])
+            self.here.has_forces = True
+        solver.last_evaluation = place, load, self.here
         if not (
             self.extremes[0] >= -_FEATURE_BOUND_M and self.extremes[1] <= _DRIFT_M and self.extremes[2] <= _DRIFT_M_S
         ):
@@ -308,7 +298,7 @@ cdef class SteadyContacts:
         if self.sliding:
             if not self.here.slides_on():
                 return False
-        elif not (self.here.margin() >= 0.0 if self.frictional else self.problem.holds_all()):
+        elif not self.here.margin() >= 0.0:
             return False
         return self.touches_nowhere_else()
 
@@ -316,14 +306,10 @@ cdef class SteadyContacts:
         """Find the rows of the points at the current positions and velocities, as the choice of modes keeps them."""
         cdef RowEvaluator evaluator = self.evaluator
         solver = self.solver
-        known, self.is_reduced = solver.last_friction_rows if self.frictional else solver.last_rows, False
+        known, self.is_reduced = solver.last_rows, False
         if known is None or known[1] is not place or known[0] is not self.points:
-            known = self.points, place, evaluator.frictional_rows() if self.frictional else evaluator.rows()
-            if self.frictional:
-                solver.last_friction_rows = known
-                self.is_reduced = self.patches is not None and self.patches.prepare(known[2].groups, known[2].memory)
-            else:
-                solver.last_rows = known
+            known = solver.last_rows = self.points, place, evaluator.rows()
+            self.is_reduced = self.patches is not None and self.patches.prepare(known[2].groups, known[2].memory)
         self.place, self.rows = place, known[2]
         self.own, self.groups = self.rows.memory, self.rows.groups
         return 0
@@ -344,9 +330,8 @@ cdef class SteadyContacts:
         if self.sliding:
             if not self.slide_on(left_s):
                 return False
-        elif self.frictional:
-            if self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds):
-                return False
+        elif self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds):
+            return False
         self.closed.begin_steady_step()
         return True
 
@@ -390,32 +375,26 @@ cdef class SteadyContacts:
         if not self.holds():
             closed.push(data)
             return
-        if self.frictional:
-            stage = self.here.stage_into(&self.sums[0])
-        else:
-            stage = self.problem.held_stage(&self.smooth.qvel[0], &self.sums[0])
+        stage = self.here.stage_into(&self.sums[0])
         for i in range(n):
             self.applied[i] += self.sums[i]
         closed.stages.append(stage)
 
     def write(self):
         """Write the columns of all contact rules, if the state is steady; returns whether it is."""
-        cdef const double* forces = NULL
+        cdef const double* forces
         cdef const double* speeds
         cdef Py_ssize_t p, n
         if not self.holds():
             return False
         n = self.own.points
-        if self.frictional:
-            forces = self.here.present_forces()
-            for p in range(n):
-                self.normal_forces[p] = max(forces[3 * p], 0.0)
-                if self.sliding:
-                    self.use[p] = 1.0
-            if not self.sliding and not largest_ratio(forces, self.mu, self.use) <= 1.0:
-                return False  # shares of least use are to be found
-        else:
-            memcpy(self.normal_forces, self.problem.all_held(), n * sizeof(double))
+        forces = self.here.present_forces()
+        for p in range(n):
+            self.normal_forces[p] = max(forces[3 * p], 0.0)
+            if self.sliding:
+                self.use[p] = 1.0
+        if not self.sliding and not largest_ratio(forces, self.mu, self.use) <= 1.0:
+            return False  # shares of least use are to be found
         speeds = self.here.speeds if self.sliding else NULL
         self.columns.write(self.groups, self.own.axes, self.normal_forces, forces, self.use, speeds)
         return True
@@ -460,7 +439,7 @@ cdef class SteadyContacts:
             if self.sliding:
                 heat_J += self.columns.add_slide(part, stage)
         sums[0], sums[1], sums[2] = total, own, total - own
-        if self.frictional:
+        if self.rubs:
             self.columns.work_J[0] += total
         self.heat_J[0] += heat_J
         self.deepest[0] = max(self.deepest[0], -self.lowest)

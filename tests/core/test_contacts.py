@@ -5,14 +5,13 @@ from __future__ import annotations
 import pickle
 from copy import copy
 from dataclasses import replace
-from functools import partial
 from itertools import chain, combinations
 
 import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj._core.contacts import ContactAcceleration, FrictionState, StageForces
+from ffsm_mj._core.contacts import ContactEvaluation, StageForces
 from ffsm_mj._core.forces import HeldForces
 from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj._core.stages import Smooth, StageSums
@@ -20,6 +19,7 @@ from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import own_margin
+from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.dynamics.motion import Motion
@@ -46,7 +46,7 @@ def resting(request, tmp_path, rng):
     pair.mu, motion = 0.5, Motion(model, data)
     points = tuple(ContactPoint(pair, feature) for feature in found)
     rows = RowEvaluator(motion, data, points).rows()
-    return pair, motion, points, -rng.uniform(50.0, 60.0, len(points)) @ rows.J + 0.1 * rng.normal(size=model.nv)
+    return pair, motion, points, -rng.uniform(50.0, 60.0, len(points)) @ rows.J[::3] + 0.1 * rng.normal(size=model.nv)
 
 
 def test_points_together_have_the_rows_of_each_by_itself(resting):
@@ -54,28 +54,25 @@ def test_points_together_have_the_rows_of_each_by_itself(resting):
     data, k = motion.data, len(points)
     together = RowEvaluator(motion, data, points)
     alone = [RowEvaluator(motion, data, [point]) for point in points]
-    for one, each in (
-        (together.rows(), [evaluator.rows() for evaluator in alone]),
-        (together.frictional_rows(), [evaluator.frictional_rows() for evaluator in alone]),
-    ):
-        for name in ("J", "gamma", "response", "gaps", "rates", "scales", "insides", "normals", "points"):
-            agree(np.array(getattr(one, name)), np.concatenate([np.array(getattr(rows, name)) for rows in each]), 1e-13)
-        agree(one.response, np.linalg.solve(mass_matrix(motion.model, data), one.J.T).T)
-        agree(one.G, one.J @ one.response.T)
-        along = np.linspace(-1.0, 1.0, len(one.J))
-        parts = [np.array(rows.wrenches(part)) for rows, part in zip(each, np.split(along, k), strict=True)]
-        agree(np.array(one.wrenches(along)).sum(axis=0), np.sum(parts, axis=0).sum(axis=0))
-    frictional, normal = together.frictional_rows(), np.array(together.frictional_rows().normals)
-    agree(frictional.slips, (frictional.J @ data.qvel).reshape(-1, 3)[:, 1:])
-    assert frictional.largest_slip(np.arange(k) < 2) == pytest.approx(np.abs(frictional.slips[:2]).max(), rel=1e-12)
+    one, each = together.rows(), [evaluator.rows() for evaluator in alone]
+    for name in ("J", "gamma", "response", "gaps", "rates", "scales", "insides", "normals", "points"):
+        agree(np.array(getattr(one, name)), np.concatenate([np.array(getattr(rows, name)) for rows in each]), 1e-13)
+    agree(one.response, np.linalg.solve(mass_matrix(motion.model, data), one.J.T).T)
+    agree(one.G, one.J @ one.response.T)
+    along = np.linspace(-1.0, 1.0, len(one.J))
+    parts = [np.array(rows.wrenches(part)) for rows, part in zip(each, np.split(along, k), strict=True)]
+    agree(np.array(one.wrenches(along)).sum(axis=0), np.sum(parts, axis=0).sum(axis=0))
+    normal = np.array(one.normals)
+    agree(one.slips, (one.J @ data.qvel).reshape(-1, 3)[:, 1:])
+    assert one.largest_slip(np.arange(k) < 2) == pytest.approx(np.abs(one.slips[:2]).max(), rel=1e-12)
     pushed, rubbed = np.linspace(1.0, 2.0, k), np.linspace(-1.0, 1.0, 3 * k).reshape(k, 3)
-    resultant = pushed @ normal + rubbed.sum(axis=0), pushed @ frictional.points / pushed.sum(), normal[0]
-    for own, expected in zip(frictional.resultant(slice(0, k), pushed, rubbed), resultant, strict=True):
+    resultant = pushed @ normal + rubbed.sum(axis=0), pushed @ one.points / pushed.sum(), normal[0]
+    for own, expected in zip(one.resultant(slice(0, k), pushed, rubbed), resultant, strict=True):
         agree(own, expected)
-    terms = np.abs(frictional.response * force).reshape(k, -1).max(axis=1)
-    terms = np.maximum(terms, np.abs(frictional.gamma).reshape(k, 3).max(axis=1))
-    rounding = np.array(FrictionState(points, frictional, force, sticking(points)).rounding)
-    agree(rounding / ACCELERATION, ACCELERATION_M_S2 / ACCELERATION + np.maximum(terms, frictional.scales))
+    terms = np.abs(one.response * force).reshape(k, -1).max(axis=1)
+    terms = np.maximum(terms, np.abs(one.gamma).reshape(k, 3).max(axis=1))
+    rounding = np.array(ContactEvaluation(points, one, force, sticking(points)).rounding)
+    agree(rounding / ACCELERATION, ACCELERATION_M_S2 / ACCELERATION + np.maximum(terms, one.scales))
 
 
 @pytest.mark.parametrize(("a", "b"), [("sphere", "box"), ("box", "sphere"), ("capsule", "capsule"), ("box", "box")])
@@ -86,7 +83,7 @@ def test_a_point_of_a_pair_without_friction_has_no_tangents(tmp_path, rng, a, b)
     pair.mu, smooth = 0.5, copy(pair)
     smooth.mu = 0.0
     points = [ContactPoint(pair, found), ContactPoint(smooth, found)]
-    rows = RowEvaluator(Motion(model, data), data, points).frictional_rows()
+    rows = RowEvaluator(Motion(model, data), data, points).rows()
     J = rows.J.reshape(2, 3, -1)
     agree(J[0, 0], J[1, 0], 1e-14)
     assert not J[1, 1:].any()
@@ -163,29 +160,33 @@ def spring_forces(G, b, D, which):
 
 
 def test_contact_without_friction(resting, rng):
-    """Bilateral forces of any contacts, and the complementarity problem by trying all sets of active contacts."""
-    _, motion, points, force = resting
-    k, M, qvel = len(points), partial(mass_matrix, motion.model, motion.data), rng.normal(size=len(force))
+    """A cone of width zero: the complementarity problem by trying all sets of active contacts, and forces in any modes."""
+    pair, motion, points, force = resting
+    pair.mu, k = 0.0, len(points)
     for pushed in (force, -force, rng.permuted(force), 50.0 * rng.normal(size=len(force))):
-        rows = RowEvaluator(motion, motion.data, points).rows()
-        problem = ContactAcceleration(M, rows, pushed)
-        free = rows.J @ np.linalg.solve(M(), pushed) + rows.gamma
-        agree(problem.free, free)
-        agree(problem.gap_accelerations(np.ones(k)), free + rows.G @ np.ones(k))
-        agree(problem.own_acceleration(np.ones(k)), rows.G.diagonal())
+        rows, modes = RowEvaluator(motion, motion.data, points).rows(), FrictionModes()
+        free = rows.J @ np.linalg.solve(mass_matrix(motion.model, motion.data), pushed) + rows.gamma
+        G, free = rows.G[::3, ::3], free[::3]
+        chosen = Decision(ContactEvaluation(points, rows, pushed, modes.of(points)), modes)
+        opens = free + G @ complementary(G, free)
+        assert chosen.forces.min() >= 0.0
+        agree(free + G @ chosen.forces, opens, 1e-10)  # unique, though the forces are not
+        chosen.keep_modes()
+        here = ContactEvaluation(points, rows, pushed, modes.of(points))
+        agree(Decision(here, modes).forces, chosen.forces)
+        assert (here.sticking() is not None) == (pushed is force), "steady where all press"
         for which in ((), (1,), (0, 2), (0, 1, 2), range(k)):
             held = np.zeros(k)
-            held[list(which)] = np.linalg.lstsq(rows.G[np.ix_(which, which)], -free[list(which)], rcond=RANK)[0]
-            agree(problem.bilateral_forces(which), held)
-        stage, generalised = problem.stage(qvel)
-        agree(generalised, problem.bilateral_forces(range(k)) @ rows.J)
-        agree(stage.power, generalised * qvel)
-        agree(np.array(stage.wrenches), np.array(rows.wrenches(stage.forces)))
-        opens = free + rows.G @ complementary(rows.G, free)
-        for expected in ((), range(k), (0,)):
-            forces = ContactAcceleration(M, rows, pushed).unilateral_forces(expected)
-            assert forces.min() >= 0.0
-            agree(free + rows.G @ forces, opens, 1e-10)  # unique, though the forces are not
+            held[list(which)] = np.linalg.lstsq(G[np.ix_(which, which)], -free[list(which)], rcond=RANK)[0]
+            modes = FrictionModes()
+            kinds = np.where(np.isin(np.arange(k), list(which)), SLIDE, CLOSED)
+            modes.set(points, kinds, np.zeros((k, 3)), np.zeros(k), *np.zeros((2, k), dtype=bool))
+            stage, generalised = ContactEvaluation(points, rows, pushed, modes.of(points)).stage_here()
+            agree(stage.forces, held)
+            agree(generalised, held @ rows.J[::3])
+            agree(stage.power, generalised * motion.data.qvel)
+            agree(np.array(stage.wrenches), np.array(rows.wrenches(np.kron(held, (1.0, 0.0, 0.0)))))
+            assert not stage.friction.any()
 
 
 def complementary(G, free):
@@ -211,9 +212,9 @@ def test_points_that_stick(resting):
     _, motion, points, force = resting
     evaluator, k = RowEvaluator(motion, motion.data, points), len(points)
     for pushed in (force, -force):
-        rows = evaluator.frictional_rows()
-        assert FrictionState(points, rows, pushed, sticking(points)).sticking() is None
-        here = FrictionState(points, rows, pushed, sticking(points, stop_speeds=np.full(k, 1e6)))
+        rows = evaluator.rows()
+        assert ContactEvaluation(points, rows, pushed, sticking(points)).sticking() is None
+        here = ContactEvaluation(points, rows, pushed, sticking(points, stop_speeds=np.full(k, 1e6)))
         b = rows.J @ np.linalg.solve(mass_matrix(motion.model, motion.data), pushed) + rows.gamma
         agree(here.problem.b, b)
         expected = np.linalg.lstsq(rows.G, -b, rcond=RANK)[0]
@@ -237,20 +238,19 @@ def test_stages_inside_a_step(resting, rng, kinds):
     pair, motion, points, force = resting
     data, modes, along_x = motion.data, FrictionModes(), np.tile((1.0, 0.0, 0.0), (4, 1))
     pair.mu = 0.5 if kinds else 0.0
-    if kinds is not None:
-        modes.set(points, np.array(kinds), along_x, np.zeros(4), *np.zeros((2, 4), dtype=bool))
+    modes.set(points, np.array(kinds or (SLIDE,) * 4), along_x, np.zeros(4), *np.zeros((2, 4), dtype=bool))
     evaluator = RowEvaluator(motion, data, points)
-    inside = StageForces(Smooth(motion, data), evaluator, points, modes.of(points) if kinds else None)
+    inside = StageForces(Smooth(motion, data), evaluator, points, modes.of(points))
     for _ in range(3):
         data.qvel[:] = 0.1 * rng.normal(size=len(force))
         mujoco.mj_forward(motion.model, data)
         applied = force + 0.0
         stage = inside.add(applied)
-        rows = evaluator.frictional_rows() if kinds else evaluator.rows()
+        rows = evaluator.rows()
         smooth = data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator + force
         b = rows.J @ np.linalg.solve(mass_matrix(motion.model, data), smooth) + rows.gamma
         if kinds is None:
-            D, which = np.eye(4), np.arange(4)
+            D, which = np.eye(12)[:, ::3], np.arange(0, 12, 3)
         else:
             slips = rows.slips / np.hypot(*rows.slips.T)[:, None]
             D = along_rows(kinds, np.full(4, 0.5), slips)
@@ -265,7 +265,8 @@ def test_stages_inside_a_step(resting, rng, kinds):
 def test_sums_of_stages(resting, rng):
     _, motion, points, force = resting
     rows, parts = RowEvaluator(motion, motion.data, points).rows(), np.array([0.1, 0.2, 0.3, 0.4])
-    stages = [ContactAcceleration(None, rows, force).stage(rng.normal(size=len(force)))[0] for _ in parts]
+    loads = (force, -2.0 * force, 0.5 * force, 3.0 * force)
+    stages = [ContactEvaluation(points, rows, each, sticking(points)).stage_here()[0] for each in loads]
     sums = StageSums(stages, parts)
     wrenches = np.array([stage.wrenches for stage in stages])
     agree(sums.work, parts @ np.array([stage.power for stage in stages]))

@@ -18,8 +18,8 @@ from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts
 from ffsm_mj.contact_models.persistent.closure import points_at_rest, slow_points
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.exchange import Stage
-from ffsm_mj.contact_models.persistent.force_solver import Decision, ForceSolver
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
+from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stages import ImplicitSlips, stage_of, step_rule
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
@@ -40,7 +40,6 @@ class ActiveContactSet:
         pressing: The active set: contact points constrained in the stages of a step.
         stages: Contact forces of the stages since the start of the step.
         modes: Friction modes of the contact points.
-        has_friction: Whether a closed pair has friction.
         solver: Contact forces at the present state.
         clearance: Clearance of closed pairs outside their contact points.
         steady: Shortcut through steady states.
@@ -55,10 +54,9 @@ class ActiveContactSet:
         self.pressing: tuple[ContactPoint, ...] = ()
         self.stages: list[Stage] = []
         self.modes = FrictionModes()
-        self.has_friction = False
         self.solver, self.clearance = ForceSolver(scene.data, self.modes), Clearance(scene)
         self._tilts = Tilts(scene.data)
-        self._chosen: FrictionalDecision | None = None
+        self._chosen: Decision | None = None
         self._slips: ImplicitSlips
         self.steady = SteadyContacts(self, scene.system)
 
@@ -96,7 +94,6 @@ class ActiveContactSet:
 
     def _count(self) -> None:
         self.modes.forget_structures()
-        self.has_friction = any(pair.mu > 0.0 for pair, contact_points in self.by_pair.items() if contact_points)
         self.contact_points = tuple(contact for contact_points in self.by_pair.values() for contact in contact_points)
         self.solver.forget_points()
         self.clearance.set_pairs(self.by_pair)
@@ -114,8 +111,7 @@ class ActiveContactSet:
         slow, held = slow_points(self._scene, pairs, self.contact_points), self.contact_points
         if not slow:
             return
-        problem = self.solver.problem((*held, *(contact for contact, _ in slow)))
-        pressing = problem.own_acceleration(problem.unilateral_forces())[len(held) :]
+        pressing = self.solver.pressing_accelerations((*held, *(contact for contact, _ in slow)))[len(held) :]
         for (contact, rate), b in zip(slow, pressing.tolist(), strict=True):
             # Under a constant deceleration b the gap peaks at rate^2 / (2 b).
             if rate**2 <= 2.0 * b * LIFT_OFF_M:
@@ -127,34 +123,29 @@ class ActiveContactSet:
         assert flight is not None
         if flight.inside:
             if self.pressing:
-                self.stages.append(solver.stage_forces(self.pressing, friction=self.has_friction).add(applied))
+                self.stages.append(solver.stage_forces(self.pressing).add(applied))
             return
         solver.other_forces = applied.copy()
         if not self.pressing:
             return
-        if self.has_friction:
-            here = solver.friction_state(self.pressing)
-            if flight.stage is None:
-                stage, generalised = stage_of(here)
-            else:
-                if flight.stage.stiff is None:
-                    flight.stage.stiff = self._slips = ImplicitSlips(here)
-                stage, generalised = self._slips.stage_of(here, flight.stage.node)
+        here = solver.evaluation(self.pressing)
+        if flight.stage is None:
+            stage, generalised = stage_of(here)
         else:
-            stage, generalised = solver.problem(self.pressing).stage(data.qvel)
+            if flight.stage.stiff is None:
+                flight.stage.stiff = self._slips = ImplicitSlips(here)
+            stage, generalised = self._slips.stage_of(here, flight.stage.node)
         applied += generalised
         if flight.repeats:
             self.stages[flight.repeats] = stage
         else:
             self.stages.append(stage)
 
-    def decide(self) -> Decision | FrictionalDecision:
+    def decide(self) -> Decision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""
-        if self.has_friction:
-            return self.solver.decide_with_friction(self.contact_points)
-        return self.solver.decide(self.contact_points, self.pressing)
+        return self.solver.decide(self.contact_points)
 
-    def assume(self, decision: Decision | FrictionalDecision) -> None:
+    def assume(self, decision: Decision) -> None:
         """Take a decision as that at the state in ``data`` under its efforts."""
         self.solver.assume(decision)
 
@@ -171,7 +162,7 @@ class ActiveContactSet:
             pressing = tuple([decision.contact_points[i] for i in decision.pressing])
         if pressing != self.pressing:
             self.set_pressing(pressing)
-        self._chosen = decision if isinstance(decision, FrictionalDecision) else None
+        self._chosen = decision
         if self._chosen is not None:
             self._chosen.keep_modes()
         self._tilts.begin_step()
@@ -231,11 +222,7 @@ class ActiveContactSet:
         inside, gap, rate, _ = decision.rows.extremes
         # All terms are continuous in time, as bracketing needs; their units differ, but only the sign counts.
         bounds = inside + FEATURE_BOUND_M, DRIFT_M - gap, DRIFT_M_S - rate, *self._tilts.margins()
-        if isinstance(decision, FrictionalDecision):
-            valid = decision.validity_margin(exact=exact)
-        else:
-            valid = decision.validity_margin(self.pressing)
-        return min(*bounds, self._clearance_elsewhere(decision), valid)
+        return min(*bounds, self._clearance_elsewhere(decision), decision.validity_margin(exact=exact))
 
     def is_settled(self) -> bool:
         """Whether no contact point opens, leaves its feature or changes its mode, and no pair touches at another point."""
@@ -252,11 +239,11 @@ class ActiveContactSet:
         Args:
             slips: Whether a pair is known to slip here; the forces are then at the limit even if rounding puts them inside.
         """
-        decision = self.decide() if self.has_friction else None
-        if isinstance(decision, FrictionalDecision):
+        if self.contact_points:
+            decision = self.decide()
             self.modes.released = decision.releases or (slips and decision.validity_margin() >= 0.0)
 
-    def _clearance_elsewhere(self, here: Decision | FrictionalDecision | None) -> float:
+    def _clearance_elsewhere(self, here: Decision | None) -> float:
         """Least clearance of closed pairs outside their active contact points, m."""
         largest = here.rows.extremes.gap if here is not None else 0.0
         return self.clearance.least(self.solver.place(), largest, self.gaps_of)

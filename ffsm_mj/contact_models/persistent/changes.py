@@ -17,7 +17,6 @@ from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import points_at_rest, switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.modes import Mode
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.record import (
@@ -97,9 +96,9 @@ class ContactChanges:
     def _slips_or_sticks(self) -> Change | None:
         """Pairs with friction that begin to slide, or else those that begin to stick."""
         closed = self._active_set
-        decision = closed.decide() if closed.has_friction else None
-        if not isinstance(decision, FrictionalDecision):
+        if not closed.contact_points:
             return None
+        decision = closed.decide()
         kinds = closed.modes.of(decision.contact_points).kinds.tolist()
         if kinds == decision.kinds.tolist():
             return None
@@ -121,10 +120,9 @@ class ContactChanges:
         presses = [
             decision.contact_points[i].pair for i in decision.pressing if decision.contact_points[i] not in closed.pressing
         ]
-        if isinstance(decision, FrictionalDecision):
-            # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
-            changed = (decision.here.modes.kinds != decision.kinds) | decision.restarts
-            presses += [decision.contact_points[i].pair for i in np.flatnonzero(changed).tolist()]
+        # A log replay chooses modes anew at ticks and events only: it must know of each change between them.
+        changed = (decision.here.modes.kinds != decision.kinds) | decision.restarts
+        presses += [decision.contact_points[i].pair for i in np.flatnonzero(changed).tolist()]
         pairs = list(dict.fromkeys([*presses, *closed.pairs_with_drift(), *closed.pairs_with_tilt()]))
         return (CONTACT_CHANGES, pairs) if pairs else None
 

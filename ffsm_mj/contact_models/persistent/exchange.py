@@ -28,7 +28,7 @@ class Stage:
 
     Attributes:
         rows: States and Jacobians of the contact points.
-        along: Forces along the rows, N, (r,): normal forces, with friction (n, t1, t2) of each point.
+        along: Forces (n, t1, t2) of each point, N, (3k,).
         power: Power of the contact forces by degree of freedom, W, (nv,).
         slide: Heat and slip of the points; None where none slides with friction.
     """
@@ -40,11 +40,11 @@ class Stage:
     @property
     def forces(self) -> FloatArray:
         """Normal forces, N, (k,)."""
-        return self.rows.normal_forces(self.along)
+        return self.along[::3]
 
     @property
-    def friction(self) -> FloatArray | None:
-        """Friction force on geom b of each point, world axes, N, (k, 3); None without friction."""
+    def friction(self) -> FloatArray:
+        """Friction force on geom b of each point, world axes, N, (k, 3)."""
         return self.rows.friction_forces(self.along)
 
     @cached_property

@@ -1,7 +1,7 @@
 """Independent check of persistent contact forces, recomputed from logged states and efforts by other functions.
 
 Contact points and gap accelerations come from the support functions of the geoms (:mod:`ffsm_mj.contact.second_rate`), not
-from contact features; all closed pairs enter one complementarity problem.
+from contact features. Without friction, all closed pairs enter one complementarity problem.
 
 A state alone cannot distinguish a closed point from one that has lifted off by a picometre and carries no force. Which of
 the candidate points are closed is therefore taken from the contact model of the replay, unless another point overlaps by
@@ -44,7 +44,6 @@ from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import depth
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_cones
 from ffsm_mj.contact_models.persistent.friction.modes import Mode, unit_slips
 from ffsm_mj.contact_models.persistent.limit_report import force_key, state_key
@@ -124,7 +123,6 @@ def _modes(closed: ActiveContactSet, points: Sequence[PointAgain], u: FloatArray
     Velocities of points that stick in the replay may drift like the gap rates of closed pairs; faster ones slide.
     """
     decision = closed.decide()
-    assert isinstance(decision, FrictionalDecision)
     replayed = dict(zip(decision.contact_points, decision.kinds.tolist(), strict=True))
     kinds = np.full(len(points), Mode.CLOSED, dtype=np.int64)
     for i, each in enumerate(points):
@@ -194,7 +192,6 @@ def _held(
 ) -> tuple[list[int], FloatArray]:
     """Indices of the rows held in some modes, and the directions along which their forces act, (3k, rows)."""
     decision = closed.decide()
-    assert isinstance(decision, FrictionalDecision)
     replayed = zip(decision.directions, decision.rows.speed_rounding.tolist(), strict=True)
     known = dict(zip(decision.contact_points, replayed, strict=True))
     held: list[int] = []
@@ -321,7 +318,7 @@ class ForceCheck:
             found_rates = [pair.second_rate(model, seen, near, point) for pair, near, point in points]
             rates = np.array([rate.value for rate in found_rates])
             M = mass_matrix(motion.model, moving)
-            if self._closed_set.has_friction:
+            if any(pair.mu > 0.0 for pair, *_ in points):
                 again = [PointAgain(*each, rate) for each, rate in zip(points, found_rates, strict=True)]
                 return resultants_with_friction(self._closed_set, again, contacts, motion, moving, M)
             J = motion.constrained(np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts]))

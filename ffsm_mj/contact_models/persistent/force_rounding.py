@@ -20,9 +20,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.features.gap_function import tilt_rounding
-from ffsm_mj.contact_models.persistent.force_solver import Decision
-from ffsm_mj.contact_models.persistent.friction.cones import least_norm_solution
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE
 from ffsm_mj.contact_models.persistent.friction.problem import Solution
 from ffsm_mj.contact_models.persistent.record import ContactRecord
@@ -36,7 +34,7 @@ _LEAST_M_S = 1e-300
 """Keeps a quotient finite where a slip is exactly zero."""
 
 
-def changes_by_turns(decision: FrictionalDecision, solution: Solution, slides: BoolArray) -> FloatArray:
+def changes_by_turns(decision: Decision, solution: Solution, slides: BoolArray) -> FloatArray:
     """Changes of the forces where the direction of each slip turns by its rounding, N, (k, 3, m) for m turns.
 
     Turns below ``ACCELERATION`` are left out: normals are not known any better.
@@ -112,8 +110,6 @@ def _changes(active_set: ActiveContactSet, *, before: bool = False) -> FloatArra
         before: Whether of the forces in the modes of the step that ends there, or of those from there on.
     """
     decision, tilts = active_set.decide(), _changes_by_tilts(active_set)
-    if not isinstance(decision, FrictionalDecision):
-        return tilts
     if before:
         turns = changes_by_turns(decision, decision.in_present_modes, decision.here.modes.slides)
     else:
@@ -140,14 +136,9 @@ def _share(contact: ContactPoint, active_set: ActiveContactSet) -> float:
     return share if share > ACCELERATION else 0.0
 
 
-def _response(decision: Decision | FrictionalDecision, point: int, acceleration: float) -> FloatArray:
+def _response(decision: Decision, point: int, acceleration: float) -> FloatArray:
     """Forces that cancel a second rate of the gap of one point in the modes of a decision, m/s^2 to N, (k, 3)."""
     count = len(decision.contact_points)
-    if isinstance(decision, FrictionalDecision):
-        solution, more = decision.solution, np.zeros(3 * count)
-        more[3 * point] = acceleration
-        return decision.problem.held_in(solution.kinds).forces(more, solution.directions)
-    forces, pressing = np.zeros((count, 3)), np.array(decision.pressing)
-    more = np.where(pressing == point, acceleration, 0.0)
-    forces[pressing, 0] = least_norm_solution(decision.rows.G[pressing[:, None], pressing], -more)
-    return forces
+    solution, more = decision.solution, np.zeros(3 * count)
+    more[3 * point] = acceleration
+    return decision.problem.held_in(solution.kinds).forces(more, solution.directions)

@@ -54,7 +54,6 @@ from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck
 from ffsm_mj.contact_models.persistent.force_rounding import RecordAccuracy, varied_forces
 from ffsm_mj.contact_models.persistent.limit_report import LimitReport
-from ffsm_mj.contact_models.persistent.point_rows import FrictionalRows
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.state_projection import StateProjection
@@ -91,15 +90,12 @@ class DriftProjection:
 def drift_of(closed: ActiveContactSet) -> tuple[float, float, float]:
     """Largest gap of the closed contact points, m, gap rate, m/s, and slip along a tangent that is drift, m/s."""
     rows = closed.decide().rows
-    slip = rows.largest_slip(closed.modes.of(closed.contact_points).drifts) if isinstance(rows, FrictionalRows) else 0.0
-    return rows.extremes.gap, rows.extremes.rate, slip
+    return rows.extremes.gap, rows.extremes.rate, rows.largest_slip(closed.modes.of(closed.contact_points).drifts)
 
 
 def closed_rows(closed: ActiveContactSet) -> ClosedRows:
     """Rows of all closed contact points at the current state, as a projection needs them."""
     every = closed.decide().rows
-    if not isinstance(every, FrictionalRows):
-        return ClosedRows(every.gaps, every.rates, every.J, np.empty((0, closed.motion.model.nv)))
     J = every.J.reshape(len(closed.contact_points), 3, -1)
     sticking = J[closed.modes.of(closed.contact_points).drifts, 1:]
     return ClosedRows(every.gaps, every.rates, J[:, 0], sticking.reshape(-1, J.shape[2]))

@@ -36,7 +36,10 @@ class Extremes(NamedTuple):
 
 
 class PointRows:
-    """Contact points at one state, in the coordinates of a motion. Arrays are made when they are needed.
+    """Contact points at one state, in the coordinates of a motion: rows of normals and tangents.
+
+    Row 3 i + j of J, (3k, nv), is axis j (n, t1, t2) of point i: gap' = J qdot and gap'' = J qddot + gamma along normals. A
+    joint limit, and a pair without friction, has zero tangents. Arrays are made when they are needed.
 
     Attributes:
         groups: The points, by what is evaluated together.
@@ -116,17 +119,11 @@ class PointRows:
         """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows, (g, 6)."""
         return self.memory.resultants(forces)
 
-    def normal_forces(self, forces: FloatArray) -> FloatArray:
-        """Normal forces of the points among forces along the rows, N, (k,)."""
-        raise NotImplementedError
+    def friction_forces(self, forces: FloatArray) -> FloatArray:
+        """Friction forces on geom b for forces along the rows, world axes, N, (k, 3)."""
+        return self.across(forces.reshape(-1, 3)[:, 1:])
 
-    def friction_forces(self, forces: FloatArray) -> FloatArray | None:
-        """Friction forces on geom b for forces along the rows, world axes, N, (k, 3); None without tangents."""
-        raise NotImplementedError
-
-    def resultant(
-        self, part: slice, forces: FloatArray, friction: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def resultant(self, part: slice, forces: FloatArray, friction: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Resultant force of the points of one pair, N, its centre, m, and the mean unit normal, (3,) each.
 
         Args:
@@ -146,25 +143,6 @@ class PointRows:
         """Points of application of the forces, m, (k, 3)."""
         return _stacked([group.points for group in self.groups])
 
-
-class ContactRows(PointRows):
-    """Rows of the normals: gap' = J qdot and gap'' = J qddot + gamma, J (k, nv)."""
-
-    def normal_forces(self, forces: FloatArray) -> FloatArray:
-        """See :class:`PointRows`."""
-        return forces
-
-    def friction_forces(self, forces: FloatArray) -> None:  # noqa: ARG002
-        """See :class:`PointRows`."""
-        return
-
-
-class FrictionalRows(PointRows):
-    """Rows of normals and tangents, J (3k, nv); row 3 i + j is axis j (n, t1, t2) of point i.
-
-    A joint limit, and a pair without friction, has zero tangents.
-    """
-
     @cached_property
     def axes(self) -> FloatArray:
         """Normal and tangents of each point, world axes, (k, 3, 3)."""
@@ -174,14 +152,6 @@ class FrictionalRows(PointRows):
     def qvel(self) -> FloatArray:
         """Generalised velocity, (nv,)."""
         return self.memory.array("qvel")
-
-    def normal_forces(self, forces: FloatArray) -> FloatArray:
-        """See :class:`PointRows`."""
-        return forces[::3]
-
-    def friction_forces(self, forces: FloatArray) -> FloatArray:
-        """See :class:`PointRows`."""
-        return self.across(forces.reshape(-1, 3)[:, 1:])
 
     @cached_property
     def slips(self) -> FloatArray:

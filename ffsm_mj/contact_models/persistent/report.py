@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
-from ffsm_mj.contact_models.persistent.force_solver import Decision
-from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+from ffsm_mj.contact_models.persistent.friction.decision import Decision
 from ffsm_mj.contact_models.persistent.friction.report import FrictionReport
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
 from ffsm_mj.contact_models.persistent.rule_columns import (
@@ -43,15 +42,15 @@ from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal
 from ffsm_mj.records.wrench import Wrench
 
 _RESIDUAL = (
-    "largest difference between the resultant force of a pair in the step and the non-negative one; ffsm analyze recomputes "
-    "it from the states in the log, with other functions"
+    "zero; ffsm analyze finds the largest difference between the logged resultant force of a pair and that which it "
+    "recomputes from the states in the log, with other functions"
 )
 
 
-def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | FrictionalDecision | None) -> ActiveContact:
+def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | None) -> ActiveContact:
     """A closed pair as control laws see it."""
     place = pair.name, at.force, at.centre.copy(), at.normal.copy()
-    friction = decision.of_pairs.by_pair.get(pair) if isinstance(decision, FrictionalDecision) else None
+    friction = decision.of_pairs.by_pair.get(pair) if decision is not None else None
     if friction is None:
         return ActiveContact(*place, MODE_NAMES[PRESSING if at.size else CLOSED])
     mode = MODE_NAMES[SLIDING if friction.slides else STICKING]
@@ -75,12 +74,11 @@ class ContactReport:
         with_friction = tuple(dict.fromkeys(pair.rule for pair in pairs if pair.mu > 0.0))
         signals = tuple(signal for rule in self._rules for signal in signals_of(rule, friction=rule in with_friction))
         self.friction = FrictionReport(with_friction)
-        flat, self._residual = self._values.reshape(-1), np.zeros(1)
-        friction = self.friction
+        flat, friction = self._values.reshape(-1), self.friction
         closed.steady.report_to(RuleTables(self._values, self._rules, friction.values, friction.rules, friction.work_J))
         self.columns = (
             Columns(signals, flat, None, lambda _: self._write_values(), self._restore_values, self._at_state),
-            Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=self._residual),
+            Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=np.zeros(1)),
             *(self.friction.columns if with_friction else ()),
         )
 
@@ -103,19 +101,16 @@ class ContactReport:
             return
         self._is_blank = not closed.by_pair
         if closed.steady.write():
-            self._residual[0] = 0.0
             return
         decision = closed.decide() if closed.contact_points else None
         by_rule = self._resultants(decision) if decision is not None else {}
         if len(by_rule) < len(self._rules):
             self._values[:, :IMPULSE] = NOTHING[:IMPULSE]
         if decision is None:
-            self._residual[0] = 0.0
             self.friction.write({})
             return
         pressing = closed.by_pair if decision.holds_all else {decision.contact_points[i].pair for i in decision.pressing}
-        self._residual[0] = self._worst_difference(decision, by_rule, pressing)
-        by_pair = decision.of_pairs.by_pair if isinstance(decision, FrictionalDecision) else {}
+        by_pair = decision.of_pairs.by_pair
         rubbing = {}
         for rule, each in by_rule.items():
             mode, *values = row_of(each, pressing)
@@ -126,40 +121,16 @@ class ContactReport:
             self._values[self._rules[rule], :IMPULSE] = (mode, *values)
         self.friction.write(rubbing)
 
-    def _resultants(self, decision: Decision | FrictionalDecision) -> dict[str, list[tuple[ContactPair, Resultant]]]:
+    def _resultants(self, decision: Decision) -> dict[str, list[tuple[ContactPair, Resultant]]]:
         """Pairs in contact with the resultants of their forces, by rule."""
         closed, forces, contact_points, end = self._active_set, decision.forces, decision.contact_points, 0
-        friction, by_rule = (
-            decision.friction if closed.has_friction else None,
-            dict[str, list[tuple[ContactPair, Resultant]]](),
-        )
+        by_rule = dict[str, list[tuple[ContactPair, Resultant]]]()
         for pair, own in closed.by_pair.items():
             part = slice(end, end := end + len(own))
             if own and not isinstance(pair, JointLimit):
-                found = resultant(contact_points, decision.rows, forces, part, friction)
+                found = resultant(contact_points, decision.rows, forces, part, decision.friction)
                 by_rule.setdefault(pair.rule, []).append((pair, found))
         return by_rule
-
-    def _worst_difference(
-        self,
-        decision: Decision | FrictionalDecision,
-        by_rule: Mapping[str, Sequence[tuple[ContactPair, Resultant]]],
-        pressing: Container[UnilateralConstraint],
-    ) -> float:
-        """Largest difference between the resultants of pairs, and those of the forces in the stages that follow, N."""
-        forces, held, worst, end = decision.forces, decision.held_forces, 0.0, 0
-        if held is forces or held.tolist() == forces.tolist():
-            return 0.0
-        closed, founds = self._active_set, dict([each for pairs in by_rule.values() for each in pairs])
-        friction = decision.friction if closed.has_friction else None
-        for pair, own in closed.by_pair.items():
-            part = slice(end, end := end + len(own))
-            if isinstance(pair, JointLimit):
-                worst = max(worst, *np.abs(held[part] - forces[part]).tolist(), 0.0)
-            elif own and pair in pressing:
-                again = resultant(decision.contact_points, decision.rows, held, part, friction).force
-                worst = max(worst, math.dist(founds[pair].force, again))
-        return worst
 
     def active(self) -> tuple[ActiveContact, ...]:
         """The closed pairs and their forces at the state in ``data`` under its efforts, for control laws."""
@@ -202,12 +173,11 @@ class ContactReport:
     def places(self, pairs: Sequence[ContactPair]) -> dict[ContactPair, Resultant]:
         """Resultant force and centre of pairs at the state in ``data`` under its efforts."""
         closed, found = self._active_set, {}
-        decision = closed.decide() if closed.contact_points else None
-        forces = decision.forces if decision else np.zeros(0)
-        friction, points = decision.friction if decision and closed.has_friction else None, closed.contact_points
+        decision, points = closed.decide() if closed.contact_points else None, closed.contact_points
         for pair in pairs:
             if decision and closed.by_pair.get(pair):
-                found[pair] = resultant(points, decision.rows, forces, points_of(pair, points), friction)
+                part = points_of(pair, points)
+                found[pair] = resultant(points, decision.rows, decision.forces, part, decision.friction)
             else:
                 near = pair.proximity(self._scene.system.mj, self._scene.data)
                 found[pair] = Resultant(np.zeros(3), near.points.mean(axis=0), near.normal)
@@ -265,8 +235,8 @@ class ContactReport:
     def _friction_fields(self, kind: RecordKind, pair: ContactPair) -> dict[str, Any]:
         """Fields of a record about the friction of a closed pair at the state in ``data``."""
         decision = self._active_set.decide() if self._active_set.contact_points else None
-        found = decision.of_pairs.by_pair.get(pair) if isinstance(decision, FrictionalDecision) else None
-        if found is None or not isinstance(decision, FrictionalDecision):
+        found = decision.of_pairs.by_pair.get(pair) if decision is not None else None
+        if found is None or decision is None:
             return {}
         mode = MODE_NAMES[SLIDING if found.slides else STICKING]
         fields: dict[str, Any] = {"friction": f"{mode}, wedged" if decision.of_pairs.is_wedged(pair) else mode}

@@ -72,7 +72,7 @@ def resultant(
     rows: PointRows,
     forces: FloatArray,
     part: slice,
-    friction: FloatArray | None = None,
+    friction: FloatArray,
 ) -> Resultant:
     """Resultant over the contact points of one pair, of normal forces (k,) and friction forces (k, 3)."""
     return Resultant(*rows.resultant(part, forces, friction), contact_points[part])

@@ -7,11 +7,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ffsm_mj._core.contacts import ContactAcceleration
+from ffsm_mj._core.contacts import ContactEvaluation
 from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, FrictionModes
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.model.test_pinocchio import oracle, to_pinocchio
@@ -71,9 +72,11 @@ def test_forces_and_accelerations_of_held_contacts(system, rng):
         contact_points = [ContactPoint(pair, feature) for pair, (feature,) in zip(pairs, found, strict=True)]
         force = rng.uniform(-5, 5, model.nv)
         here = RowEvaluator(motion, data, contact_points).rows()
-        problem = ContactAcceleration(lambda: mass_matrix(model, data), here, force - data.qfrc_bias)
-        held = problem.bilateral_forces(range(2))
-        ours = np.linalg.solve(mass_matrix(model, data), force - data.qfrc_bias + here.J.T @ held)
+        modes, points = FrictionModes(), tuple(contact_points)
+        modes.set(points, np.full(2, SLIDE), np.zeros((2, 3)), np.zeros(2), *np.zeros((2, 2), dtype=bool))
+        stage, pushes = ContactEvaluation(points, here, force - data.qfrc_bias, modes.of(points)).stage_here()
+        held = stage.forces
+        ours = np.linalg.solve(mass_matrix(model, data), force - data.qfrc_bias + pushes)
 
         q, v, X = to_pinocchio(model, data.qpos, data.qvel)
         J, gamma = zip(*(_row(reference, other, of_body, q, v, pair, system, data, tip) for pair in pairs), strict=True)

@@ -58,7 +58,7 @@ def check(pair, model, data, found):
 
     go_to(0.0)
     evaluator = RowEvaluator(motion, data, contact_points)
-    here, normal_rows = evaluator.frictional_rows(), evaluator.rows()
+    here = evaluator.rows()
     J, gamma = here.J.reshape(-1, 3, model.nv), here.gamma.reshape(-1, 3)
     states = [feature.at(data) for feature in found]
 
@@ -79,12 +79,10 @@ def check(pair, model, data, found):
     np.testing.assert_allclose(
         here.axes @ here.axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), here.axes.shape), atol=1e-15
     )
-    # The rows of normals alone are the same, and all that a state tells agrees with the feature by itself.
-    np.testing.assert_allclose(normal_rows.J, J[:, 0], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(normal_rows.gamma, gamma[:, 0], rtol=0, atol=1e-13)
-    np.testing.assert_allclose(normal_rows.normals, [state.normal for state in states], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(normal_rows.points, [state.point for state in states], rtol=0, atol=1e-14)
-    for of_all, state in zip(normal_rows.states, states, strict=True):
+    # All that a state tells agrees with the feature by itself.
+    np.testing.assert_allclose(here.normals, [state.normal for state in states], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(here.points, [state.point for state in states], rtol=0, atol=1e-14)
+    for of_all, state in zip(here.states, states, strict=True):
         for value, own in zip(of_all, state, strict=True):
             np.testing.assert_allclose(value, own, rtol=1e-13, atol=1e-13)
     M = np.empty((model.nv, model.nv))
@@ -119,9 +117,13 @@ def test_single_points(tmp_path, rng, a, b):
 def test_a_pair_without_friction_has_no_tangents(tmp_path, rng):
     pair, model, data, found = face_to_face(tmp_path, rng, BOX, PLATE)
     contact_points = [ContactPoint(pair, feature) for feature in found]
-    evaluator = RowEvaluator(Motion(model, data), data, contact_points)
-    here = evaluator.frictional_rows()
-    J = here.J.reshape(4, 3, -1)
-    assert np.all(J[:, 1:] == 0.0)
-    assert np.all(here.axes[:, 1:] == 0.0)
-    np.testing.assert_array_equal(J[:, 0], evaluator.rows().J)
+    motion = Motion(model, data)
+    here = RowEvaluator(motion, data, contact_points).rows()
+    for rows in (here.J, here.response, here.gamma, here.axes, here.G):
+        assert not rows.reshape(4, 3, -1)[:, 1:].any()
+    pair.mu = 0.5
+    rubbing = RowEvaluator(motion, data, contact_points).rows()
+    for name in ("J", "response", "gamma"):
+        own, other = (getattr(each, name).reshape(4, 3, -1)[:, 0] for each in (here, rubbing))
+        np.testing.assert_array_equal(own, other)
+    np.testing.assert_array_equal(here.G[::3, ::3], rubbing.G[::3, ::3])

@@ -96,14 +96,13 @@ def held(folder, *, pad="plates", mu=0.5, one_rule=True, squeeze=4.0, drift=0.0,
 def decided(monkeypatch):
     """Number of problems of forces set up outside the shortcut."""
     count = []
-    for name in ("problem", "friction_state"):
-        original = getattr(ForceSolver, name)
+    original = ForceSolver.evaluation
 
-        def counted(*args, original=original, name=name):
-            count.append(name)
-            return original(*args)
+    def counted(*args):
+        count.append(args)
+        return original(*args)
 
-        monkeypatch.setattr(ForceSolver, name, counted)
+    monkeypatch.setattr(ForceSolver, "evaluation", counted)
     return count
 
 

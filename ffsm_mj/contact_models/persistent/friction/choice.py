@@ -2,7 +2,8 @@
 
 Several motions may solve the same problem of accelerations, so the choice follows a rule: modes that are still valid are
 kept; otherwise all points without slip stick if forces inside their cones exist that hold them; otherwise Coulomb's
-conditions are solved by Newton's method, with a small compliance that shares forces among redundant points.
+conditions are solved by Newton's method, with a small compliance that shares forces among redundant points. Where no point
+has friction the problem is convex and is solved as such: the accelerations are unique, and the forces are of least norm.
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
 from ffsm_mj.contact_models.impact.friction.lemke import lemke
+from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.persistent.friction.cones import cone_margin, in_accelerations, own_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution
 from ffsm_mj.contact_models.persistent.friction.stages import StageEquation
-from ffsm_mj.tolerances import SOLVED
+from ffsm_mj.tolerances import RANK, SOLVED
 
 _SLIPS, _SATURATED = 1e-7, 1e-6
 """A tangential acceleration above the first share of the largest one is slip; at the event from stick to slip, so is a
@@ -194,12 +196,21 @@ class ModeChoice:
         problem, sticks = self._problem, np.flatnonzero(kinds == STICK)
         return cone_margin(forces[sticks], internal_forces(problem, sticks), problem.mu[sticks])
 
+    def _without_friction(self) -> Solution | None:
+        """Modes of points none of which has friction: those press that unilateral springs would make press."""
+        problem = self._problem
+        pushes = pressing_without_friction(problem) * problem.inverse_mass > self._states.rounding
+        found = self.evaluate(np.where(pushes, SLIDE, CLOSED), np.zeros_like(self._states.directions))
+        return found if found.valid else None
+
     def _solved(self) -> Solution:
         """Modes from a solution of Coulomb's conditions.
 
         Raises:
             NoModesError: There is none, or its modes are not valid.
         """
+        if not self._problem.mu.any() and (pressing := self._without_friction()) is not None:
+            return pressing
         forces, residual = self._newton()
         if residual > SOLVED:
             raise NoModesError
@@ -293,3 +304,18 @@ class ModeChoice:
             directions[moving] = self._directions(kinds)[moving]
             directions[kinds != SLIDE] = 0.0
         return None
+
+
+def pressing_without_friction(problem: FrictionProblem) -> FloatArray:
+    """Normal forces that keep all gaps closed or let them open if no point has friction, N, (k,): those of least norm.
+
+    The linear complementarity problem 0 <= lambda _|_ gap'' >= 0 (Featherstone, *Rigid Body Dynamics Algorithms*, ch. 11)
+    has the form of a plastic impact, with A A^T = G and A w = gap'' without forces.
+    """
+    which, forces = np.flatnonzero(problem.movable_normals), np.zeros(len(problem.mu))
+    if len(which):
+        sizes, U = np.linalg.eigh(problem.G[np.ix_(3 * which, 3 * which)])
+        held = sizes > RANK * sizes[-1]
+        A = U[:, held] * np.sqrt(sizes[held])
+        forces[which] = least_norm(A, project(A, problem.b[3 * which] @ U[:, held] / np.sqrt(sizes[held])))
+    return forces

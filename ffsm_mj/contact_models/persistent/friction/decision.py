@@ -1,4 +1,4 @@
-"""Choice of the friction modes at one state under given efforts, with the interface of the choice without friction."""
+"""Decision at one state under given efforts: which contact points carry force, their friction modes, and their forces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ffsm_mj.contact_models.persistent.friction.report import FrictionOfPairs
 from ffsm_mj.records.events import Outcome, RunEnded
 
 if TYPE_CHECKING:
-    from ffsm_mj._core.contacts import FrictionState
+    from ffsm_mj._core.contacts import ContactEvaluation
 
 _OPENS = 10.0
 """A gap opens where a gap'' exceeds its rounding by this factor."""
@@ -25,7 +25,7 @@ _REVERSED_M_S = 1e-13
 """A slip against its direction by more than this is a reversal, not rounding."""
 
 
-class FrictionalDecision:
+class Decision:
     """Contact forces and modes at one state; computed on demand.
 
     Attributes:
@@ -34,7 +34,7 @@ class FrictionalDecision:
         rows: Their states and rows.
     """
 
-    def __init__(self, here: FrictionState, modes: FrictionModes) -> None:
+    def __init__(self, here: ContactEvaluation, modes: FrictionModes) -> None:
         """Store the points.
 
         Args:
@@ -176,11 +176,6 @@ class FrictionalDecision:
         return FrictionOfPairs(self.here, self.solution, self.friction, self._modes.estimates)
 
     @property
-    def held_forces(self) -> FloatArray:
-        """Normal forces in the stages of a step that starts here: the same."""
-        return self.forces
-
-    @property
     def pressing(self) -> list[int]:
         """Indices of the contact points that carry force: the active set."""
         return [i for i, kind in enumerate(self.kinds.tolist()) if kind != CLOSED]
@@ -216,13 +211,17 @@ class FrictionalDecision:
         return self._choice.evaluate(np.maximum(modes.kinds, 0), directions), forward
 
     def validity_margin(self, *, exact: bool = False) -> float:
-        """Margin by which the modes of the step are still valid; negative where they are not.
+        """Margin by which the modes of the step are still valid; negative where they are not, or where a point opens.
 
         Args:
             exact: Whether sticking points are valid up to the limit of friction only, at which they are released.
         """
         solution, forward = self._in_present_modes
-        return min(solution.exact if exact else solution.validity, forward + _REVERSED_M_S)
+        valid = min(solution.exact if exact else solution.validity, forward + _REVERSED_M_S)
+        if self.sticks or not (closed := solution.kinds == CLOSED).any():
+            return valid
+        # Points that open at the start of a step have been removed: those without force stay in touch within it.
+        return min(valid, float((_OPENS * self.rounding - solution.accelerations[:, 0])[closed].min()))
 
     @property
     def sticks(self) -> bool:
@@ -257,9 +256,9 @@ class FrictionalDecision:
         """Solution in the modes of the step."""
         return self._in_present_modes[0]
 
-    def changed_by(self, forces: FloatArray) -> FrictionalDecision:
+    def changed_by(self, forces: FloatArray) -> Decision:
         """The same modes with the forces changed by (n, t1, t2), N, (k, 3)."""
-        other = FrictionalDecision(self.here, self._modes)
+        other = Decision(self.here, self._modes)
         other._sticking, other.solution = None, self.solution._replace(forces=self.solution.forces + forces)
         return other
 

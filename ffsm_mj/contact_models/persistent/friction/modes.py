@@ -37,7 +37,7 @@ _STRUCK = SOLVED / RATE
 
 
 class Mode(IntEnum):
-    """Mode of a closed contact point. A point without friction that carries force slides."""
+    """Mode of a closed contact point. A point without friction that carries force slides: it presses, and no more."""
 
     CLOSED = 0
     SLIDE = 1
@@ -88,18 +88,13 @@ class PointModes:
 
     @cached_property
     def all_stick(self) -> bool:
-        """Whether all points stick."""
-        return bool((self.kinds == STICK).all())
+        """Whether all points with friction stick, and all without press."""
+        return bool((self.kinds == np.where(self.mu > 0.0, STICK, SLIDE)).all())
 
     @cached_property
     def all_slide(self) -> bool:
-        """Whether all points slide with friction, and none goes straight on to its stop."""
-        return bool(self.slides.all()) and not self.any_straight
-
-    @cached_property
-    def none_slide(self) -> bool:
-        """Whether no point slides, with friction or without."""
-        return not bool((self.kinds == SLIDE).any())
+        """Whether all points with friction slide, none of them straight on to its stop, and all without press."""
+        return self.any_slides and not self.any_straight and bool((self.kinds == SLIDE).all())
 
     @cached_property
     def drift_m_s(self) -> float:
@@ -231,6 +226,8 @@ class FrictionModes:
         for contact, kind, slip, slips_already, stays in zip(
             contact_points, kinds.tolist(), slips.tolist(), slides.tolist(), pinned.tolist(), strict=True
         ):
+            if contact.pair.mu == 0.0:
+                continue
             slid = held.get(contact) == SLIDE
             if slid and (slips_already or kind == STICK):  # or has just stopped
                 largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
@@ -244,7 +241,7 @@ class FrictionModes:
                     self._straight[contact] = slip
 
     def keep_still(self, contact_points: tuple[ContactPoint, ...], kinds: IntArray) -> bool:
-        """Keep the modes if none changes and no point slides or has just stopped, and return whether that is so.
+        """Keep the modes if none changes and no point slides with friction or has just stopped; return whether that is so.
 
         Args:
             contact_points: All closed contact points.
@@ -253,7 +250,7 @@ class FrictionModes:
         if self._largest_slip or self.beginning or len(self._kinds) != len(contact_points):
             return False
         present = self.of(contact_points)
-        if not present.none_slide:
+        if present.any_slides:
             return False
         if kinds is not present.kinds and kinds.tolist() != present.kinds.tolist():
             return False
@@ -265,7 +262,7 @@ class FrictionModes:
     def slide_on(
         self, contact_points: tuple[ContactPoint, ...], present: PointModes, directions: FloatArray, slips: Sequence[float]
     ) -> None:
-        """Go on sliding at all points: of the modes of the step before, directions and slips change; see :meth:`set`.
+        """Go on sliding at all points with friction: of the modes of the step before, directions and slips change.
 
         Args:
             contact_points: All closed contact points.
@@ -275,6 +272,8 @@ class FrictionModes:
         """
         before, self._largest_slip = self._largest_slip, {}
         for i, (contact, slip) in enumerate(zip(contact_points, slips, strict=True)):
+            if contact.pair.mu == 0.0:
+                continue
             largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
             present.stop_speeds[i] = _STOPPED * max(largest, _LEAST_SLIP_M_S)
         self._directions = dict(zip(contact_points, directions, strict=True))

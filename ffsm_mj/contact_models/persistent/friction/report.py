@@ -19,7 +19,7 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import CONTACT_WORK, SLIDING_HEAT, Signal, identifier
 
 if TYPE_CHECKING:
-    from ffsm_mj._core.contacts import FrictionState
+    from ffsm_mj._core.contacts import ContactEvaluation
 
 _SIGNALS = (
     ("friction_N", "N", "friction force of {}: sum of the tangential resultants of its pairs; 0 without force"),
@@ -75,7 +75,7 @@ class FrictionOfPairs:
 
     def __init__(
         self,
-        here: FrictionState,
+        here: ContactEvaluation,
         solution: Solution,
         friction: FloatArray,
         estimates: dict[tuple[ContactPoint, ...], FloatArray],

@@ -38,8 +38,8 @@ from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 from ffsm_mj.tolerances import EPSILON
 
 if TYPE_CHECKING:
-    from ffsm_mj._core.contacts import FrictionState
-    from ffsm_mj.contact_models.persistent.friction.decision import FrictionalDecision
+    from ffsm_mj._core.contacts import ContactEvaluation
+    from ffsm_mj.contact_models.persistent.friction.decision import Decision
     from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 
 _STEPS, _HALVINGS = 40, 12
@@ -157,7 +157,7 @@ class StageEquation:
         return forces, self._p + np.tensordot(self._weights, np.array(rates), 1)
 
 
-def stage_of(here: FrictionState, directions: FloatArray | None = None) -> tuple[Stage, FloatArray]:
+def stage_of(here: ContactEvaluation, directions: FloatArray | None = None) -> tuple[Stage, FloatArray]:
     """Contact forces in a stage.
 
     Args:
@@ -178,7 +178,7 @@ def stage_of(here: FrictionState, directions: FloatArray | None = None) -> tuple
     return Stage(rows, along, generalised * rows.qvel, Slide(heat, slip_speeds)), generalised
 
 
-def _directions_at(here: FrictionState) -> tuple[FloatArray, FloatArray]:
+def _directions_at(here: ContactEvaluation) -> tuple[FloatArray, FloatArray]:
     """Directions of slip at a state, and at the start of the step, along the tangents, (k, 2)."""
     rows, modes = here.rows, here.modes
     at_start = modes.start_directions(rows.axes)
@@ -188,7 +188,7 @@ def _directions_at(here: FrictionState) -> tuple[FloatArray, FloatArray]:
 class _Node(NamedTuple):
     """The points at a node, the directions of slip assumed there, (k, 2), and the forces (n, t1, t2), N, (k, 3)."""
 
-    here: FrictionState
+    here: ContactEvaluation
     directions: FloatArray
     forces: FloatArray
 
@@ -199,13 +199,13 @@ class ImplicitSlips:
     See :class:`~ffsm_mj.dynamics.implicit_stages.StiffForces`.
     """
 
-    def __init__(self, here: FrictionState) -> None:
+    def __init__(self, here: ContactEvaluation) -> None:
         """Begin at the first evaluation of the first node."""
         modes = here.modes
         self._free: IntArray = np.flatnonzero(modes.slides & ~here.problem.lines & ~modes.straight)
         self._nodes: dict[int, _Node] = {}
 
-    def stage_of(self, here: FrictionState, node: int) -> tuple[Stage, FloatArray]:
+    def stage_of(self, here: ContactEvaluation, node: int) -> tuple[Stage, FloatArray]:
         """Contact forces in a node, with the directions of slip that were found last; see :func:`stage_of`."""
         known, (directions, at_start) = self._nodes.get(node), _directions_at(here)
         # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
@@ -275,7 +275,7 @@ class StepRule(NamedTuple):
     layers: Layers | None = None
 
 
-def step_rule(decision: FrictionalDecision, last: Layers | None, left_s: float, time_s: float, efforts: bytes) -> StepRule:
+def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: float, efforts: bytes) -> StepRule:
     """What limits a (sub-)step for the points that slide in two directions.
 
     Args:

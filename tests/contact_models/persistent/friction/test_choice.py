@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.cones import cone_margin
@@ -100,3 +101,38 @@ def test_the_use_of_friction_of_a_guided_point_is_that_of_its_internal_forces(rn
         for estimate in (None, forces, forces + 1e3 * np.cross(a, (0.0, a[2], -a[1])), rng.normal(size=(1, 3))):
             # Iterations end at reductions of 1e-12.
             assert least_use(problem, forces, np.array([0]), estimate)[0] == pytest.approx(use, abs=1e-11)
+
+
+def rows_without_friction(rng, kind):
+    """Rows of the normals of 1 to 12 points: in general position, on a face, along few lines, or at equal places."""
+    k, nv = rng.integers(1, 13), rng.integers(1, 9)
+    if kind == 0:
+        return rng.normal(size=(k, nv))
+    if kind == 1:
+        return np.column_stack((np.ones(k), rng.uniform(-1.0, 1.0, (k, 2))))
+    if kind == 2:
+        return rng.integers(-2, 3, (k, nv)).astype(float)
+    return np.column_stack((np.ones(k), rng.integers(-1, 2, (k, 2))))
+
+
+@pytest.mark.parametrize("kind", range(4))
+def test_points_without_friction_solve_the_convex_problem(rng, kind):
+    """Redundant and degenerate ones too: the accelerations of non-negative least squares, forces of no greater norm."""
+    for _ in range(100):
+        A = rows_without_friction(rng, kind)
+        k, nv = A.shape
+        f = rng.normal(size=nv) if rng.random() < 0.5 else -A.T @ np.abs(rng.normal(size=k)) * rng.integers(0, 2)
+        G, b = np.zeros((3 * k, 3 * k)), np.zeros(3 * k)
+        G[::3, ::3], b[::3] = A @ A.T, A @ f
+        rounding = np.full(k, 1e-12 * (1.0 + np.abs(A * f).max()))
+        states = PointStates(np.zeros((k, 2)), np.zeros(k, bool), np.full(k, UNKNOWN), np.zeros((k, 2)), rounding, False)
+        found = ModeChoice(FrictionProblem(G, b, np.zeros(k)), states).choose()
+        expected = nnls(A.T, -f)[0]
+        scale = 1.0 + np.abs(b).max()
+        # Points with a row of rounding size keep up to ten roundings of it.
+        np.testing.assert_allclose(found.accelerations[:, 0], b[::3] + A @ (A.T @ expected), rtol=0, atol=2e-10 * scale)
+        assert (found.forces[:, 0] * np.diag(A @ A.T) >= -10.0 * rounding).all()
+        assert np.linalg.norm(found.forces) <= np.linalg.norm(expected) * (1.0 + 1e-6) + 1e-9
+        assert set(found.kinds.tolist()) <= {CLOSED, SLIDE}
+        kept = states._replace(kinds=found.kinds)
+        assert ModeChoice(FrictionProblem(G, b, np.zeros(k)), kept).choose().kinds.tolist() == found.kinds.tolist()
