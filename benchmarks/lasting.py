@@ -29,8 +29,8 @@ from tick import quickest
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.balance.balance import Balance
+from ffsm_mj.contact_models.persistent.columns import ContactReport
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
-from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 

@@ -15,7 +15,7 @@ from ffsm_mj.contact_models.grasp.load import LoadBuffer
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.impact.model import ImpactModel
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.report import ContactReport
+from ffsm_mj.contact_models.persistent.columns import ContactReport
 from ffsm_mj.log.mcap.sink import McapSink
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.replay import replay_log

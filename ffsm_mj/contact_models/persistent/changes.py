@@ -16,9 +16,9 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import points_at_rest, switched_rate_tolerance
+from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.modes import Mode
-from ffsm_mj.contact_models.persistent.limit_report import LimitReport
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
@@ -31,7 +31,6 @@ from ffsm_mj.contact_models.persistent.record import (
     ContactSlips,
     ContactSticks,
 )
-from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.records.kinds import RecordKind
 
 Change: TypeAlias = tuple[RecordKind, list[UnilateralConstraint]]

@@ -32,7 +32,6 @@ from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
-from ffsm_mj.contact_models.persistent.account import StepAccount
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.changes import (
     PAIR_KINDS,
@@ -50,12 +49,10 @@ from ffsm_mj.contact_models.persistent.closure import (
     rate_tolerance,
     refusal_in,
 )
-from ffsm_mj.contact_models.persistent.exchange import Shares
-from ffsm_mj.contact_models.persistent.force_check import ForceCheck
-from ffsm_mj.contact_models.persistent.force_rounding import RecordAccuracy, varied_forces
-from ffsm_mj.contact_models.persistent.limit_report import LimitReport
+from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
+from ffsm_mj.contact_models.persistent.exchange import Shares, StepAccount
+from ffsm_mj.contact_models.persistent.force_check import ForceCheck, RecordAccuracy, varied_forces
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
-from ffsm_mj.contact_models.persistent.report import ContactReport
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, needs_projection

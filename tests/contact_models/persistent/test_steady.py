@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.contact_models.persistent import active_set
-from ffsm_mj.contact_models.persistent.force_solver import ForceSolver
+from ffsm_mj.contact_models.persistent.active_set import ForceSolver
 from ffsm_mj.tolerances import PROJECTED_SLIP_M_S
 from tests.ticks import in_the_loop
 
