@@ -10,7 +10,7 @@ cimport cython
 import numpy as np
 
 from ffsm_mj.contact_models.persistent.friction.cones import ON_CONE
-from ffsm_mj.contact_models.persistent.friction.problem import NONE, HeldRows
+from ffsm_mj.contact_models.persistent.friction.problem import HeldRows
 from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.problem import Solution
@@ -34,25 +34,37 @@ cdef double _RATE = RATE, _ON_CONE = ON_CONE, _FRICTION_ROUNDING = FRICTION_ROUN
 cdef double _AWAY = 1e4
 
 
+cdef bint presses_alone(modes, RowMemory own) except -1:
+    """Whether a single point without friction presses, and something can move along its normal: one row is held."""
+    return own.points == 1 and not own.rubs[0] and modes.all_stick and own.inverse_mass(0) > _CANCELLED
+
+
 cdef object structure_of(modes, RowMemory own):
     """The rows held in the modes of a step: as at the first of its states that needs them."""
-    cdef const double* G
-    cdef Py_ssize_t i, m = own.rows
-    cdef double largest = 1.0
     structure = modes.structures.get(modes.key)
-    if structure is not None:
-        return structure
-    if modes.all_stick:
-        G = own.delassus()
-        for i in range(m):
-            largest = max(largest, G[i * (m + 1)])
-        movable = [i for i in range(m) if G[i * (m + 1)] > _CANCELLED * largest]
-        structure = HeldRows(m, np.array(movable, dtype=np.intp), NONE, modes.mu)
-    else:
-        own.delassus()
-        structure = HeldRows.of(FrictionProblem(own.array("G"), np.empty(m), modes.mu), modes.kinds)
-    modes.structures[modes.key] = structure
+    if structure is None:
+        structure = modes.kept.get(modes.key)
+        # The same rows as in the step before, and so the same object: what is made for it is used again.
+        if structure is None or not (modes.all_stick and moves_as_held(own, structure)):
+            structure = HeldRows.of(FrictionProblem(own.array("G"), np.empty(own.rows), modes.mu), modes.kinds)
+        modes.structures[modes.key] = modes.kept[modes.key] = structure
     return structure
+
+
+cdef bint moves_as_held(RowMemory own, structure) except -1:
+    """Whether the rows held are those along which a force can move anything; of points that all stick, see ``held_rows``."""
+    cdef const Py_ssize_t[::1] rows = structure.rows
+    cdef const double* G = own.delassus()
+    cdef Py_ssize_t i, at = 0, m = own.rows
+    cdef double largest = 1.0
+    for i in range(m):
+        largest = max(largest, G[i * (m + 1)])
+    for i in range(m):
+        if G[i * (m + 1)] > _CANCELLED * largest:
+            if at == rows.shape[0] or rows[at] != i:
+                return False
+            at += 1
+    return at == rows.shape[0]
 
 
 cdef bint slips_along_a_line(const double* G, Py_ssize_t m, Py_ssize_t p, double* largest) noexcept:
@@ -174,7 +186,9 @@ cdef class ContactEvaluation:
         cdef HeldForces held
         if not self.has_forces:
             memset(self.along, 0, self.own.rows * sizeof(double))
-            if self.own.points:
+            if presses_alone(self.modes, self.own):
+                self.along[0] = -self.b[0] / self.own.inverse_mass(0)
+            elif self.own.points:
                 held = self.held()
                 if self.modes.any_slides:
                     modes = self.modes
@@ -405,6 +419,10 @@ cdef class StageForces:
         self.evaluator.combine(own)
         own.accelerate(&self.force[0], &self.b[0])
         memset(stage.along, 0, own.rows * sizeof(double))
+        if presses_alone(self.modes, own):
+            stage.along[0] = -self.b[0] / own.inverse_mass(0)
+            generalise(stage.along, own, &self.sums[0])
+            return 0
         self.hold()
         if self.sliding:
             directions_of_slip(own, self.slides, self.straight, self.directions, &self.slips[0, 0])

@@ -330,7 +330,9 @@ cdef class SteadyContacts:
         if self.sliding:
             if not self.slide_on(left_s):
                 return False
-        elif self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds):
+        elif self.rubs and (
+            self.here.largest_slip() > SLIP_M_S or not self.modes.keep_still(self.points, self.point_modes.kinds)
+        ):
             return False
         self.closed.begin_steady_step()
         return True

@@ -62,6 +62,7 @@ class PointModes:
         directed_at: Slips at which these directions were determined, m/s, (k,); infinite for points that are not straight.
         drifts: Points whose slip is drift: those that stick, begin to slide, or replace others that stick, (k,).
         structures: Rows held in modes of the step, by the modes; see ``HeldRows``.
+        kept: The same of earlier steps in these modes.
         pairs: Pairs with friction and their points, which are consecutive.
     """
 
@@ -74,6 +75,7 @@ class PointModes:
     directed_at: FloatArray
     drifts: BoolArray
     structures: dict[bytes, Any]
+    kept: dict[bytes, Any]
     pairs: list[tuple[UnilateralConstraint, slice]]
 
     @cached_property
@@ -190,6 +192,7 @@ class FrictionModes:
             directed_at=directed_at,
             drifts=(kinds == STICK) | drifts,
             structures={},
+            kept={},
             pairs=_with_friction(contact_points),
         )
 
