@@ -1,10 +1,9 @@
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from ffsm_mj._core.osdre import CommandingLaw
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj._core.steppers import FreeStepper
-from ffsm_mj._core.tick import Limits, RowFiller, StepWork
+from ffsm_mj._core.tick import Limits, RowFiller, StepWork, TickLaw
 
 class FreeTicks:
     ticks: int
@@ -15,14 +14,14 @@ class FreeTicks:
     def __init__(
         self,
         data: Any,
-        recorder: Any,
+        recorder: Any | None,
         rows: RowFiller,
         work: StepWork,
         *,
         watched: Any | None,
         overlaps: dict[Any, Any],
-        look: Callable[[float], object],
-        count: Callable[[], object],
+        look: Callable[[float], object] | None,
+        count: Callable[[], object] | None,
         after_step: Iterable[Callable[[float], object]],
         step_s: float,
         steps_per_tick: int,
@@ -35,10 +34,10 @@ class FreeTicks:
         stepper: FreeStepper,
         contacts: SteadyContacts | None,
         event_bound: float,
-        law: CommandingLaw | None,
+        law: TickLaw | None,
         limits: Limits | None,
         *,
-        decide: Callable[[float], bool],
+        decide: Callable[[float], bool] | None,
         interrupted: Callable[[], object] | None,
         report: Callable[[float], object] | None,
         warnings: list[str],

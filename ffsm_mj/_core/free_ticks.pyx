@@ -11,11 +11,9 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport isfinite
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
-from ffsm_mj._core.osdre cimport CommandingLaw
-from ffsm_mj._core.riccati_doubling import RiccatiError
 from ffsm_mj._core.steady cimport SteadyContacts
 from ffsm_mj._core.steppers cimport FreeStepper
-from ffsm_mj._core.tick cimport Limits, RowFiller, StepWork
+from ffsm_mj._core.tick cimport Limits, RowFiller, StepWork, TickLaw
 
 
 cdef class FreeTicks:
@@ -108,7 +106,7 @@ cdef class FreeTicks:
             until_s: Time from which another law may be in charge, s.
             clock: Monotonic time from which the log is to be flushed, s.
         """
-        cdef CommandingLaw own = law
+        cdef TickLaw own = law
         cdef bint changes = False
         cdef double now, started, period_s = self.step_s * self.steps_per_tick
         while self.ticks < ticks and self.line + 1 < lines and stepper.motion_bound < event_bound:
@@ -124,7 +122,7 @@ cdef class FreeTicks:
                 finally:
                     self.line = self.recorder.line  # it may have written an event, and the rows before it
             else:
-                if not self.command(own, limits):
+                if not own.command(limits):
                     return  # the loop evaluates it again, and says what is wrong
                 self.ticks, self.evaluations = self.ticks + 1, self.evaluations + 1
                 self.law_s += monotonic() - started
@@ -132,16 +130,8 @@ cdef class FreeTicks:
             if report is not None:
                 self.count()
                 report(now)
-            if changes or not self.step(move, stepper, contacts, event_bound, interrupted, warnings):
+            if changes or not self.step(move, stepper, contacts, event_bound, own, interrupted, warnings):
                 return
-
-    cdef bint command(self, CommandingLaw law, Limits limits) except -1:
-        """Evaluate the law and apply its command; returns whether it gives one."""
-        try:
-            law.decide()
-        except RiccatiError:
-            return False
-        return limits.apply()
 
     cdef int record(self, double time_s) except -1:
         """Fill a row, and look for contacts that nothing handles."""
@@ -158,7 +148,14 @@ cdef class FreeTicks:
         return 0
 
     cdef bint step(
-        self, move, FreeStepper stepper, SteadyContacts contacts, double event_bound, interrupted, list warnings
+        self,
+        move,
+        FreeStepper stepper,
+        SteadyContacts contacts,
+        double event_bound,
+        TickLaw law,
+        interrupted,
+        list warnings,
     ) except -1:
         """Make the steps of a tick; returns whether they are complete."""
         cdef Py_ssize_t i
@@ -177,6 +174,7 @@ cdef class FreeTicks:
                 not stepper.motion_bound < event_bound
                 or len(warnings)
                 or not isfinite(stepper.energy)
+                or (law is not None and i + 1 == self.steps_per_tick and not law.arrives())
                 or (contacts is not None and not contacts.exchange_into(self.step_s, exchange))
             ):
                 self.has_stepped = True

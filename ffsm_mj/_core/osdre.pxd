@@ -1,4 +1,5 @@
 from ffsm_mj._core.functions cimport mjData, mjModel
+from ffsm_mj._core.tick cimport Limits, TickLaw
 
 
 cdef class TipKinematics:
@@ -31,11 +32,9 @@ cdef class OutputLaw:
     cpdef int tick(self) except -1
 
 
-cdef class CommandingLaw:
+cdef class CommandingLaw(TickLaw):
     cdef OutputLaw law
     cdef double[::1] effort, telemetry
     cdef unsigned char[::1] powered
     cdef const Py_ssize_t[::1] actuators, places
     cdef object before
-
-    cdef int decide(self) except -1

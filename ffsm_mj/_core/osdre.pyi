@@ -6,6 +6,7 @@ import numpy.typing as npt
 
 from ffsm_mj._core.riccati_doubling import Doubling
 from ffsm_mj._core.riccati_planar import PlanarRiccati
+from ffsm_mj._core.tick import TickLaw
 from ffsm_mj.arrays import FloatArray, IntArray
 
 Riccati = TypeVar("Riccati")
@@ -38,7 +39,7 @@ class OutputLaw(Generic[Riccati]):
 class PlanarLaw(OutputLaw[PlanarRiccati]): ...
 class BlockLaw(OutputLaw[Doubling]): ...
 
-class CommandingLaw:
+class CommandingLaw(TickLaw):
     def __init__(
         self,
         law: OutputLaw[Any],

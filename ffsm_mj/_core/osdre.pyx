@@ -8,11 +8,14 @@ cimport cython
 
 import numpy as np
 
+from ffsm_mj._core.riccati_doubling import RiccatiError
+
 from libc.math cimport fabs, hypot, sqrt
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
 from ffsm_mj._core.riccati_doubling cimport Doubling
 from ffsm_mj._core.riccati_planar cimport blocks_t, matrix_t, pair_t, PlanarRiccati, principal_axes
+from ffsm_mj._core.tick cimport Limits, TickLaw
 
 # Rows of alpha M_c^-1 that are smaller, relative to the largest, do not move the output (numpy's limit for pinv).
 cdef double NO_MOTION = 1e-15
@@ -381,7 +384,7 @@ cdef class BlockLaw(OutputLaw):
         return square
 
 
-cdef class CommandingLaw:
+cdef class CommandingLaw(TickLaw):
     """A law with the command and the telemetry that it writes, which are those of the whole robot.
 
     ``before`` is called before each evaluation.
@@ -405,20 +408,19 @@ cdef class CommandingLaw:
         self.law, self.actuators, self.effort, self.powered = law, actuators, effort, powered.view(np.uint8)
         self.places, self.telemetry, self.before = places, telemetry, before
 
-    cdef int decide(self) except -1:
-        """Command the actuators of the law; all others are off.
-
-        Raises:
-            RiccatiError: The equation has no stabilising solution here.
-        """
+    cdef bint command(self, Limits limits) except -1:
+        """Command the actuators of the law; all others are off. Its equation may have no stabilising solution here."""
         cdef Py_ssize_t i
         if self.before is not None:
             self.before()
-        self.law.tick()
+        try:
+            self.law.tick()
+        except RiccatiError:
+            return False
         for i in range(self.effort.shape[0]):
             self.effort[i], self.powered[i] = 0.0, False
         for i in range(self.actuators.shape[0]):
             self.effort[self.actuators[i]], self.powered[self.actuators[i]] = self.law.u[i], True
         for i in range(self.places.shape[0]):
             self.telemetry[self.places[i]] = self.law.told[i]
-        return 0
+        return limits.apply()

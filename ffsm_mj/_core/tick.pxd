@@ -44,6 +44,11 @@ cdef class StepWork:
     cdef void add(self, const double* energy, const double* contact, const double* fixed) noexcept
 
 
+cdef class TickLaw:
+    cdef bint command(self, Limits limits) except -1
+    cdef bint arrives(self) except -1
+
+
 cdef class Limits:
     cdef double[::1] effort, velocity, ctrl
     cdef const double[::1] low, high, stall, slope, saturation, gear

@@ -291,3 +291,15 @@ cdef class Limits:
             self.table[i, 1], self.table[i, 2], self.table[i, 3] = applied, lower, upper
             self.ctrl[i] = applied / self.gear[i]
         return True
+
+
+cdef class TickLaw:
+    """What commands efforts at control ticks that the core takes."""
+
+    cdef bint command(self, Limits limits) except -1:
+        """Command efforts at the state in ``data``, and apply them within limits; returns whether that is possible here."""
+        raise NotImplementedError
+
+    cdef bint arrives(self) except -1:
+        """Whether the state at which the last step of a tick ends is that from which the next tick goes on."""
+        return True

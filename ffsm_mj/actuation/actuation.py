@@ -93,6 +93,7 @@ class Actuation:
         gear: Effort per ctrl, (nu,).
         envelope: Limits of the actuators.
         counts: On-time in s and unsigned impulse in N s of each on-off actuator, (number of on-off actuators, 2).
+        others: Indices of the on-off actuators, which have valves, and of those of objects, which no law may drive.
         columns: Columns of the table and the counts.
         keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
     """
@@ -139,16 +140,20 @@ class Actuation:
         )
         foreign = np.array([not name.startswith("robot/") for name in self.names], dtype=np.bool_)
         self._system, self._foreign = system, foreign if foreign.any() else None
+        self.others = frozenset([*self._counted.tolist(), *np.flatnonzero(foreign).tolist()])
         self._data: Any = None
         self._command: Command | None = None
 
-    def limits(self, actuators: IntArray) -> Limits | None:
-        """Limits of the bound command while it drives some actuators alone; None if a valve takes part."""
-        switches = self._valves_open or not {i for i, _ in self._valves}.isdisjoint(actuators.tolist())
-        return None if switches or self._foreign is not None else self._limits
+    def limits(self, command: Command, data: Any, actuators: IntArray) -> Limits | None:
+        """Limits of a command while it drives some actuators alone; None if those of :attr:`others` take part."""
+        self.bind(command, data)
+        possible = not self._valves_open and self.others.isdisjoint(actuators.tolist())
+        return self._limits if possible else None
 
     def bind(self, command: Command, data: Any) -> None:
         """Bind to the command and the data that :meth:`apply` is going to be called with."""
+        if data is self._data and command is self._command:
+            return
         self._data, self._command, self._ctrl = data, command, data.ctrl
         held = command.effort, command.powered, data.actuator_velocity, self.table, data.ctrl
         self._limits = Limits(self.envelope, *held)
@@ -159,8 +164,7 @@ class Actuation:
         Raises:
             ControllerError: A powered effort is not finite, or one of an actuator of an object is not zero.
         """
-        if data is not self._data or command is not self._command:
-            self.bind(command, data)
+        self.bind(command, data)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
             raise ControllerError(f"the controller commands a non-finite effort for {names}")

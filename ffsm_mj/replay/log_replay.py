@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -13,6 +15,7 @@ import numpy.typing as npt
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import EventEffect, LoggedEvent
 from ffsm_mj.controller_protocol import Command
+from ffsm_mj.errors import ControllerError
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.log.sampling import BETWEEN, NOWHERE
 from ffsm_mj.records.effort_change import EffortChange
@@ -20,6 +23,7 @@ from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.event_check import EventCheck
 from ffsm_mj.replay.logged_events import LoggedEvents
+from ffsm_mj.replay.logged_flight import LoggedFlight
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene
 from ffsm_mj.simulation.step_control import StepLimitError
@@ -67,6 +71,7 @@ class LogReplay:
         self._events = LoggedEvents(self._plant.system, log, self._step_s, self.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
         self._logged: LoggedRows
+        self._flight = LoggedFlight.of(self._plant, self._rows, self._command, self._step_s, self._steps)
         self._lost_from, self._time = np.array([start for start, _ in log.lost]), log.header.layout.time
         self.whole: Whole | None = None
         self._last_s = -math.inf
@@ -74,6 +79,9 @@ class LogReplay:
         self._left = 0.0
         self._ending = False
         self._at_logged_state = False
+        # Of ticks that the core took: whether the next sample is reached, or the step to go on with, and whether it is made;
+        # whether the motion bound holds from the last event on.
+        self._arrived, self._next_step, self._made, self._bounded = False, 0, False, False
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         """Recompute the next samples and compare them with the logged ones.
@@ -137,34 +145,69 @@ class LogReplay:
         self._logged = self._rows.begin(block)
         states = self._logged.states
         usable = np.all(np.isfinite(states) & (np.abs(states) < _HUGE), axis=1) & (ticks != NOWHERE)
-        for line, (tick, good) in enumerate(zip(ticks.tolist(), usable.tolist(), strict=True)):
-            if good:
-                self._line(line, tick)
+        if self._flight is not None:
+            self._flight.begin(self._logged, usable, ticks)
+        line = 0
+        while line < len(block):
+            if usable[line]:
+                line += self._lines(line, int(ticks[line]))
             else:
                 self._rows.skip(line)
                 self._tick = None
+                line += 1
         return self._rows.compare(block, self.motion, self.columns)
 
-    def _line(self, line: int, tick: int) -> None:
-        """Integrate to a sample, and write its row as the run does."""
-        logged, plant = self._logged, self._plant
-        time = float(logged.times[line]) if tick == BETWEEN else tick * self._period_s
-        if self._tick is not None and tick in (self._tick + 1, BETWEEN):
-            until_s = time if tick == BETWEEN else math.inf
+    def _lines(self, line: int, tick: int) -> int:
+        """Integrate to a sample, and write its row as the run does; returns the number of rows written, from it on."""
+        starts = self._reach(line, tick)
+        self._plant.data.time = self._time_of(line, tick)  # as in a run: a sum of steps accumulates rounding
+        if written := self._fly(line, tick):
+            return written
+        self._write(line, tick, starts=starts)
+        return 1
+
+    def _time_of(self, line: int, tick: int) -> float:
+        return float(self._logged.times[line]) if tick == BETWEEN else tick * self._period_s
+
+    def _reach(self, line: int, tick: int) -> bool:
+        """Integrate to a sample, unless the core has; returns whether the replay starts there instead."""
+        logged, arrived = self._logged, self._arrived
+        self._arrived = False
+        if self._tick is None or tick not in (self._tick + 1, BETWEEN):
+            self._rows.complete(line)
+            self._start_at_sample(line, max(tick, 0), self._time_of(line, tick))
+            self._rows.predicted[line] = logged.states[line]
+            return True
+        if not arrived:
+            until_s = self._time_of(line, tick) if tick == BETWEEN else math.inf
             self._rows.predicted[line] = self._advance_to_sample(logged.states[line], self._tick, until_s)
+        return False
+
+    def _fly(self, line: int, tick: int) -> int:
+        """Have the core write rows from a sample on, if nothing but actuators acts there; returns the number of rows."""
+        if self._flight is None or not self._bounded:
+            return 0
+        pending = self._events.pending
+        written = self._flight.take(line, tick, pending[0].step // self._steps if pending else math.inf)
+        if written:
+            self._tick, self._next_step = tick + written - 1, self._flight.steps
+            self._arrived = self._next_step == (tick + written) * self._steps
+            self._made, self._at_logged_state = self._flight.pass_step(), True
+        return written
+
+    def _write(self, line: int, tick: int, *, starts: bool) -> None:
+        """Write the row of a sample as the run does."""
+        logged, plant = self._logged, self._plant
+        if not starts:
             if tick in (self._last_tick, BETWEEN):
                 # The controller is not evaluated at the end of a run: earlier efforts still act.
                 plant.actuation.table[:, 0] = logged.asked[line]
             else:
-                self._decide(line, time)
-        else:
-            self._rows.complete(line)
-            self._start_at_sample(line, max(tick, 0), time)
-            self._rows.predicted[line] = logged.states[line]
+                self._decide(line, self._time_of(line, tick))
         plant.data.ctrl[:] = logged.ctrl[line]
-        self._rows.write(line, time, logged.rows[line])
+        self._rows.write(line, self._time_of(line, tick), logged.rows[line])
         self._at_logged_state = True
-        self._tick = None if tick == BETWEEN else tick
+        self._tick, self._next_step = (None, 0) if tick == BETWEEN else (tick, tick * self._steps)
 
     def _start_at_sample(self, line: int, tick: int, time_s: float) -> None:
         """Start at a sample: the first one, or the first after a gap, where accumulated columns are taken from the log."""
@@ -174,6 +217,7 @@ class LogReplay:
         self._rows.restore(logged.rows[line] if tick else None)
         plant.integrator.restore_state(self._system_motion, self._events.before(tick * self._steps))
         plant.balance.set_grasped_object(plant.integrator.motion.grasped_object)
+        self._bounded = True
         if not tick:
             if plant.sampler is not None:
                 plant.sampler.begin()
@@ -182,22 +226,36 @@ class LogReplay:
         if plant.sampler is not None:
             plant.sampler.begin_after_gap(time_s)
         plant.scene.numbers.mark_unknown()
-        plant.actuation.hold(logged.applied[line], plant.data, time_s)
+        self._hold(logged.applied[line], time_s, self.columns)
         plant.actuation.table[:, 0] = logged.asked[line]
 
     def _decide(self, line: int, time_s: float) -> None:
         """Apply the logged command within the actuator limits."""
         self._command.effort[:], self._command.powered[:] = self._logged.asked[line], self._logged.powered[line]
-        self._plant.actuation.apply(self._command, self._plant.data, time_s)
+        with self._no_law_commands(time_s, self.columns):
+            self._plant.actuation.apply(self._command, self._plant.data, time_s)
+
+    def _hold(self, efforts: FloatArray, time_s: float, found: Agreement) -> None:
+        """Apply logged efforts that were decided before."""
+        with self._no_law_commands(time_s, found):
+            self._plant.actuation.hold(efforts, self._plant.data, time_s)
+
+    @contextmanager
+    def _no_law_commands(self, time_s: float, found: Agreement) -> Iterator[None]:
+        """Context in which efforts that end a run are what a log cannot say."""
+        try:
+            yield
+        except ControllerError as error:
+            found.keep(impossible(str(error), time_s))
 
     def _advance_to_sample(self, state: FloatArray, tick: int, until_s: float) -> FloatArray:
         """Integrate from the sample at a tick to the next sample, or to an event at ``until_s``; returns the state there."""
-        first = tick * self._steps
-        for step in range(first, first + self._steps):
+        end = (tick + 1) * self._steps
+        for step in range(self._next_step, end):
             if self._advance_through_events(step, until_s):
                 self._left = 0.0
                 break
-            if step + 1 < first + self._steps:
+            if step + 1 < end:
                 self._enter(self._integrate(self._left))
         return self._advance_to_state(self._left, state)
 
@@ -224,7 +282,7 @@ class LogReplay:
             return self._check.reproduce(event)
 
         effect = self._plant.apply(reproduce, event.state_after)
-        self._at_logged_state = True
+        self._at_logged_state = self._bounded = True
         # If the run ended at this event, the controller was not evaluated or failed: its efforts never acted.
         if self._events.pending or not self._ending:
             self._apply_efforts(event, effect)
@@ -238,7 +296,7 @@ class LogReplay:
         """
         actuation, data = self._plant.actuation, self._plant.data
         if not np.array_equal(event.efforts, actuation.applied) or effect is None or self._decides(effect):
-            actuation.hold(event.efforts, data, event.time_s)
+            self._hold(event.efforts, event.time_s, self.impacts)
         name = f"{event.name} efforts_after"
         self.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
         data.ctrl[:] = event.efforts / actuation.gear
@@ -255,6 +313,7 @@ class LogReplay:
         differs = not bool((predicted == state).all())
         if differs:
             plant.set_state(state)
+            self._bounded = False
         self._enter(last_s, is_set=differs)
         return predicted
 
@@ -265,6 +324,9 @@ class LogReplay:
             Duration of the last sub-step; 0 if integration was refused.
         """
         left = self._left
+        if self._made:
+            self._made = False
+            return duration_s
         if self._at_logged_state and duration_s > 0.0:
             self._find_missing_events()
         while duration_s > 0.0:

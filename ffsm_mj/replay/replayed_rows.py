@@ -53,6 +53,9 @@ class ReplayedRows:
         predicted: States integrated from the samples before, (lines, nq + nv).
         forces_apart: Differences of the contact forces from independent checks, N, (lines,).
         accuracy: How far rounding of the states changes the columns by varied forces, (lines, number of signals).
+        copied: Places in a row of the columns of the controller, and the array of their values.
+        filler: Fills a line from live arrays.
+        follows_event: Whether an event has been added since the last row.
     """
 
     def __init__(self, plant: Plant, layout: Layout) -> None:
@@ -69,9 +72,10 @@ class ReplayedRows:
         known = plant.columns
         # Columns of the controller cannot be recomputed: they are copied from the log.
         controller = tuple(signal for signal in layout.signals if signal.group in ("estimate", "controller", "phase"))
-        self._copied, self._copy = layout.places(signal.key for signal in controller), np.zeros(len(controller))
-        row = _row_of_log([*known, Columns(controller, live=self._copy)], layout)
+        self.copied = layout.places(signal.key for signal in controller), np.zeros(len(controller))
+        row = _row_of_log([*known, Columns(controller, live=self.copied[1])], layout)
         self._writer = RowWriter(row, plant.state.sampler, self.again)
+        self.filler, self.follows_event = self._writer.filler, False
         by_part = [(part, layout.places(s.key for s in part.signals)) for part in known]
         self._at_state = [(part.at_state, places) for part, places in by_part if part.at_state]
         self._at_event = [(part.at_event, places) for part, places in by_part if part.at_event]
@@ -81,7 +85,7 @@ class ReplayedRows:
         sensing = [signal.key for part in plant.sampler.columns for signal in part.signals] if plant.sampler else []
         self._sensing = layout.places(sensing)
         self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
-        self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self._copied, self._state)))
+        self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self.copied[0], self._state)))
         checks = (contact_model.force_check(layout) for contact_model in plant.integrator.replayable)
         self._force_checks: list[Callable[[FloatArray], float]] = [check for check in checks if check is not None]
         self._residual, self._energy = layout.index[f"balance.{FORCE_RESIDUAL}"], layout.index["energy.total_J"]
@@ -100,17 +104,20 @@ class ReplayedRows:
 
     def write(self, line: int, time_s: float, logged: FloatArray) -> None:
         """Write the row of the state in ``data``; columns of the controller are copied from the logged row."""
-        self._copy[:] = logged[self._copied]
+        places, copy = self.copied
+        copy[:] = logged[places]
         if self._plant.sampler is not None:
             self._plant.sampler.take_over(logged[self._sensing], time_s)
         self.accuracy[line] = self._accuracy(self._at_state) + self._since_row
         self._since_row.fill(0.0)
+        self.follows_event = False
         self._writer.fill(line, time_s)
         self.forces_apart[line] = max((check(logged) for check in self._force_checks), default=0.0)
 
     def add_event(self) -> None:
         """Note how far rounding of the state after an event changes the columns of values after events."""
         np.maximum(self._since_row, self._accuracy(self._at_event), out=self._since_row)
+        self.follows_event = True
 
     def _accuracy(self, parts: _Parts) -> FloatArray | float:
         """How far rounding of the state in ``data`` changes columns through the forces: the sum over all variations."""

@@ -184,6 +184,7 @@ class _Refining(LogReplay):
             limits: What ends the analysis early.
         """
         super().__init__(scene, log)
+        self._flight = None  # every step is made in parts
         self._error = StepError(scene.plant.system, scene.plant.data, scene.plant.balance)
         self._limits, self._samples, self._expected = limits, 0, scene.scenario.ticks + 1
         self._so_far, self._bound = np.zeros((2, _RESIDUALS)), np.zeros(len(ENTRIES))
@@ -206,13 +207,14 @@ class _Refining(LogReplay):
         self._done_up_to(len(block))
         return rows
 
-    def _line(self, line: int, tick: int) -> None:
+    def _lines(self, line: int, tick: int) -> int:
         self._done_up_to(line)
-        super()._line(line, tick)
+        written = super()._lines(line, tick)
         self._done_up_to(line + 1)
         if self._limits.report is not None:
             self._samples += 1
             self._limits.report(self._samples, max(self._expected, self._samples))
+        return written
 
     def _done_up_to(self, line: int) -> None:
         """Rows that nothing leads to have what was found before."""

@@ -83,7 +83,7 @@ class FreeFlight:
         # The law for another motion takes over at its next evaluation.
         same = self._controller.grasp == integrator.motion.grasp
         if (in_core := self._controller.in_core(command, plant.data) if same else None) is not None:
-            limits = plant.actuation.limits(in_core.actuators)
+            limits = plant.actuation.limits(command, plant.data, in_core.actuators)
             law, until_s = (in_core.law, in_core.until_s) if limits is not None else (None, math.inf)
         begun, made = progress.ticks, progress.steps
         try:

@@ -169,6 +169,16 @@ class EventDrivenIntegrator:
         others = (each.event_bound for each in self.event_sources if each not in active)
         return CoreSteps(None, motion.flight, contacts, min(others, default=math.inf))
 
+    def excludes_events(self) -> bool:
+        """Whether the motion bound excludes events at the end of the last step; renews the bound where it is used up."""
+        flight = self.motion.flight
+        if flight.motion_bound >= flight.event_bound:
+            watching = self._watching()
+            if any(math.isinf(each.event_bound) or not each.is_clear() for each in watching):
+                return False
+            flight.event_bound = self._event_bound()
+        return bool(flight.motion_bound < flight.event_bound)
+
     def contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts at the state in ``data``, with forces under its efforts."""
         return tuple(contact for contact_model in self._active for contact in contact_model.active_contacts())
