@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -113,7 +114,7 @@ def prepare(
     def prepared(some: Sequence[str]) -> PreparedRun:
         config, source = load_scenario(scenario_path(scenario), some, controllers, estimators)
         made = recipe(config, source, controllers, estimators=estimators)
-        made.assemble()  # reports faults of the components
+        made.unused.append(made.assemble())  # reports faults of the components
         return made
 
     try:
@@ -182,6 +183,7 @@ class PreparedRun:
         estimators: Estimators of a script, classes by kind.
         recorded: Files that the control laws name.
         origin: The instant of another run at which it begins; None: t = 0.
+        unused: Components that were made to find their faults, and that the next run takes.
     """
 
     scenario: Scenario
@@ -193,6 +195,11 @@ class PreparedRun:
     estimators: Mapping[str, Any] = field(default_factory=dict)
     recorded: RecordedFiles = field(default_factory=RecordedFiles)
     origin: Origin | None = None
+    unused: list[Assembly] = field(default_factory=list, init=False, repr=False, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: components are not picklable, and are made again."""
+        return vars(self) | {"unused": []}
 
     @property
     def changes(self) -> tuple[PropertyChange, ...]:
@@ -224,6 +231,8 @@ class PreparedRun:
         Raises:
             InputError: One line per fault, with the place in the scenario or the model.
         """
+        with suppress(IndexError):  # another thread may take them
+            return self.unused.pop()
         controller_system = self.controller_system.copy() if self.controller_system is not None else None
         held = {name: each.copy() for name, each in self.held.items()}
         system, laws = self.system.copy(), self.laws
@@ -255,8 +264,14 @@ class PreparedRun:
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""
-        return notes(self.assemble())
+        return notes(self._components())
 
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
-        return describe(self.assemble())
+        return describe(self._components())
+
+    def _components(self) -> Assembly:
+        """Components that are only looked at."""
+        if not self.unused:
+            self.unused.append(self.assemble())
+        return self.unused[-1]

@@ -18,7 +18,7 @@ from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_models import record_kinds
 from ffsm_mj.assembly.recorded_files import RecordedFiles
-from ffsm_mj.assembly.resolved import resolved_data, resolved_yaml
+from ffsm_mj.assembly.resolved import resolved_data
 from ffsm_mj.assembly.run_size import refuse_without_room
 from ffsm_mj.assembly.source_date import source_date
 from ffsm_mj.contact.watch import ContactWatch
@@ -155,9 +155,14 @@ def _header(assembly: Assembly, start_s: float, *, is_whole: bool) -> RunHeader:
     """Header of the log; one of a part of the columns is no log that can be made again, and carries no scenario."""
     config, system = assembly.scenario, assembly.system
     kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), delayed_control=assembly.plant.control is not None)
-    text = resolved_yaml(config, system, assembly.recorded) if is_whole else ""
+    scenario = resolved_data(config, system, assembly.recorded) if is_whole else {}
     return RunHeader(
-        config.name, text, assembly.row.layout, assembly.logged_files, _metadata(assembly) | start_metadata(start_s), kinds
+        config.name,
+        scenario,
+        assembly.row.layout,
+        assembly.logged_files,
+        _metadata(assembly) | start_metadata(start_s),
+        kinds,
     )
 
 

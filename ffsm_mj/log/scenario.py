@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,8 +64,10 @@ def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:
     Raises:
         InputError: The log contains no scenario.
     """
+    if not isinstance(log.header.scenario, str):
+        return deepcopy(dict(log.header.scenario))
     try:
-        data = plain_value(log.header.scenario_yaml)
+        data = plain_value(log.header.scenario)
     except YamlFault as fault:
         where = f"{SCENARIO_ATTACHMENT}:{fault.place.line}:{fault.place.column}"
         raise InputError(f"{place}: {where}: {fault.problem}") from fault

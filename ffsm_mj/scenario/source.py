@@ -6,11 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from io import StringIO
 from pathlib import Path
 from typing import Any
-
-from ruamel.yaml import YAML
 
 from ffsm_mj.errors import Fault, InputError
 from ffsm_mj.invocation import override
@@ -85,17 +82,6 @@ def read_yaml(path: Path, overrides: Sequence[str] = ()) -> YamlSource:
 def source_of(root: Node, path: Path) -> YamlSource:
     """Source of a tree that was read from a file."""
     return YamlSource(path, root.plain(), root)
-
-
-def write_yaml(data: Any) -> str:
-    """YAML text of plain data; the order of keys is kept."""
-    yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.width = 100
-    out = StringIO()
-    yaml.dump(data, out)
-    return out.getvalue()
 
 
 def _on_one_line(a: KeyPath, b: KeyPath) -> bool:

@@ -99,7 +99,7 @@ def test_a_log_with_an_invalid_pose_is_refused(tmp_path):
         changed = text.replace("position_m: [0.0, 0.0, 1.0]", f"position_m: {wrong}")
         assert changed != text
         with pytest.raises(InputError, match="pose"):
-            compile_log(dataclasses.replace(run.log, header=dataclasses.replace(run.log.header, scenario_yaml=changed)))
+            compile_log(dataclasses.replace(run.log, header=dataclasses.replace(run.log.header, scenario=changed)))
 
 
 @pytest.mark.parametrize(

@@ -22,8 +22,8 @@ from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import BodyProperties, Overrides, property_value
 from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.scenario.shipped import scenario_names
-from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml.writer import write_yaml
 from tests.scenes import ARM, HEAD, ball, scene, two_balls
 
 FULL = '<inertial mass="3" pos="0.1 0 0.2" fullinertia="0.1 0.2 0.15 0.01 0.02 0.03"/>'
@@ -407,7 +407,7 @@ def test_check_lists_the_properties(tmp_path, capfd):
 def test_a_log_with_invalid_entries_is_refused_in_one_line(tmp_path, wrong):
     run = ffsm_mj.run(two_balls(tmp_path), {"model.robot.ball.mass_kg": 5, "duration_s": 0.01})
     data = plain_value(run.log.header.scenario_yaml) | {"model": wrong}
-    header = dataclasses.replace(run.log.header, scenario_yaml=write_yaml(data))
+    header = dataclasses.replace(run.log.header, scenario=write_yaml(data))
     with pytest.raises(InputError, match=r"the log: .*(not a scenario of this version|unknown body 'nobody')"):
         compile_log(dataclasses.replace(run.log, header=header))
 

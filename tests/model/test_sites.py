@@ -13,8 +13,8 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
-from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml.writer import write_yaml
 from tests.scenes import ARM, ball, scene
 
 
@@ -90,6 +90,6 @@ def test_a_log_with_invalid_entries_is_refused_in_one_line(tmp_path, wrong, said
     run = ffsm_mj.run(reaching(tmp_path, tip={"body": "lower"}))
     data = plain_value(run.log.header.scenario_yaml)
     data["robot"]["sites"]["tip"] = wrong
-    header = replace(run.log.header, scenario_yaml=write_yaml(data))
+    header = replace(run.log.header, scenario=write_yaml(data))
     with pytest.raises(InputError, match=said):
         compile_log(replace(run.log, header=header))

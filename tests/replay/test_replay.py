@@ -10,8 +10,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
-from ffsm_mj.scenario.source import write_yaml
 from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml.writer import write_yaml
 from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import ball, two_balls
 
@@ -185,7 +185,7 @@ def test_a_mass_that_was_not_the_runs_shows(hit):
 
 def test_a_mass_that_the_scenario_did_not_give_shows(hit):
     data = plain_value(hit.log.header.scenario_yaml) | {"model": {"robot": {"ball": {"mass_kg": 2.1}}}}
-    again = replay_log(replace(hit.log, header=replace(hit.log.header, scenario_yaml=write_yaml(data))))
+    again = replay_log(replace(hit.log, header=replace(hit.log.header, scenario=write_yaml(data))))
     assert again.obstacle == ""
     assert not again.agrees
 
@@ -243,7 +243,7 @@ def test_states_that_are_no_numbers_end_nothing(hit):
 def test_control_laws_of_others_need_not_be_there(hit):
     text = hit.log.header.scenario_yaml.replace("kind: pd", "kind: someones_own")
     assert text != hit.log.header.scenario_yaml
-    assert replay_log(replace(hit.log, header=replace(hit.log.header, scenario_yaml=text))).agrees
+    assert replay_log(replace(hit.log, header=replace(hit.log.header, scenario=text))).agrees
 
 
 def test_where_models_are_not_conservative_the_way_is_flown_all_the_same(tmp_path):
@@ -265,7 +265,7 @@ def test_a_scenario_that_makes_no_run_is_an_obstacle(hit):
         "{",
     ):
         assert wrong != text
-        again = replay_log(replace(hit.log, header=replace(hit.log.header, scenario_yaml=wrong)))
+        again = replay_log(replace(hit.log, header=replace(hit.log.header, scenario=wrong)))
         assert again.obstacle
         assert not again.agrees
 
