@@ -6,9 +6,9 @@ A long job (many seeds, kill series, runs of thousands of seconds) is a parametr
     @pytest.mark.parametrize("seed", range(300))
     def test_random_pushes(seed): ...
 
-A plain run takes a tenth of the cases of each such test; of fewer than ten it takes the first, so the shortest stands there.
-Long tests of a single case form one group, of which it takes a tenth as well. The choice is a fixed one: every run of
-the same tests, on every worker, does the same.
+A plain run takes a tenth of the cases of each such test, or one of as many as ``long(one_of=25)`` says; of fewer than that
+it takes the first, so the shortest stands there. Long tests of a single case form one group, of which it takes a tenth as
+well. The choice is a fixed one: every run of the same tests, on every worker, does the same.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import pytest
 from tests.collection import in_order
 
 _SEED = 12
-_SHARE = 0.1
+_ONE_OF = 10
 every_case = False
 """Whether ``--long`` is given, once pytest is configured."""
 
@@ -47,8 +47,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _left_out(group: list[pytest.Item]) -> list[pytest.Item]:
-    few = len(group) * _SHARE < 1
-    return group[1:] if few else sorted(group, key=_rank)[math.ceil(_SHARE * len(group)) :]
+    marker = group[0].get_closest_marker("long")
+    one_of = marker.kwargs.get("one_of", _ONE_OF) if marker is not None and hasattr(group[0], "callspec") else _ONE_OF
+    few = len(group) < one_of
+    return group[1:] if few else sorted(group, key=_rank)[math.ceil(len(group) / one_of) :]
 
 
 def _rank(item: pytest.Item) -> int:

@@ -19,6 +19,10 @@ def test_seeds(seed): ...
 @pytest.mark.parametrize("case", "abc")
 def test_few(case): ...
 
+@pytest.mark.long(one_of=25)
+@pytest.mark.parametrize("seed", range(50))
+def test_costly(seed): ...
+
 @pytest.mark.long
 def test_alone(): ...
 
@@ -45,12 +49,12 @@ def collected(pytester):
 
 def test_a_plain_run_takes_a_tenth_of_each_test(collected):
     names = collected()
-    counts = {start: sum(name.startswith(start) for name in names) for start in ("test_seeds[", "test_few[", "test_alone")}
-    assert counts == {"test_seeds[": 5, "test_few[": 1, "test_alone": 1}
+    starts = ("test_seeds[", "test_few[", "test_costly[", "test_alone")
+    assert [sum(name.startswith(start) for name in names) for start in starts] == [5, 1, 2, 1]
     assert {"test_short", "test_few[a]"} <= set(names)
     assert names[:5] != [f"test_seeds[{i}]" for i in range(5)], "a choice, not the first ones"
     assert collected() == names, "the same choice every time"
 
 
 def test_every_case_on_demand(collected):
-    assert len(collected("--long")) == 45 + 3 + 2 + 1
+    assert len(collected("--long")) == 45 + 3 + 50 + 2 + 1

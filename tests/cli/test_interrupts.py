@@ -73,7 +73,7 @@ def rows_of(folder: Path) -> int:
         return 0
 
 
-@pytest.mark.long
+@pytest.mark.long(one_of=35)
 @pytest.mark.parametrize("seed", range(140))
 def test_a_campaign_ends_whenever_its_parent_is_told_to(campaign, tmp_path, seed):
     """SIGTERM to the parent alone: its workers are gone, the rows stay, and ``resume`` finds the rest."""

@@ -45,7 +45,7 @@ def test_two_grasps_that_close_at_one_impact_with_friction(tmp_path):
     path = grasping(
         tmp_path,
         robot=robot,
-        duration_s=0.6,
+        duration_s=0.2,
         initial={
             "joints": {"target/free": [1.08, 0.03, 0.02, 1, 0, 0, 0]},
             "rates": {"target/free": [-0.3, 0.2, 0, 4.0, -2.0, 3.0]},
