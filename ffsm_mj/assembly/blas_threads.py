@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event, Lock, Thread
@@ -17,12 +18,14 @@ class _Limit:
     """
 
     def __init__(self) -> None:
-        self._lock, self._inside = Lock(), 0
+        self._lock, self._inside, self._modules = Lock(), 0, 0
 
     def enter(self) -> ThreadpoolController:
         with self._lock:
             if not self._inside:
-                self._libraries, self._over, held = ThreadpoolController(), Event(), Event()
+                if self._modules != len(sys.modules):  # only a module that is imported loads a library
+                    self._libraries, self._modules = ThreadpoolController(), len(sys.modules)
+                self._over, held = Event(), Event()
                 self._holder = Thread(target=self._hold, args=(held,), name="BLAS limit", daemon=True)
                 self._holder.start()
                 held.wait()

@@ -117,12 +117,14 @@ class System:
 
     @cached_property
     def projectors(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Cache of :func:`ffsm_mj.dynamics.rigid_body.free_projectors` by tree, shared by all parts of a run."""
+        """Cache of :func:`ffsm_mj.dynamics.rigid_body.free_projectors` by tree, shared by all copies."""
         return {}
 
     def copy(self) -> System:
-        """A copy with its own MuJoCo model."""
-        return replace(self, mj=copy.copy(self.mj))
+        """A copy with its own MuJoCo model; names and projectors that are found for one serve all."""
+        other = replace(self, mj=copy.copy(self.mj))
+        vars(other).update(_names=self._names, projectors=self.projectors)
+        return other
 
     @cached_property
     def _names(self) -> dict[str, tuple[str, ...]]:
