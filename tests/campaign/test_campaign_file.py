@@ -329,6 +329,7 @@ def test_success(text, metrics, holds):
     assert all(condition.holds(metrics) for condition in conditions(text)) == holds
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CAMPAIGNS.names())
 def test_shipped_campaigns_are_valid(name):
     plan = load_campaign(name)

@@ -24,6 +24,7 @@ def turned(model, data, qpos):
     mujoco.mj_kinematics(model, data)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("a", "b"), PAIRS)
 def test_a_gap_is_known_to_rounding(tmp_path, a, b):
     """One unit in the last place of the poses changes it by rounding, and no direction has a larger separation."""

@@ -183,6 +183,7 @@ def test_corners_of_a_tilted_face_in_contact(tilt, touching):
         assert np.abs(found - point).max(axis=1).min() < 1e-15
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("radius", [1e-3, 0.02, 0.15, 1.0])
 def test_gap_of_a_sphere_near_faces_edges_and_corners_of_a_box(tmp_path, rng, radius):
     """Against the closed form (the centre clipped to the box), at gaps of 0 to 1e-7 m, after any earlier evaluation.

@@ -223,6 +223,7 @@ def test_an_impedance_carries_the_tip_along_with_a_site_that_tumbles():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", SPATIAL)
 def test_in_space_with_attitude(kind):
     """Seven joints bring the tip to its target; the frame, held as it is at the start, comes back to it."""

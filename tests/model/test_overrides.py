@@ -82,6 +82,7 @@ def test_explicit_inertials_change_nothing(kind):
     assert_same(compiled(mjcf(kind)).mj, compiled(mjcf(kind), {"b": {}}).mj)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", scenario_names())
 def test_explicit_inertials_change_nothing_in_what_is_shipped(scenario):
     prepared = ffsm_mj.prepare(scenario)

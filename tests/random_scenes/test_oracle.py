@@ -49,6 +49,7 @@ def drifting(key, size):
     return lambda run: {key: np.array(run[key]) + size * np.arange(len(run[key]))}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("change", "found"),
     [
@@ -63,6 +64,7 @@ def test_a_wrong_column(runs, change, found):
     assert found in said(folder, Changed(run, change(run)))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("seed", "kind", "change", "found"),
     [

@@ -8,7 +8,7 @@ from tests import long_share
 from tests.random_scenes.judge import judge
 
 SEEDS = 1000
-SHARES = 30
+SHARES = 20
 """A plain run takes the first seed of each share, ``--long`` all."""
 MOST_ENDS = 0.02
 """Largest share of seeds that are refused or end early."""

@@ -18,6 +18,7 @@ def late(tmp_path_factory):
     return run(pushing(tmp_path_factory.mktemp("late"), sensors=LATE, duration_s=0.4))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kept",
     [lambda i: i[(i < 5) | (i >= 10)], lambda i: i[5:], lambda i: i[i != 12], lambda i: np.insert(i, 10, 9)],

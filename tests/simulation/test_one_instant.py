@@ -9,6 +9,7 @@ from tests.replays import assert_replayed
 from tests.scenes import ball, scene
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("frame", [(0.0, 0.0, 0.0), (-7.3, 0.4, 2.1)])
 @pytest.mark.parametrize("speed", [0.01, 1.0])
 @pytest.mark.parametrize(("meets_s", "step_s"), [(0.25, 1e-3), (0.335, 5e-3), (0.2537, 1e-2)])

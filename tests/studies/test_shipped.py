@@ -17,6 +17,7 @@ from ffsm_mj.yaml.parser import read_node
 from tests.studies.files import HALF, study_file
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", STUDIES.names())
 def test_a_shipped_study_is_valid(name: str) -> None:
     plan = load_study(name)

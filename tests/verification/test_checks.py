@@ -93,6 +93,7 @@ def test_dropped_samples_show_though_every_checksum_holds(run, tmp_path, capsys)
     assert "columns agree with states" in out
 
 
+@pytest.mark.long
 def test_a_law_that_is_violated_is_worse_than_a_sample_that_is_missing(run, tmp_path, capsys):
     rows = np.delete(run.log.rows, 1000, axis=0)
     rows[3000:, run.keys.index("state.v_target_x_m_s")] *= 0.99

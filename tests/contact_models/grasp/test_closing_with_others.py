@@ -82,6 +82,7 @@ def test_two_pairs_touch_at_one_instant_and_one_of_them_latches(tmp_path, restit
     assert np.all(np.diff(run["energy.total_J"]) <= 1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 @pytest.mark.parametrize("kind", ["rigid", "ball"])
 def test_an_arm_on_its_stop_takes_what_pushes_it_further(tmp_path, kind, restitution):

@@ -103,6 +103,7 @@ BODY = """<mujoco><option gravity="0 0 0"/><worldbody><body name="{0}"><freejoin
 SPIN = np.array((0.1, 0.2, 3.0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("let_go_s", [0.6, 1.6, 2.6])
 def test_a_ball_that_turns_past_half_a_turn_keeps_the_sign_of_its_attitude(tmp_path, let_go_s):
     """A sphere that is latched at its centre spins on: (cos, sin n) of half its angle, all around the double cover.

@@ -77,6 +77,7 @@ def pressed(folder, kind, *, limited=False, mu=0.0, restitution=0.0, gravity="0 
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.0, 0.4])
 @pytest.mark.parametrize("restitution", [0.0, 0.5])
 def test_a_contact_that_latches_hold_takes_no_part_in_a_limit_impact(tmp_path, mu, restitution):
@@ -110,6 +111,7 @@ def test_a_contact_that_latches_hold_takes_no_part_in_a_limit_impact(tmp_path, m
 NEAR = {"within": {"position_m": 0.01}}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [0.0, 0.4])
 @pytest.mark.parametrize("kind", AXIS)
 def test_a_latched_box_is_pressed_against_a_wall(tmp_path, kind, mu):
@@ -140,6 +142,7 @@ def test_a_ball_latch_bears_what_a_face_does_not(tmp_path):
     assert run["contact.object_box_wall_wall_mode"][-1] == 3.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("restitution", "mu", "path", "status"),
     [

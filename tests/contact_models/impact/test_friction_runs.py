@@ -138,6 +138,7 @@ OF_ONE = {"status", "law", "theta", "mu", "restitution_used", "compression_work_
 """For several contacts only the sums are checked: the distribution of the works over them is a convention."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("which", ["one", "several"])
 @pytest.mark.parametrize("field", sorted({each.name for each in fields(ImpactRecord)} - NOT_JUDGED))
 def test_one_falsified_number_fails_the_check(which, field, request):

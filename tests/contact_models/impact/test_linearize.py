@@ -103,6 +103,7 @@ def test_spheres_in_space(tmp_path):
     assert np.abs(found.S[15:18, :15]).max() < DIGITS  # spins of smooth spheres are neither changed nor felt
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["coasting", "spatial"])
 @pytest.mark.parametrize("mu", [0.0, 0.15])
 def test_invariants_at_impacts_of_scenarios(name, mu):
@@ -127,6 +128,7 @@ def test_invariants_at_impacts_of_scenarios(name, mu):
         assert np.linalg.norm(found.S[:nv, :nv] - C) > 1e-3  # friction breaks their equality
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("key", "mu", "wanted"),
     [("object/x", 0.0, {"time": -3.08737}), ("object/y", 0.0, {"impulse": 1.0139}), ("object/y", 0.15, {})],

@@ -23,6 +23,7 @@ DAMPED = SPRUNG.replace('springref="0.1"', 'springref="0.1" damping="20 8 4"')
 SPIN = [3.0, 2.0, 1.0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("robot", "gravity", "height", "rates"),
     [

@@ -53,6 +53,7 @@ def held_state(system, data, rng):
     return tip
 
 
+@pytest.mark.long
 def test_forces_and_accelerations_of_held_contacts(system, rng):
     """Sphere on sphere and sphere on face at once, 500 states: to 1e-10 of the largest acceleration and force.
 

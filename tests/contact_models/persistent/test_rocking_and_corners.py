@@ -179,6 +179,7 @@ def test_a_landing_that_a_step_passes_is_found(tmp_path):
     assert min(gaps) > -1e-7  # vertices of meshes are known to single precision: 6e-8 m here
 
 
+@pytest.mark.long
 def test_a_contact_that_touches_elsewhere_without_an_approach_goes_on(tmp_path):
     """Two cylinders at an angle of 2e-4 rad: the contact runs from end to end in 20 us, and its drift is no separation."""
     path = draw(77, tmp_path)

@@ -33,6 +33,7 @@ def test_the_coefficient_of_another_pair(tmp_path, monkeypatch):
     assert caught(chain(tmp_path)) == {"restitution used"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [4.0, 0.25])
 def test_contacts_that_come_to_rest_too_soon_or_too_late(tmp_path, monkeypatch, factor):
     """Bounces at e = 0.5 halve: a factor of 4 is two bounces."""
@@ -44,6 +45,7 @@ def test_contacts_that_come_to_rest_too_soon_or_too_late(tmp_path, monkeypatch, 
     assert caught(bouncing(tmp_path)) == {"restitution used"}
 
 
+@pytest.mark.long
 def test_a_contact_that_never_bounces(tmp_path, monkeypatch):
     monkeypatch.setattr(RestRule, "least_speeds", lambda _, pressing: np.full_like(pressing, np.inf))
     assert caught(bouncing(tmp_path)) == {"restitution used"}

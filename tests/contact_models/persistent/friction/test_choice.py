@@ -83,6 +83,7 @@ def test_the_margin_of_two_points_of_a_pad_is_shared():
     assert cone_margin(given, freedom, np.array([0.5, 0.5])) == pytest.approx(0.5 * (0.5 * 4.0 - 0.8), abs=1e-12)
 
 
+@pytest.mark.long
 def test_the_use_of_friction_of_a_guided_point_is_that_of_its_internal_forces(rng):
     """One relative motion is left: forces across it have no effect, and any load is small beside large ones.
 

@@ -41,6 +41,7 @@ def slip_of(run):
     return np.array([*final(run, "v_robot_x"), *final(run, "v_robot_y")])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", [pulled_foot, pulled_block])
 @pytest.mark.parametrize("step", [2e-3, 1e-3, 2e-2])
 @pytest.mark.parametrize("excess", [3e-9, 1e-4])

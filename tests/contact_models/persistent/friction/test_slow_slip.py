@@ -26,6 +26,7 @@ def foot(folder, B, speed, *, step, duration, turned=0.0):
     return pulled(folder, step, [[*force, 0.0]], mu=0.3, weight=10.0, duration=duration, velocity=u.tolist())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turned", [0.0, 0.7])
 @pytest.mark.parametrize("step", [1e-3, 1e-4])
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ def fall_as_order_four(found):
     return found and all(1 / 32 < half < 1 / 8 and left < 1.0 for half, left in found.values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [4e-2, 2e-2])
 def test_steps_too_long_for_their_loads_fail_by_truncation_alone(tmp_path, step):
     """Implicit ones too: the work of the load over a step has order four."""
@@ -49,6 +50,7 @@ def test_steps_too_long_for_their_loads_fail_by_truncation_alone(tmp_path, step)
     assert fall_as_order_four(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", [4e-2, 5e-3])
 def test_a_block_that_spins_until_it_stops_does_not(tmp_path, step):
     """Steps are divided while its slip turns, whatever was asked for."""
