@@ -4,6 +4,7 @@ from typing import Any
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj._core.steppers import FreeStepper
 from ffsm_mj._core.tick import Limits, RowFiller, StepWork, TickLaw
+from ffsm_mj._core.travel import Travel
 
 class FreeTicks:
     ticks: int
@@ -34,6 +35,8 @@ class FreeTicks:
         stepper: FreeStepper,
         contacts: SteadyContacts | None,
         event_bound: float,
+        travels: tuple[Travel, ...],
+        bound_within: float,
         law: TickLaw | None,
         limits: Limits | None,
         *,

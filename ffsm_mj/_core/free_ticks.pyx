@@ -14,6 +14,7 @@ from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
 from ffsm_mj._core.steady cimport SteadyContacts
 from ffsm_mj._core.steppers cimport FreeStepper
 from ffsm_mj._core.tick cimport Limits, RowFiller, StepWork, TickLaw
+from ffsm_mj._core.travel cimport Travel
 
 
 cdef class FreeTicks:
@@ -36,8 +37,8 @@ cdef class FreeTicks:
     cdef mjData* d
     cdef object data, recorder, watched_model, look, count
     cdef dict overlaps
-    cdef tuple after_step
-    cdef double step_s
+    cdef tuple after_step, travels
+    cdef double step_s, bound_within
     cdef Py_ssize_t steps_per_tick
 
     def __init__(
@@ -76,6 +77,8 @@ cdef class FreeTicks:
         FreeStepper stepper not None,
         SteadyContacts contacts,
         double event_bound,
+        tuple travels not None,
+        double bound_within,
         law,
         Limits limits,
         *,
@@ -95,6 +98,8 @@ cdef class FreeTicks:
             stepper: Stepper of the motion.
             contacts: Closed contacts that exert its applied forces; None: there are no applied forces.
             event_bound: Motion bound from which other events are possible.
+            travels: Motions of the coordinates.
+            bound_within: The same bound while all these are within their reach.
             law: The law in charge, of the core; None: ``decide`` evaluates it.
             limits: Limits of its efforts.
             decide: Evaluates the controller at a time; returns whether that changes what the core may do.
@@ -108,8 +113,9 @@ cdef class FreeTicks:
         """
         cdef TickLaw own = law
         cdef bint changes = False
+        self.travels, self.bound_within = travels, bound_within
         cdef double now, started, period_s = self.step_s * self.steps_per_tick
-        while self.ticks < ticks and self.line + 1 < lines and stepper.motion_bound < event_bound:
+        while self.ticks < ticks and self.line + 1 < lines and self.excludes_events(stepper, event_bound):
             now, started = self.ticks * period_s, monotonic()
             if now >= until_s or started >= clock:
                 return
@@ -147,6 +153,17 @@ cdef class FreeTicks:
                     self.line = self.recorder.line
         return 0
 
+    cdef bint excludes_events(self, FreeStepper stepper, double event_bound) except -1:
+        """Whether the motion so far excludes every event but those of steady contacts."""
+        if stepper.motion_bound < event_bound:
+            return True
+        if not self.travels or not stepper.motion_bound < self.bound_within:
+            return False
+        for travel in self.travels:
+            if not (<Travel>travel).length < (<Travel>travel).reach:
+                return False
+        return True
+
     cdef bint step(
         self,
         move,
@@ -163,15 +180,17 @@ cdef class FreeTicks:
         for i in range(self.steps_per_tick):
             if interrupted is not None:
                 interrupted()
-            if not stepper.motion_bound < event_bound or (contacts is not None and not contacts.goes_on(self.step_s)):
+            if not self.excludes_events(stepper, event_bound) or (contacts is not None and not contacts.goes_on(self.step_s)):
                 return False
             self.work.open()
             if move is None:
                 stepper.step(self.step_s)
             else:
                 move(self.step_s)
+            for travel in self.travels:
+                (<Travel>travel).add(self.step_s)
             if (
-                not stepper.motion_bound < event_bound
+                not self.excludes_events(stepper, event_bound)
                 or len(warnings)
                 or not isfinite(stepper.energy)
                 or (law is not None and i + 1 == self.steps_per_tick and not law.arrives())

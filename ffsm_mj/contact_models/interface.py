@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 
+from ffsm_mj._core.travel import Travel
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange, ExchangeIntegrator
 from ffsm_mj.config import StrictModel
@@ -100,12 +101,22 @@ class EventSource(ContactModel):
         event_bound: Motion bound since the last restart (``motion_bound`` of
             :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no event is possible: event detection is
             skipped until the motion bound exceeds it.
+        travels: Motions of the coordinates; while all are within their reach, ``bound_within`` counts in place of
+            ``event_bound``.
     """
 
     records: ClassVar[tuple[RecordKind, ...]] = ()
     requests: Sequence[str] = ()
     resolves_impacts: ClassVar[bool] = False
     event_bound = math.inf
+    travels: tuple[Travel, ...] = ()
+    bound_within = math.inf
+
+    def excludes_events(self, motion_bound: float) -> bool:
+        """Whether no event is possible up to a motion bound."""
+        if motion_bound < self.event_bound:
+            return True
+        return bool(self.travels) and motion_bound < self.bound_within and all(each.is_within for each in self.travels)
 
     def due(self) -> bool:
         """Whether an event is due at the current state, before the next step; asked as :meth:`is_clear` is."""

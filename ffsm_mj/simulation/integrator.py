@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj._core.steppers import FreeStepper
+from ffsm_mj._core.travel import Travel
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import (
     ContactModel,
@@ -37,12 +38,16 @@ class CoreSteps(NamedTuple):
         stepper: Stepper of the motion.
         contacts: Closed contacts, which exert its applied forces; None: there are none.
         event_bound: Motion bound from which other events are possible.
+        travels: Motions of the coordinates.
+        bound_within: The same bound while all these are within their reach.
     """
 
     move: Callable[[float], bool] | None
     stepper: FreeStepper
     contacts: SteadyContacts | None
     event_bound: float
+    travels: tuple[Travel, ...]
+    bound_within: float
 
 
 class EventDrivenIntegrator:
@@ -67,6 +72,7 @@ class EventDrivenIntegrator:
             each for each in self.event_sources if type(each).after_substep is not EventSource.after_substep
         ]
         self.replayable = tuple(each for each in contact_models if isinstance(each, Replayable))
+        self._travels = tuple(travel for each in self.event_sources for travel in each.travels)
         self._force_sources = tuple(each for each in contact_models if isinstance(each, ForceSource))
         self.control: StepControl | None = None
         self._active: list[ForceSource] = []
@@ -159,25 +165,28 @@ class EventDrivenIntegrator:
         if not self._active:
             # A grasped object is part of the model of a motion of its own, which the logged system follows.
             move = None if type(motion).step is Motion.step else motion.step
-            return CoreSteps(move, motion.flight, None, motion.flight.event_bound)
+            return CoreSteps(move, motion.flight, None, *self._bounds(()))
         if type(motion) is not Motion:
             return None
         contacts = self._active[0].begin_steady_steps() if len(self._active) == 1 and not self._after_substeps else None
         if contacts is None:
             return None
-        active: list[ContactModel] = [*self._active]
-        others = (each.event_bound for each in self.event_sources if each not in active)
-        return CoreSteps(None, motion.flight, contacts, min(others, default=math.inf))
+        return CoreSteps(None, motion.flight, contacts, *self._bounds(self._active))
+
+    def _bounds(self, active: Sequence[ContactModel]) -> tuple[float, tuple[Travel, ...], float]:
+        """Event bound of the models that are not active, motions of the coordinates, and the bound within their reach."""
+        others = [each for each in self.event_sources if each not in active]
+        bound = min((each.event_bound for each in others), default=math.inf)
+        within = min((each.bound_within if each.travels else each.event_bound for each in others), default=math.inf)
+        return bound, self._travels, within
 
     def excludes_events(self) -> bool:
         """Whether the motion bound excludes events at the end of the last step; renews the bound where it is used up."""
-        flight = self.motion.flight
-        if flight.motion_bound >= flight.event_bound:
-            watching = self._watching()
-            if any(math.isinf(each.event_bound) or not each.is_clear() for each in watching):
-                return False
-            flight.event_bound = self._event_bound()
-        return bool(flight.motion_bound < flight.event_bound)
+        watching = self._watching()
+        if any(math.isinf(each.event_bound) or not each.is_clear() for each in watching):
+            return False
+        self.motion.flight.event_bound = self._event_bound()
+        return not self._watching()
 
     def contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts at the state in ``data``, with forces under its efforts."""
@@ -215,6 +224,7 @@ class EventDrivenIntegrator:
                 if contact_model.due():
                     return 0.0, contact_model
             step_s, clear = self._step(duration_s, duration_s)
+            self._add_travel(step_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
         if clear or not math.isfinite(flight.energy):
             return step_s, None
@@ -256,7 +266,11 @@ class EventDrivenIntegrator:
         moved = self.motion.flight.motion_bound
         if moved < self.motion.flight.event_bound:
             return []
-        return [contact_model for contact_model in self.event_sources if contact_model.event_bound <= moved]
+        return [contact_model for contact_model in self.event_sources if not contact_model.excludes_events(moved)]
+
+    def _add_travel(self, duration_s: float) -> None:
+        for travel in self._travels:
+            travel.add(duration_s)
 
     def act(self, contact_model: EventSource, instant: EventTime) -> EventEffect | None:
         """Apply the event of a contact model; one that it leaves to impacts is resolved by the model of these.
@@ -280,6 +294,7 @@ class EventDrivenIntegrator:
             StepLimitError: The motion is too fast for the required accuracy.
         """
         step_s, _ = self._step(left_s, most_s)
+        self._add_travel(step_s)
         self.motion.path.at_s = step_s
         self._after_substep(step_s)
         return step_s
@@ -289,6 +304,7 @@ class EventDrivenIntegrator:
         for contact_model in self._active:
             contact_model.continue_step()
         self.motion.step(duration_s)
+        self._add_travel(duration_s)
         self.motion.path.at_s = duration_s
         self._after_substep(duration_s)
 

@@ -1,9 +1,9 @@
 """Clearances: how far each pair can certainly still close before it is near contact.
 
 A gap is evaluated only when the motion since its last evaluation may have closed it. Two bounds on that motion are used.
-The kinetic energy bounds the speed of every body; its integral is accumulated by the stepper, so most steps cost nothing.
-The bound is poor for a light link of a heavy system, which could be fast with all that energy. Once it is used up, the
-generalised velocities bound the motion of each pair by the joints between its geoms, at the cost of a sum in each step.
+The kinetic energy bounds the speed of every body; its integral is accumulated by the stepper. The bound is poor for a light
+link of a heavy system, which could be fast with all that energy. Once it is used up, the generalised velocities bound the
+motion of each pair by the joints between its geoms; their sums are accumulated step by step, too.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj._core.steppers import BOUND_MARGIN
+from ffsm_mj._core.travel import Travel
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import FEW, BroadPhase
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
@@ -37,6 +37,7 @@ class Clearances:
     Attributes:
         energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
             pair can be near contact.
+        travel: Motion of the coordinates, within whose reach none can be either.
     """
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
@@ -45,14 +46,13 @@ class Clearances:
         self._spheres = BroadPhase(self._model, pairs)
         self._per_root_energy = speeds_per_root_energy(self._model, self._data, [pair.ids for pair in pairs])
         self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
-        self._travelled, self._rates = np.zeros(self._model.nv), np.zeros(self._model.nv)
-        self._since_s, self._start, self._length, self._reach, self.energy_reach = math.nan, 0.0, 0.0, 0.0, 0.0
+        self.travel, self._start, self.energy_reach = Travel(self._data.qvel), 0.0, 0.0
         self._bind_travel()
 
     def _bind_travel(self) -> None:
         """Compute the bounds by joints for the present displacements of slide joints."""
-        self._travel = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
-        rows = np.concatenate((self._travel.rows, np.eye(self._model.nv)[self._travel.slides]))
+        self._by_joints = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
+        rows = np.concatenate((self._by_joints.rows, np.eye(self._model.nv)[self._by_joints.slides]))
         # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
         self._weights = rows.max(axis=0, initial=0.0)
         self._per_length = (rows / np.where(self._weights > 0.0, self._weights, 1.0)).sum(axis=1)
@@ -71,28 +71,19 @@ class Clearances:
 
     def near(self) -> Indices:
         """Indices of the pairs that may be in contact at the state in ``data``."""
-        if self._motion.flight.motion_bound < self.energy_reach or self._length < self._reach:
+        if self._motion.flight.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
         return np.flatnonzero(~(self._clearance > 0.0))
 
     def after_step(self) -> Indices:
         """Indices of the pairs that may have been in contact during the last step."""
         flight = self._motion.flight
-        if flight.motion_bound < self.energy_reach:
+        if flight.motion_bound < self.energy_reach or self.travel.is_within:
             return NO_PAIRS
-        if float(self._motion.path.start[0]) != self._since_s:
-            # The energy bound covered earlier steps, so the velocities at the start of this one are unknown.
-            closed, last = (self._by_energy(part) for part in (flight.motion_bound - self._start, flight.last_increment))
-            return self._exhausted(closed, last, flight.motion_bound)
-        end_s, rates = float(self._motion.data.time), np.abs(self._data.qvel)
-        step = BOUND_MARGIN * (end_s - self._since_s) * np.maximum(rates, self._rates)
-        self._travelled += step
-        self._length += float((step * self._weights).max(initial=0.0))
-        self._rates, self._since_s = rates, end_s
-        if self._length < self._reach:
-            return NO_PAIRS
-        rows = self._travel.rows
-        return self._exhausted(rows @ self._travelled, rows @ step, flight.motion_bound)
+        rows, parts = self._by_joints.rows, (flight.motion_bound - self._start, flight.last_increment)
+        moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
+        closed, last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
+        return self._exhausted(closed, last, flight.motion_bound)
 
     def _by_energy(self, motion_bound: float) -> FloatArray:
         """Largest closing of each pair in a motion, m."""
@@ -134,15 +125,14 @@ class Clearances:
 
     def _begin(self, motion_bound: float) -> None:
         """Begin new bounds on the motion at the state in ``data``, for which the clearances hold."""
-        data, slides = self._data, self._travel.slide_allowance(self._data.qpos)
+        data, slides = self._data, self._by_joints.slide_allowance(self._data.qpos)
         if (slides <= 0.0).any():
             self._bind_travel()
-            slides = self._travel.slide_allowance(data.qpos)
+            slides = self._by_joints.slide_allowance(data.qpos)
         self._clearance[self._skipped] = math.inf
-        self._start, self._since_s, self._rates = motion_bound, float(self._motion.data.time), np.abs(data.qvel)
-        self._travelled[:], self._length = 0.0, 0.0
+        self._start = motion_bound
         with np.errstate(divide="ignore", invalid="ignore"):
-            self._reach = _least(np.concatenate((self._clearance, slides)) / self._per_length)
+            self.travel.begin(self._weights, _least(np.concatenate((self._clearance, slides)) / self._per_length))
             self.energy_reach = motion_bound + _least(self._clearance / self._per_root_energy)
 
 

@@ -78,7 +78,7 @@ class Detector(EventSource, Replayable):
         geoms = [pair for pair in self.pairs if not isinstance(pair, JointLimit)]
         limits = [pair for pair in self.pairs if isinstance(pair, JointLimit)]
         self._clearances, self._limits = Clearances(scene, geoms), LimitClearances(scene, limits, len(geoms))
-        self.watched = frozenset(pair.geom_ids for pair in self.pairs)
+        self.watched, self.travels = frozenset(pair.geom_ids for pair in self.pairs), (self._clearances.travel,)
         self._suspects: tuple[int, ...] = ()
         # Evaluations of this step by pair and time; those at its end are kept as the start of the next step.
         self._evaluated: dict[tuple[int, float], Proximity] = {}
@@ -94,7 +94,8 @@ class Detector(EventSource, Replayable):
         self._bound_events()
 
     def _bound_events(self) -> None:
-        self.event_bound = min(self._clearances.energy_reach, self._limits.energy_reach)
+        self.bound_within = self._limits.energy_reach
+        self.event_bound = min(self._clearances.energy_reach, self.bound_within)
 
     def _is_skipped(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""

@@ -1,0 +1,68 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True
+"""How far the coordinates of a system have travelled since the gaps of its pairs were evaluated, step by step.
+
+The kinetic energy bounds the motion of a light link of a heavy system poorly: it could be fast with all that energy. The
+rates themselves do better, at the cost of a sum in each step.
+"""
+
+import numpy as np
+
+from libc.math cimport fabs
+
+from ffsm_mj._core.steppers import BOUND_MARGIN
+
+
+cdef double _BOUND_MARGIN = BOUND_MARGIN
+
+
+cdef class Travel:
+    """Bounds on the motion of every coordinate, |rate| dt in each step, and on their weighted largest one.
+
+    Attributes:
+        travelled: Since :meth:`begin`, (nv,).
+        last: In the last step, (nv,).
+        length: Sum over the steps of the largest weighted motion of any coordinate.
+    """
+
+    def __init__(self, double[::1] rates not None):
+        """Bind to the rates of the coordinates, (nv,)."""
+        self.rates = rates
+        self.travelled, self.last = np.zeros(len(rates)), np.zeros(len(rates))
+        self.sums, self.steps = self.travelled, self.last
+        self.before, self.weights = np.zeros(len(rates)), np.zeros(len(rates))
+
+    def __reduce__(self):
+        """How a saved state of a simulation holds it."""
+        return type(self), (self.rates.base,), tuple(
+            np.array(each) for each in (self.travelled, self.last, self.before, self.weights)
+        ) + (self.length, self.reach)
+
+    def __setstate__(self, held):
+        self.travelled[:], self.last[:] = held[:2]
+        self.before, self.weights, self.length, self.reach = held[2:]
+
+    def begin(self, const double[::1] weights not None, double reach):
+        """Begin at the present rates: weights of the motions, (nv,), and the length within which no pair can be near."""
+        cdef Py_ssize_t i
+        self.weights, self.reach, self.length = weights, reach, 0.0
+        for i in range(self.rates.shape[0]):
+            self.sums[i], self.steps[i], self.before[i] = 0.0, 0.0, fabs(self.rates[i])
+
+    cpdef bint add(self, double duration_s) except -1:
+        """Add a finished step; returns whether no pair can be near yet."""
+        cdef Py_ssize_t i
+        cdef double rate, moved, longest = 0.0
+        for i in range(self.rates.shape[0]):
+            rate = fabs(self.rates[i])
+            # Written so that a rate that is no number makes the length none: it is then within no reach.
+            moved = _BOUND_MARGIN * duration_s * (self.before[i] if rate <= self.before[i] else rate)
+            self.before[i], self.steps[i] = rate, moved
+            self.sums[i] += moved
+            longest = longest if moved * self.weights[i] <= longest else moved * self.weights[i]
+        self.length += longest
+        return self.length < self.reach
+
+    @property
+    def is_within(self):
+        """Whether no pair can be near."""
+        return self.length < self.reach

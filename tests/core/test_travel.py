@@ -1,0 +1,66 @@
+"""Motion of the coordinates since gaps were evaluated: the sums of a slow copy, and no gap closes by more."""
+
+from __future__ import annotations
+
+import pickle
+
+import mujoco
+import numpy as np
+import pytest
+
+from ffsm_mj._core.steppers import BOUND_MARGIN
+from ffsm_mj._core.travel import Travel
+from ffsm_mj.contact.travel_bound import TravelBound
+from tests.scenes import ARM
+
+
+def test_sums_of_the_largest_rates_at_both_ends_of_each_step(rng):
+    rates, weights = np.zeros(5), rng.uniform(size=5)
+    travel = Travel(rates)
+    rates[:] = before = rng.normal(size=5)
+    travel.begin(weights, 2.0)
+    travelled, length = np.zeros(5), 0.0
+    for duration_s in rng.uniform(0.0, 0.1, 40):
+        rates[:] = rng.normal(size=5)
+        step = BOUND_MARGIN * duration_s * np.maximum(np.abs(before), np.abs(rates))
+        travelled, length, before = travelled + step, length + (step * weights).max(), rates.copy()
+        assert travel.add(duration_s) == travel.is_within == (length < 2.0)
+        np.testing.assert_allclose(travel.travelled, travelled, rtol=1e-14)
+        np.testing.assert_allclose(travel.last, step, rtol=1e-14)
+        assert travel.length == pytest.approx(length, rel=1e-14)
+    assert length > 2.0
+    again = pickle.loads(pickle.dumps(travel))
+    for each in (travel, again):
+        each.add(0.01)
+    assert again.length == travel.length
+    np.testing.assert_array_equal(again.travelled, travel.travelled)
+
+
+def test_nothing_is_excluded_where_rates_are_no_numbers():
+    rates = np.zeros(2)
+    travel = Travel(rates)
+    travel.begin(np.ones(2), 1.0)
+    rates[0] = np.nan
+    assert not travel.add(0.001)
+
+
+def test_two_bodies_approach_by_no_more(rng):
+    """An arm that whirls on a free base: the distance of its tip from the hull changes by less than the bound says."""
+    model = mujoco.MjModel.from_xml_string(ARM)
+    data = mujoco.MjData(model)
+    ids = [tuple(model.geom(name).id for name in ("hull", "tip"))]
+    data.qvel[:] = rng.normal(size=model.nv) * 3.0
+    model.opt.timestep, model.opt.integrator = 1e-3, mujoco.mjtIntegrator.mjINT_RK4
+    mujoco.mj_forward(model, data)
+    travel, bound = Travel(data.qvel), TravelBound(model, data.qpos, ids)
+    travel.begin(np.ones(model.nv), np.inf)
+
+    def apart():
+        return float(np.linalg.norm(np.subtract(*(data.geom_xpos[i] for i in ids[0]))))
+
+    start = apart()
+    for _ in range(400):
+        mujoco.mj_step(model, data)
+        mujoco.mj_forward(model, data)
+        travel.add(1e-3)
+        assert abs(apart() - start) <= (bound.rows @ travel.travelled)[0]
