@@ -51,15 +51,14 @@ cdef class Travel:
     cpdef bint add(self, double duration_s) except -1:
         """Add a finished step; returns whether no pair can be near yet."""
         cdef Py_ssize_t i
-        cdef double rate, moved, longest = 0.0
+        cdef double rate, moved, longest = 0.0, total = 0.0
         for i in range(self.rates.shape[0]):
             rate = fabs(self.rates[i])
-            # Written so that a rate that is no number makes the length none: it is then within no reach.
             moved = _BOUND_MARGIN * duration_s * (self.before[i] if rate <= self.before[i] else rate)
             self.before[i], self.steps[i] = rate, moved
             self.sums[i] += moved
-            longest = longest if moved * self.weights[i] <= longest else moved * self.weights[i]
-        self.length += longest
+            longest, total = max(longest, moved * self.weights[i]), total + moved
+        self.length += longest + 0.0 * total  # of a rate that is no number, none is within reach
         return self.length < self.reach
 
     @property
