@@ -264,14 +264,15 @@ class PreparedRun:
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""
-        return notes(self._components())
+        return self._looked_at(notes)
 
     def describe(self) -> list[str]:
         """Lines of text that describe the run, with notes."""
-        return describe(self._components())
+        return self._looked_at(describe)
 
-    def _components(self) -> Assembly:
-        """Components that are only looked at."""
-        if not self.unused:
-            self.unused.append(self.assemble())
-        return self.unused[-1]
+    def _looked_at(self, look: Callable[[Assembly], list[str]]) -> list[str]:
+        """What some components say, which no run has meanwhile."""
+        components = self.assemble()
+        said = look(components)
+        self.unused.append(components)
+        return said

@@ -12,12 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import mujoco
 
 from ffsm_mj._core.travel import Travel
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.balance.exchange import Exchange, ExchangeIntegrator
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.event import EventCounter, EventEffect, EventTime, LoggedEvent, Scene
@@ -260,6 +260,20 @@ def _nothing() -> None:
     """Do nothing."""
 
 
+class LoggedForces(Protocol):
+    """Independent check of the forces of a contact model in the rows of a log.
+
+    Attributes:
+        places: Places of these forces in a row: where all of them are zero, and nothing touches, they are right.
+    """
+
+    places: IntArray
+
+    def residual(self, row: FloatArray) -> float:
+        """Largest difference between logged and independently recomputed forces of a row whose state is in ``data``, N."""
+        ...
+
+
 class Replayable(ContactModel):
     """A contact model with a state of its own that a log replay restores, or with forces that it checks."""
 
@@ -292,14 +306,6 @@ class Replayable(ContactModel):
         """
         return iter(())
 
-    def force_check(self, layout: Layout) -> Callable[[FloatArray], float] | None:
-        """Independent check of its forces in the rows of a log.
-
-        Args:
-            layout: Layout of the rows.
-
-        Returns:
-            Function of a row whose state is in ``data``: the largest difference between logged and independently recomputed
-            forces, N. None if there is no such check.
-        """
+    def force_check(self, layout: Layout) -> LoggedForces | None:
+        """Independent check of its forces in the rows of a log of some layout; None if there is none."""
         return None

@@ -64,14 +64,13 @@ def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:
     Raises:
         InputError: The log contains no scenario.
     """
-    if not isinstance(log.header.scenario, str):
-        return deepcopy(dict(log.header.scenario))
     try:
-        data = plain_value(log.header.scenario)
+        scenario = log.header.scenario
+        data = plain_value(scenario) if isinstance(scenario, str) else deepcopy(dict(scenario))
     except YamlFault as fault:
         where = f"{SCENARIO_ATTACHMENT}:{fault.place.line}:{fault.place.column}"
         raise InputError(f"{place}: {where}: {fault.problem}") from fault
-    if not isinstance(data, dict):
+    if not isinstance(data, dict) or not data:
         raise InputError(f"{place}: contains no scenario, so its models cannot be compiled")
     return data
 

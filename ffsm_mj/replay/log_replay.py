@@ -161,7 +161,8 @@ class LogReplay:
         """Integrate to a sample, and write its row as the run does; returns the number of rows written, from it on."""
         starts = self._reach(line, tick)
         self._plant.data.time = self._time_of(line, tick)  # as in a run: a sum of steps accumulates rounding
-        if written := self._fly(line, tick):
+        # Where the replay starts, efforts are held that were decided before: the law of the core would decide them anew.
+        if not starts and (written := self._fly(line, tick)):
             return written
         self._write(line, tick, starts=starts)
         return 1

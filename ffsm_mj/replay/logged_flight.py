@@ -23,7 +23,8 @@ _LONGEST_PAUSE = 16
 class LoggedFlight:
     """Takes control ticks as a run does, under the commands of the log, while each ends at the logged state.
 
-    Where the motion bound excludes every event, no overlap, no force and no missing event is to be looked for either.
+    Where the motion bound excludes every event, no overlap and no missing event is to be looked for either, and no force if
+    the log says of none.
 
     Attributes:
         steps: Steps completed since the start of the run.
@@ -65,7 +66,7 @@ class LoggedFlight:
         self._law.begin(logged, self._rows.predicted)
         follows = np.zeros(len(ticks), dtype=np.bool_)
         follows[:-1] = usable[:-1] & usable[1:] & (ticks[:-1] >= 0) & (ticks[1:] == ticks[:-1] + 1)
-        follows &= ~logged.powered[:, self._others].any(axis=1)
+        follows &= ~(logged.powered[:, self._others].any(axis=1) | logged.rows[:, self._rows.forces].any(axis=1))
         # Of each row the number of rows from it on that the core may write: the state of the next one is known.
         ends = np.where(follows, len(ticks), np.arange(len(ticks)))
         self._runs = np.minimum.accumulate(ends[::-1])[::-1] - np.arange(len(ticks))

@@ -53,6 +53,7 @@ class ReplayedRows:
         predicted: States integrated from the samples before, (lines, nq + nv).
         forces_apart: Differences of the contact forces from independent checks, N, (lines,).
         accuracy: How far rounding of the states changes the columns by varied forces, (lines, number of signals).
+        forces: Places in a row of logged forces that are checked.
         copied: Places in a row of the columns of the controller, and the array of their values.
         filler: Fills a line from live arrays.
         follows_event: Whether an event has been added since the last row.
@@ -87,7 +88,8 @@ class ReplayedRows:
         self._state = layout.places((*coordinate_keys(joints), *rate_keys(joints)))
         self._known = np.setdiff1d(np.arange(len(layout.keys)), np.concatenate((self.copied[0], self._state)))
         checks = (contact_model.force_check(layout) for contact_model in plant.integrator.replayable)
-        self._force_checks: list[Callable[[FloatArray], float]] = [check for check in checks if check is not None]
+        self._force_checks = [check for check in checks if check is not None]
+        self.forces = np.concatenate([np.zeros(0, dtype=np.intp), *(check.places for check in self._force_checks)])
         self._residual, self._energy = layout.index[f"balance.{FORCE_RESIDUAL}"], layout.index["energy.total_J"]
         self._mass = float(model.body_mass.sum())
         self._completed = 0
@@ -112,7 +114,7 @@ class ReplayedRows:
         self._since_row.fill(0.0)
         self.follows_event = False
         self._writer.fill(line, time_s)
-        self.forces_apart[line] = max((check(logged) for check in self._force_checks), default=0.0)
+        self.forces_apart[line] = max((check.residual(logged) for check in self._force_checks), default=0.0)
 
     def add_event(self) -> None:
         """Note how far rounding of the state after an event changes the columns of values after events."""

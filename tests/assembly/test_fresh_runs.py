@@ -232,3 +232,16 @@ def test_runs_in_threads_are_the_runs_in_a_row(tmp_path):
 
     with ThreadPoolExecutor(gate.parties) as threads:
         assert list(threads.map(run, range(len(SEVERAL)))) == in_a_row
+
+
+def test_what_is_looked_at_is_not_run_meanwhile():
+    """A description of a scenario reads components at t = 0, whoever runs it at the same time."""
+    prepared = prepare("coasting", {"duration_s": 0.1})
+
+    def look(components):
+        prepared.run()
+        return [str(components.data.time)]
+
+    assert prepared._looked_at(look) == ["0.0"]
+    assert prepared.unused
+    assert prepared.describe() == prepared.describe()

@@ -12,9 +12,11 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.replay.logged_flight import LoggedFlight
 from ffsm_mj.scenario.shipped import scenario_names
 from tests.replay.test_replay import SCENES
+from tests.scenes import two_balls
 
 FLIGHTS = ("free-flying-hardware", "coasting", "no-actuation")
 """Scenarios whose replay is in the core but where bodies are close."""
+GROUPS = ("state", "actuators", "controller", "contact")
 NAMES = [*FLIGHTS, *(name for name in scenario_names() if name not in FLIGHTS)]
 
 
@@ -58,12 +60,26 @@ def test_so_is_that_of_a_log_with_changes(scene, tmp_path, monkeypatch, rng):
     """Numbers changed by rounding and by more, none at all, rows that are missing: where the core stops, and goes on."""
     log = ffsm_mj.run(*SCENES[scene](tmp_path)).log
     assert in_core(log, monkeypatch) > 0 or scene == "stopped at the impact"
-    places = [i for i, key in enumerate(log.header.layout.keys) if key.split(".")[0] in ("state", "actuators", "controller")]
+    places = [
+        i
+        for i, key in enumerate(log.header.layout.keys)
+        if key.split(".")[0] in ("state", "actuators", "controller", "contact")
+    ]
     for by in (1e-16, 1e-9, 1e-3, np.nan, 1e20):
         rows = np.array(log.rows)
-        for row in rng.integers(len(rows), size=3):
+        for row in rng.integers(len(rows), size=4):
             place = rng.choice(places)
             rows[row, place] = rows[row, place] * (1.0 + by) + by
         in_core(replace(log, rows=rows), monkeypatch)
     kept = rng.random(len(log.rows)) < 0.9
     in_core(replace(log, rows=np.array(log.rows)[kept]), monkeypatch)
+
+
+def test_a_force_where_nothing_touches_fails_its_check(tmp_path, monkeypatch):
+    """In the middle of free flight, which the core takes but for that row."""
+    log = ffsm_mj.run(two_balls(tmp_path, restitution=0.0)).log
+    rows, (force,) = np.array(log.rows), (i for i, key in enumerate(log.header.layout.keys) if key.endswith("_force_x_N"))
+    rows[67, force] = 1.0
+    again = replay_log(replace(log, rows=rows))
+    assert [str(check.name) for check in again.checks() if not check.passes] == ["contact complementarity"]
+    assert in_core(replace(log, rows=rows), monkeypatch) > 100

@@ -374,7 +374,11 @@ def _same_point(closed: ActiveContactSet, each: PointAgain) -> ContactPoint | No
 
 
 class ForceCheck:
-    """Compares the logged contact forces of rows with those recomputed from the state of the row."""
+    """Compares the logged contact forces of rows with those recomputed from the state of the row.
+
+    Attributes:
+        places: See :class:`~ffsm_mj.contact_models.interface.LoggedForces`.
+    """
 
     def __init__(
         self, scene: Scene, pairs: Sequence[UnilateralConstraint], closed: ActiveContactSet, layout: Layout
@@ -387,7 +391,7 @@ class ForceCheck:
         self._modes = layout.places(mode_key(rule) for rule in self._rules)
         self._limit_forces = layout.places(map(force_key, limits))
         self._limit_states = layout.places(map(state_key, limits))
-        self._places = np.concatenate((self._forces, self._modes, self._limit_forces, self._limit_states))
+        self.places = np.concatenate((self._forces, self._modes, self._limit_forces, self._limit_states))
         self._signs = np.array([limit.sign for limit in limits])
         self._names = (*self._rules, *(limit.name for limit in limits))
         self._nothing = np.zeros((len(self._names), 3)), frozenset[str]()
@@ -402,7 +406,7 @@ class ForceCheck:
         """
         motion = self._closed_set.motion
         # Open contacts have zeros in all these columns, as in most rows of most runs.
-        logged, closed = self._logged(row) if row[self._places].any() else self._nothing
+        logged, closed = self._logged(row) if row[self.places].any() else self._nothing
         held = {pair for pair in self._closed_set.by_pair if pair.rule in closed}
         touching = [
             (pair, near)

@@ -414,9 +414,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Turn each slip and each tilt by its rounding; see :class:`Replayable`."""
         return varied_forces(self._active_set)
 
-    def force_check(self, layout: Layout) -> Callable[[FloatArray], float]:
+    def force_check(self, layout: Layout) -> ForceCheck:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
-        return ForceCheck(self.scene, self._pairs, self._active_set, layout).residual
+        return ForceCheck(self.scene, self._pairs, self._active_set, layout)
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs with their forces, for control laws."""
