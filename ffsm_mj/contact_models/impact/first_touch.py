@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.tolerances import RATE
+from ffsm_mj.tolerances import INSTANT_S, RATE
 
 At = Callable[[float], Proximity]
 
@@ -48,13 +48,16 @@ def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity],
         if pressed(top):
             return highest
         level -= fall
+        if last.gap > level:
+            return None  # apart by rounding at the start, so that the fall to the end was not asked for above
     return root(lambda t: at(t).gap - level, (highest, top.gap - level), (end, last.gap - level), last.rounding)
 
 
 def _by_halves(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
     """First touch by bisection: a gap that rises at both ends and is lower at the second has more than one extremum."""
     middle = 0.5 * (start + end)
-    if not start < middle < end:
+    # Within an instant the gap and its rate are rounding; from 0 s on a thousand halves lead to the least number.
+    if end - start <= INSTANT_S or not start < middle < end:
         return None
     early = first_touch(at, start, middle, pressed)
     return early if early is not None else first_touch(at, middle, end, pressed)

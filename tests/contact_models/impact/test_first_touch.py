@@ -90,3 +90,16 @@ def test_a_gap_that_stays_at_rounding_and_then_falls_at_once(level):
     found = first_touch(at, 0.0, 5e-4, lambda _: False)
     assert found == pytest.approx(kink + level / speed, abs=1e-11)
     assert len(looked) < 250
+
+
+def test_a_fall_within_an_instant_of_the_start_is_rounding():
+    """From 0 s on halves never end: a thousand lead to the least number."""
+    at, looked = path(lambda time: -1e-9 if time > 0.0 else 0.0, lambda _: 1.0)
+    assert first_touch(at, 0.0, 1e-3, lambda _: False) is None
+    assert len(looked) < 250
+
+
+def test_a_pair_apart_by_rounding_that_ends_in_contact_by_rounding_does_not_touch():
+    """It must fall by more than rounding to touch again, whether it starts closed or apart by less than that."""
+    assert touch([-1.7e-14, 1e-14, 5e-15]) is None
+    assert touch([-1.7e-14, 1e-14, 0.0]) is None
