@@ -196,12 +196,13 @@ def least_norm(A: FloatArray, impulses: FloatArray) -> FloatArray:
     idle = along[:, rank:]  # columns: changes of the impulses without effect on the velocity
     shortest = impulses / scale
     shortest = shortest - idle @ (idle.T @ shortest)
-    if shortest.min() < 0.0:
+    # Shares of zero are negative by rounding, of as many terms as there are contacts: no change of that size can be found.
+    if shortest.min() < -len(A) * EPSILON:
         change = _least_change(idle, -shortest)
         if change is None:
             return impulses  # valid, though not the shortest
-        shortest = np.maximum(shortest + idle @ change, 0.0)
-    return np.asarray(scale * shortest)
+        shortest = shortest + idle @ change
+    return np.asarray(scale * np.maximum(shortest, 0.0))
 
 
 def _least_change(G: FloatArray, h: FloatArray) -> FloatArray | None:

@@ -308,3 +308,15 @@ def test_no_other_impulses_of_the_same_effect_are_shorter(rng):
         assert least.fun >= shortest @ shortest * (1.0 - 1e-6)  # its feasibility is 1e-7
         pulled_out += bool(impulses.any()) and shortest.min() == 0.0
     assert pulled_out > 10
+
+
+def test_points_at_one_place_share_an_impulse():
+    """Shares of the others are zero to rounding, of either sign: that is no reason to leave the impulse to one of two."""
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        places = rng.integers(-1, 2, (3, 2))
+        A = np.column_stack((np.ones(4), np.vstack((places, places[-1:]))))
+        impulses = project(A, -A[-1] * rng.uniform(0.5, 2.0))
+        shared = least_norm(A, impulses)
+        assert shared[2] == pytest.approx(shared[3], abs=1e-12)
+        np.testing.assert_allclose(A.T @ shared, A.T @ impulses, rtol=0, atol=1e-12)
