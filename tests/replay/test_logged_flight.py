@@ -83,3 +83,14 @@ def test_a_force_where_nothing_touches_fails_its_check(tmp_path, monkeypatch):
     again = replay_log(replace(log, rows=rows))
     assert [str(check.name) for check in again.checks() if not check.passes] == ["contact complementarity"]
     assert in_core(replace(log, rows=rows), monkeypatch) > 100
+
+
+def test_efforts_that_are_held_after_a_gap_are_not_decided_anew(tmp_path, monkeypatch):
+    """On a torque-speed line the limits at the first row after it are those of another speed than that of the log."""
+    log = ffsm_mj.run(*SCENES["driven"](tmp_path)).log
+    rows = np.delete(np.array(log.rows), range(96, 99), axis=0)
+    rows[96, log.header.layout.index["state.v_robot_x_m_s"]] += 1e-6
+    in_core(replace(log, rows=rows), monkeypatch)
+    rows = np.delete(np.array(log.rows), range(40, 44), axis=0)
+    rows[40, log.header.layout.index["state.v_robot_x_m_s"]] += 1e-6
+    in_core(replace(log, rows=rows), monkeypatch)
