@@ -319,7 +319,7 @@ cdef class ContactEvaluation:
     cdef StageInMemory stage_into(self, double* generalised):
         cdef RowMemory own = self.own
         cdef bint slides = self.modes.any_slides
-        cdef StageInMemory stage = empty_stage(self.rows, own.rows, own.nv, len(own.counts), slides)
+        cdef StageInMemory stage = empty_stage(own.rows, own.nv, len(own.counts), slides)
         memcpy(stage.along, self.present_forces(), own.rows * sizeof(double))
         generalise(stage.along, own, generalised)
         finish_stage(stage, own, own.qvel, generalised)
@@ -386,7 +386,7 @@ cdef class StageForces:
             return self.add_one_by_one(applied)
         self.smooth.write_force(&applied[0], &self.force[0])
         self.evaluator.evaluate(self.states, own)
-        stage = empty_stage(None, own.rows, own.nv, len(own.counts), self.sliding)
+        stage = empty_stage(own.rows, own.nv, len(own.counts), self.sliding)
         if self.patches is not None and self.patches.prepare(self.states, own):
             self.patches.solve(own, &self.force[0], stage.along, &self.sums[0])
         else:

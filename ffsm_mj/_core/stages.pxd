@@ -20,7 +20,6 @@ cdef class Smooth:
 
 
 cdef class StageInMemory:
-    cdef readonly object rows
     cdef bytearray block
     cdef readonly Py_ssize_t count, nv, groups
     cdef bint slides
@@ -33,7 +32,7 @@ cdef class StageInMemory:
 
     cdef void write_slide(self, RowMemory own, const unsigned char[::1] slides) noexcept
 
-cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
-cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
+cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
+cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides)
 cdef int finish_stage(StageInMemory stage, RowMemory own, const double* qvel, const double* generalised) except -1
 cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept

@@ -104,17 +104,12 @@ cdef class StageInMemory:
     def __reduce__(self):
         """How a saved state of a simulation holds it."""
         sizes = self.count, self.nv, self.groups
-        return stage_in_memory, (self.rows, bytes(self.block), *sizes, self.slides)
+        return stage_in_memory, (bytes(self.block), *sizes, self.slides)
 
     @property
     def forces(self):
         """Normal forces, N, (k,)."""
         return np.frombuffer(self.block)[: self.count : 3]
-
-    @property
-    def friction(self):
-        """Friction force on geom b of each point, world axes, N, (k, 3)."""
-        return self.rows.friction_forces(np.frombuffer(self.block)[: self.count])
 
     @property
     def power(self):
@@ -146,14 +141,14 @@ cdef class StageInMemory:
                 self.speeds[p] = hypot(u, v)
 
 
-def stage_in_memory(rows, block, count, nv, groups, slides):
+def stage_in_memory(block, count, nv, groups, slides):
     """A stage that was saved."""
-    return new_stage(rows, bytearray(block), count, nv, groups, slides)
+    return new_stage(bytearray(block), count, nv, groups, slides)
 
 
-cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
+cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
     cdef StageInMemory stage = StageInMemory.__new__(StageInMemory)
-    stage.rows, stage.block, stage.count, stage.nv, stage.groups = rows, block, count, nv, groups
+    stage.block, stage.count, stage.nv, stage.groups = block, count, nv, groups
     stage.slides, stage.along = slides, numbers(block)
     stage.powers, stage.found = stage.along + count, stage.along + count + nv
     stage.heats = stage.found + 6 * groups
@@ -161,10 +156,10 @@ cdef StageInMemory new_stage(rows, bytearray block, Py_ssize_t count, Py_ssize_t
     return stage
 
 
-cdef StageInMemory empty_stage(rows, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
+cdef StageInMemory empty_stage(Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
     """A stage without forces."""
     size = count + nv + 6 * groups + (2 * (count // 3) if slides else 0)
-    return new_stage(rows, zeros(size + 1), count, nv, groups, slides)
+    return new_stage(zeros(size + 1), count, nv, groups, slides)
 
 
 cdef void generalise(const double* along, RowMemory own, double* generalised) noexcept:

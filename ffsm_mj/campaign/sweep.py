@@ -18,8 +18,7 @@ from ffsm_mj.campaign.plan.loading import make_plan
 from ffsm_mj.campaign.script_classes import ScriptClasses
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import source_of
-from ffsm_mj.yaml.parser import parse
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import parse, write_yaml
 
 _DEFAULT = ("impacts.0.time_s", "impacts.0.impulse_N_s", "tip.min_error_m", "tip.final_error_m")
 

@@ -18,7 +18,7 @@ from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.plots.style import write
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 from ffsm_mj.scenario.source import read_yaml
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import write_yaml
 
 NAME = "impact-map"
 BEST = "best.yaml"

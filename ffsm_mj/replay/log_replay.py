@@ -79,9 +79,9 @@ class LogReplay:
         self._left = 0.0
         self._ending = False
         self._at_logged_state = False
-        # Of ticks that the core took: whether the next sample is reached, or the step to go on with, and whether it is made;
-        # whether the motion bound holds from the last event on.
-        self._arrived, self._next_step, self._made, self._bounded = False, 0, False, False
+        # The step to go on with after ticks that the core took, and whether it is made already; whether the motion bound
+        # holds from the last event on.
+        self._next_step, self._made, self._bounded = 0, False, False
 
     def take(self, block: FloatArray, ticks: npt.NDArray[np.int64]) -> FloatArray:
         """Recompute the next samples and compare them with the logged ones.
@@ -159,28 +159,25 @@ class LogReplay:
 
     def _lines(self, line: int, tick: int) -> int:
         """Integrate to a sample, and write its row as the run does; returns the number of rows written, from it on."""
-        starts = self._reach(line, tick)
-        self._plant.data.time = self._time_of(line, tick)  # as in a run: a sum of steps accumulates rounding
+        time_s = float(self._logged.times[line]) if tick == BETWEEN else tick * self._period_s
+        starts = self._reach(line, tick, time_s)
+        self._plant.data.time = time_s  # as in a run: a sum of steps accumulates rounding
         # Where the replay starts, efforts are held that were decided before: the law of the core would decide them anew.
         if not starts and (written := self._fly(line, tick)):
             return written
-        self._write(line, tick, starts=starts)
+        self._write(line, tick, time_s, starts=starts)
         return 1
 
-    def _time_of(self, line: int, tick: int) -> float:
-        return float(self._logged.times[line]) if tick == BETWEEN else tick * self._period_s
-
-    def _reach(self, line: int, tick: int) -> bool:
+    def _reach(self, line: int, tick: int, time_s: float) -> bool:
         """Integrate to a sample, unless the core has; returns whether the replay starts there instead."""
-        logged, arrived = self._logged, self._arrived
-        self._arrived = False
+        logged = self._logged
         if self._tick is None or tick not in (self._tick + 1, BETWEEN):
             self._rows.complete(line)
-            self._start_at_sample(line, max(tick, 0), self._time_of(line, tick))
+            self._start_at_sample(line, max(tick, 0), time_s)
             self._rows.predicted[line] = logged.states[line]
             return True
-        if not arrived:
-            until_s = self._time_of(line, tick) if tick == BETWEEN else math.inf
+        if self._next_step < (self._tick + 1) * self._steps:
+            until_s = time_s if tick == BETWEEN else math.inf
             self._rows.predicted[line] = self._advance_to_sample(logged.states[line], self._tick, until_s)
         return False
 
@@ -192,11 +189,10 @@ class LogReplay:
         written = self._flight.take(line, tick, pending[0].step // self._steps if pending else math.inf)
         if written:
             self._tick, self._next_step = tick + written - 1, self._flight.steps
-            self._arrived = self._next_step == (tick + written) * self._steps
             self._made, self._at_logged_state = self._flight.pass_step(), True
         return written
 
-    def _write(self, line: int, tick: int, *, starts: bool) -> None:
+    def _write(self, line: int, tick: int, time_s: float, *, starts: bool) -> None:
         """Write the row of a sample as the run does."""
         logged, plant = self._logged, self._plant
         if not starts:
@@ -204,9 +200,9 @@ class LogReplay:
                 # The controller is not evaluated at the end of a run: earlier efforts still act.
                 plant.actuation.table[:, 0] = logged.asked[line]
             else:
-                self._decide(line, self._time_of(line, tick))
+                self._decide(line, time_s)
         plant.data.ctrl[:] = logged.ctrl[line]
-        self._rows.write(line, self._time_of(line, tick), logged.rows[line])
+        self._rows.write(line, time_s, logged.rows[line])
         self._at_logged_state = True
         self._tick, self._next_step = (None, 0) if tick == BETWEEN else (tick, tick * self._steps)
 

@@ -25,9 +25,6 @@ class LoggedFlight:
 
     Where the motion bound excludes every event, no overlap and no missing event is to be looked for either, and no force if
     the log says of none.
-
-    Attributes:
-        steps: Steps completed since the start of the run.
     """
 
     def __init__(self, plant: Plant, rows: ReplayedRows, command: Command, step_s: float, steps_per_tick: int) -> None:
@@ -51,7 +48,7 @@ class LoggedFlight:
             steps_per_tick=steps_per_tick,
         )
         self._runs: IntArray
-        self.steps = self._pause = self._waits = 0
+        self._pause = self._waits = 0
 
     @classmethod
     def of(
@@ -82,8 +79,7 @@ class LoggedFlight:
         Returns:
             Number of rows written. The steps made are those of :attr:`steps`.
         """
-        count, first = min(int(self._runs[line]), until_tick - tick), tick * self._per_tick
-        self.steps = first
+        count = min(int(self._runs[line]), until_tick - tick)
         self._waits = max(self._waits - 1, 0)
         if count < 1 or self._waits or self._rows.follows_event:
             return 0
@@ -113,13 +109,17 @@ class LoggedFlight:
             until_s=math.inf,
             clock=math.inf,
         )
-        self.steps = self._ticks.steps
         if self.steps > first:
             plant.integrator.motion.path.at_s = self._step_s
         written = self._ticks.ticks - tick
         self._rows.accuracy[line : line + written] = 0.0
         self._rows.forces_apart[line : line + written] = 0.0
         return written
+
+    @property
+    def steps(self) -> int:
+        """Steps completed since the start of the run, after the last ticks."""
+        return self._ticks.steps
 
     def pass_step(self) -> bool:
         """Whether a further step was made, and is to be completed."""

@@ -19,8 +19,7 @@ from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.source import source_of
 from ffsm_mj.similar_names import similar_file
 from ffsm_mj.studies.config import StudyFile
-from ffsm_mj.yaml.parser import read_node
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import read_node, write_yaml
 
 STUDY, RECORD, METRICS, VARIANTS = "study.yaml", "study.json", "metrics.py", "variants"
 _FORMAT = 1

@@ -14,8 +14,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.source import source_of
 from ffsm_mj.studies.plan import load_study, plan_study
 from ffsm_mj.studies.study import Metrics, Study, functions_of
-from ffsm_mj.yaml.parser import YamlFault, parse
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import YamlFault, parse, write_yaml
 
 
 def run_study(

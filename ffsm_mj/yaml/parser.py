@@ -1,4 +1,6 @@
-"""YAML text to a tree of nodes: one document, text keys, no tags beyond those of the core schema, bounded depth and size.
+"""YAML text to a tree of nodes, and plain data to YAML text.
+
+A text is one document with text keys, no tags beyond those of the core schema, of bounded depth and size.
 
 ruamel.yaml composes the text into its own nodes, which have positions; they are converted here. Its constructors are not
 used: they make objects out of tags, lose positions, and expand aliases of aliases until memory is exhausted.
@@ -9,6 +11,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import lru_cache
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -277,3 +280,14 @@ def _mappings(node: Node, place: Place) -> list[Node]:
     if not all(isinstance(item.value, dict) for item in found):
         raise YamlFault(place, "'<<' takes a mapping, or a list of mappings, to merge in")
     return [Node(item.value, place) for item in found]
+
+
+def write_yaml(data: Any) -> str:
+    """YAML text of plain data; the order of keys is kept."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.width = 100
+    out = StringIO()
+    yaml.dump(data, out)
+    return out.getvalue()

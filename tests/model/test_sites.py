@@ -13,8 +13,7 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
-from ffsm_mj.yaml.parser import plain_value
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import plain_value, write_yaml
 from tests.scenes import ARM, ball, scene
 
 

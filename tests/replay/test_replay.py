@@ -10,8 +10,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
-from ffsm_mj.yaml.parser import plain_value
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import plain_value, write_yaml
 from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import ball, two_balls
 

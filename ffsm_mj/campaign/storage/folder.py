@@ -16,7 +16,7 @@ from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.output_place import refuse_link
 from ffsm_mj.similar_names import similar_file
-from ffsm_mj.yaml.writer import write_yaml
+from ffsm_mj.yaml.parser import write_yaml
 
 CAMPAIGN = "campaign.yaml"
 DESIGN = "design.json"

@@ -63,7 +63,30 @@ def force_key(limit: JointLimit) -> str:
     return f"contact.{limit_force_name(limit.joint, limit.unit)}"
 
 
-class LimitReport:
+class _ForceTable:
+    """Values of the columns of some contacts or limits; blank while none of them is closed."""
+
+    _values: FloatArray
+    _is_blank = True
+
+    def _columns(self, signals: tuple[Signal, ...]) -> Columns:
+        live = self._values.reshape(-1)
+        return Columns(signals, live, None, lambda _: self._write_values(), self._restore_values, self._at_state)
+
+    def _write_values(self) -> None:
+        """Write the columns for the state in ``data`` under its efforts."""
+        raise NotImplementedError
+
+    def _restore_values(self, logged: FloatArray) -> None:
+        self._values[:] = logged.reshape(self._values.shape)
+        self._is_blank = False
+
+    def _at_state(self) -> FloatArray:
+        self._write_values()
+        return self._values.flatten()
+
+
+class LimitReport(_ForceTable):
     """Writes the columns and event records of the limited joints of a run.
 
     Attributes:
@@ -74,24 +97,14 @@ class LimitReport:
         """Initialise with no joint at a limit."""
         self._scene, self._active_set, self._limits = scene, closed, tuple(limits)
         joints = list(dict.fromkeys((limit.joint, limit.unit) for limit in limits))
-        self._values, self._is_blank = np.zeros((len(joints), 3)), True
+        self._values = np.zeros((len(joints), 3))
         self._row = {limit: joints.index((limit.joint, limit.unit)) for limit in limits}
         signals = tuple(signal for joint, unit in joints for signal in _limit_signals(joint, unit))
-        live = self._values.reshape(-1)
-        columns = Columns(signals, live, None, lambda _: self._write_values(), self._restore_values, self._at_state)
-        self.columns = (columns,) if signals else ()
+        self.columns = (self._columns(signals),) if signals else ()
 
     def logged_limits(self) -> list[JointLimit]:
         """Limits at which a joint rests according to the columns."""
         return [limit for limit, row in self._row.items() if self._values[row, 0] * limit.sign < 0.0]
-
-    def _restore_values(self, logged: FloatArray) -> None:
-        self._values[:] = logged.reshape(self._values.shape)
-        self._is_blank = False
-
-    def _at_state(self) -> FloatArray:
-        self._write_values()
-        return self._values.flatten()
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
@@ -220,7 +233,7 @@ def _active_contact(pair: ContactPair, at: Resultant, decision: Decision | None)
     return ActiveContact(*place, mode, friction.force, friction.slip, friction.use)
 
 
-class ContactReport:
+class ContactReport(_ForceTable):
     """Writes the columns and event records of the closed contacts of a run.
 
     Attributes:
@@ -233,14 +246,13 @@ class ContactReport:
         self._scene, self._active_set = scene, closed
         self._rules = {name: i for i, name in enumerate(dict.fromkeys(pair.rule for pair in pairs))}
         self._values = np.tile(NOTHING, (len(self._rules), 1))
-        self._is_blank = True
         with_friction = tuple(dict.fromkeys(pair.rule for pair in pairs if pair.mu > 0.0))
         signals = tuple(signal for rule in self._rules for signal in signals_of(rule, friction=rule in with_friction))
         self.friction = FrictionReport(with_friction)
-        flat, friction = self._values.reshape(-1), self.friction
+        friction = self.friction
         closed.steady.report_to(RuleTables(self._values, self._rules, friction.values, friction.rules, friction.work_J))
         self.columns = (
-            Columns(signals, flat, None, lambda _: self._write_values(), self._restore_values, self._at_state),
+            self._columns(signals),
             Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=np.zeros(1)),
             *(self.friction.columns if with_friction else ()),
         )
@@ -248,14 +260,6 @@ class ContactReport:
     def closed_rules(self) -> frozenset[str]:
         """Rules with a closed pair according to the columns."""
         return frozenset(rule for rule, row in self._rules.items() if self._values[row, 0] != FREE)
-
-    def _restore_values(self, logged: FloatArray) -> None:
-        self._values[:] = logged.reshape(self._values.shape)
-        self._is_blank = False
-
-    def _at_state(self) -> FloatArray:
-        self._write_values()
-        return self._values.flatten()
 
     def _write_values(self) -> None:
         """Write the columns for the state in ``data`` under its efforts."""

@@ -51,11 +51,6 @@ class Stage:
         """Normal forces, N, (k,)."""
         return self.along[::3]
 
-    @property
-    def friction(self) -> FloatArray:
-        """Friction force on geom b of each point, world axes, N, (k, 3)."""
-        return self.rows.friction_forces(self.along)
-
     @cached_property
     def wrenches(self) -> FloatArray:
         """Force, and moment about the world origin, on geom b of each group of points of one pair, (g, 6)."""

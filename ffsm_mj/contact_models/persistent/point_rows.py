@@ -119,10 +119,6 @@ class PointRows:
         """Force, and moment about the world origin, on geom b of each group of points, for forces along the rows, (g, 6)."""
         return self.memory.resultants(forces)
 
-    def friction_forces(self, forces: FloatArray) -> FloatArray:
-        """Friction forces on geom b for forces along the rows, world axes, N, (k, 3)."""
-        return self.across(forces.reshape(-1, 3)[:, 1:])
-
     def resultant(self, part: slice, forces: FloatArray, friction: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Resultant force of the points of one pair, N, its centre, m, and the mean unit normal, (3,) each.
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.tolerances import EPSILON, RANK
+from ffsm_mj.tolerances import EPSILON
 
 ON_CONE = 1e-13
 """Rounding of the margin to a friction cone, as a share of the largest force."""
@@ -52,21 +52,6 @@ def triangular_solution(R: FloatArray, right: FloatArray, *, transposed: bool = 
         return np.asarray(np.linalg.lstsq(R.T if transposed else R, right, rcond=None)[0])
     solution: FloatArray = _lapack().dtrtrs(R, right, trans=int(transposed))[0]
     return solution
-
-
-def least_norm_solution(A: FloatArray, b: FloatArray) -> FloatArray:
-    """Least-norm solution x of A x = b with a positive semidefinite A, (k, k), as of ``numpy.linalg.lstsq``."""
-    solve, *work = _solver(len(b))
-    solution: FloatArray = solve(A, b, *work, RANK)[0]
-    return solution
-
-
-@cache
-def _solver(k: int) -> tuple[Any, int, int]:
-    """LAPACK's solver, and sizes of its work space."""
-    lapack = _lapack()
-    size, size_of_integers, _ = lapack.dgelsd_lwork(k, k, 1)
-    return lapack.dgelsd, int(size), int(size_of_integers)
 
 
 @cache
