@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ffsm_mj import impact as impact
     from ffsm_mj.analysis.run import compare as compare
-    from ffsm_mj.assembly.go_on import go_on as go_on
     from ffsm_mj.assembly.prepare import prepare as prepare
     from ffsm_mj.assembly.prepare import run as run
+    from ffsm_mj.assembly.resume import resume as resume
     from ffsm_mj.assembly.simulator import Simulator as Simulator
+    from ffsm_mj.assembly.step import SimulatorState as SimulatorState
     from ffsm_mj.campaign.campaign import Campaign as Campaign
     from ffsm_mj.campaign.comparison import compare_campaigns as compare_campaigns
     from ffsm_mj.campaign.sweep import sweep as sweep
@@ -33,10 +34,11 @@ _LAZY = {
     "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
     "compare_campaigns": ("ffsm_mj.campaign.comparison", "compare_campaigns"),
     "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
-    "go_on": ("ffsm_mj.assembly.go_on", "go_on"),
+    "resume": ("ffsm_mj.assembly.resume", "resume"),
     "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
+    "SimulatorState": ("ffsm_mj.assembly.step", "SimulatorState"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
     "load_run": ("ffsm_mj.report.run", "load_run"),
     "run_study": ("ffsm_mj.studies.script", "run_study"),
@@ -50,14 +52,15 @@ __all__ = [
     "Campaign",
     "Run",
     "Simulator",
+    "SimulatorState",
     "Study",
     "compare",
     "compare_campaigns",
-    "go_on",
     "impact",
     "impact_map",
     "load_run",
     "prepare",
+    "resume",
     "run",
     "run_study",
     "sweep",

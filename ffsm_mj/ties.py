@@ -6,7 +6,7 @@ frame otherwise than at rest. A decision between them must not depend on that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Generic, NamedTuple, TypeVar
 
 from ffsm_mj.tolerances import INSTANT, INSTANT_S, SHORTEST_S
@@ -91,6 +91,14 @@ class FirstOfLeast(Generic[T]):
         # Twice the rounding: see equals().
         kept = next(i for i, each in enumerate(self._candidates) if each.value <= value + 2.0 * rounding)
         del self._candidates[:kept]
+
+    def get_state(self) -> list[tuple[float, float, T]]:
+        """The values that count, with their roundings and what they are of."""
+        return [(value, rounding, what) for value, rounding, what in self._candidates]
+
+    def set_state(self, state: Iterable[tuple[float, float, T]]) -> None:
+        """Go on from these values."""
+        self._candidates = [_Candidate(*each) for each in state]
 
     @property
     def least(self) -> float:

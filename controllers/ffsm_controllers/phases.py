@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from numbers import Integral, Real
 from typing import Any, cast
 
@@ -27,6 +27,8 @@ from ffsm_mj.controller_protocol import (
     PhaseRecord,
     Signal,
     Summarises,
+    entries,
+    with_state,
 )
 
 
@@ -90,6 +92,91 @@ class PhaseMachine:
         self._grasp = ""
         self._requests: list[str] = []
         self._asked: dict[tuple[int, str], Controller] = {}
+        self._keys = list(signals)
+        self._laws = {
+            (i, grasp): with_state(law, f"the control law {phase.kind!r} of phase {phase.name!r}")
+            for i, phase in enumerate(self.phases)
+            for grasp, law in (("", phase.controller), *phase.held.items())
+        }
+        self._endings = {
+            (i, k): with_state(ending.trigger, f"an ending of phase {phase.name!r}")
+            for i, phase in enumerate(self.phases)
+            for k, ending in enumerate(phase.endings)
+        }
+
+    @dataclass
+    class State:
+        """Where the phases have come to, and what laws and endings remember.
+
+        Attributes:
+            phase_index: Position of the phase under way, from 0; -1: none has begun.
+            start_s: Time at which it began, s.
+            begun: Phases begun that the log does not have yet.
+            current: That under way.
+            begins_again: Whether its law begins at the next call.
+            grasp: Name of the grasp for whose system the law in charge is made; empty: none.
+            requests: Requests that the next command carries.
+            asked: Laws that have been in charge: position of the phase, name of the grasp.
+            telemetry: Values of the columns by key.
+            laws: States of the laws, by position of the phase and name of the grasp.
+            endings: States of the endings, by position of the phase and place in it.
+        """
+
+        phase_index: int
+        start_s: float
+        begun: list[Any]
+        current: Any
+        begins_again: bool
+        grasp: str
+        requests: list[str]
+        asked: list[tuple[int, str]]
+        telemetry: dict[str, float]
+        laws: dict[tuple[int, str], Any]
+        endings: dict[tuple[int, int], Any]
+
+    def get_state(self) -> State:
+        """Where the phases have come to, and what laws and endings remember."""
+        return self.State(
+            self.phase_index,
+            self._start_s,
+            [asdict(record) for record in self._begun],
+            None if self._current is None else asdict(self._current),
+            self._begins_again,
+            self._grasp,
+            list(self._requests),
+            list(self._asked),
+            dict(zip(self._keys, self.telemetry.tolist(), strict=True)),
+            {place: law.get_state() for place, law in self._laws.items()},
+            {place: trigger.get_state() for place, trigger in self._endings.items()},
+        )
+
+    def set_state(self, state: Any, observation: Observation, replaced: Sequence[int] = ()) -> None:
+        """Go on from a state.
+
+        The law in charge begins at it, so that it knows the data, before it is set.
+
+        Args:
+            state: The state.
+            observation: What the controller sees at it.
+            replaced: Phases, by position, whose control laws are of another kind: the state has nothing of them.
+        """
+        told = entries(state, [each.name for each in fields(self.State)], "the phases")
+        self.phase_index, self._start_s, self._grasp = told["phase_index"], told["start_s"], told["grasp"]
+        self._begun = [PhaseRecord(**record) for record in told["begun"]]
+        self._current = None if told["current"] is None else PhaseRecord(**told["current"])
+        self._begins_again, self._requests = told["begins_again"], list(told["requests"])
+        self._live_index[0] = self.phase_index
+        self.telemetry[:] = [told["telemetry"].get(key, math.nan) for key in self._keys]
+        self._asked = {(i, grasp): self.phases[i].law(grasp) for i, grasp in told["asked"] if i not in replaced}
+        in_charge = self.phase_index, self._grasp
+        if in_charge in self._asked and observation.attached == self._grasp:  # otherwise another law takes over
+            self._asked[in_charge].start(self._seen(observation)._replace(phase_start_s=self._start_s))
+        for place, law in self._laws.items():
+            if place[0] not in replaced and place in told["laws"]:
+                law.set_state(told["laws"][place])
+        for of_ending, trigger in self._endings.items():
+            if of_ending in told["endings"]:
+                trigger.set_state(told["endings"][of_ending])
 
     @property
     def in_charge(self) -> str:
@@ -184,6 +271,10 @@ class PhaseMachine:
         self._asked[self.phase_index, self._grasp] = law
         law.start(observation._replace(phase_start_s=self._start_s))
 
+    def _seen(self, observation: Observation) -> Observation:
+        """What the control laws see of the plant: the plant itself."""
+        return observation
+
     def drain_phases(self) -> list[PhaseRecord]:
         """Phases begun since the last call."""
         begun, self._begun = self._begun, []
@@ -204,11 +295,6 @@ class PhaseMachine:
         self._begins_again = True
         for index, grasp in [asked for asked in self._asked if asked[0] in replaced]:
             del self._asked[index, grasp]
-
-    def of_laws(self, phases: Sequence[int]) -> tuple[Any, ...]:
-        """The control laws of some phases, by position, and what depends on their kinds: columns and their values."""
-        laws = [law for i in phases for law in (self.phases[i].controller, *self.phases[i].held.values())]
-        return (self.columns, self.telemetry, self._columns, *laws)
 
     def reports(self) -> dict[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase.

@@ -55,7 +55,7 @@ def _restarts(log: Path, tuned: dict[str, tuple[float, float]]) -> dict[str, Con
     for law in LAWS:
         for variant, values in (("default", law.default), ("tuned", tuned[law.name])):
             given = {"phases.regulate.controller": cell.controller(law, values)}
-            run = ffsm_mj.go_on(log, RESTART_S, given)
+            run = ffsm_mj.resume(log, RESTART_S, given)
             found[f"{law.name} {variant}"] = {
                 "law_us_per_tick": round(1e6 * run.summary(checks=False)["law_wall_s_per_tick"], 1),
                 "errors": [round(float(value), 5) for value in run.tip_error()[::_EVERY]],
@@ -100,6 +100,6 @@ def restart_is_exact() -> float:
     with TemporaryDirectory() as folder:
         log = Path(folder) / "run"
         ffsm_mj.run("baseline", {"duration_s": REACH_END_S}, out=log, rerun=False)
-        rest: Run = ffsm_mj.go_on(log, RESTART_S, given)
+        rest: Run = ffsm_mj.resume(log, RESTART_S, given)
     whole = ffsm_mj.run("baseline", given)
     return float(np.abs(whole.qpos[-len(rest.qpos) :] - rest.qpos).max())

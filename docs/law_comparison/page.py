@@ -176,7 +176,7 @@ def _same_collision(table: Table, once: Config) -> Iterator[str]:
     yield _text(
         f"One logged run of `baseline` (impact at {once['impact_s']:.3f} s, end of the pause at "
         f"{once['start_s']:g} s, the dotted "
-        "line) goes on from 9 s with each law by `ffsm_mj.go_on`; such a run equals the whole run "
+        "line) goes on from 9 s with each law by `ffsm_mj.resume`; such a run equals the whole run "
         "with that law bit for bit. "
         f"The impact sets the centre of mass of the robot in motion, and no torque can change that; the tip is within "
         f"{REACH_M:.6g} m of it. From {REACH_END_S} s on, the dashed line, the target is out of "

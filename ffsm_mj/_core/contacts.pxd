@@ -46,7 +46,7 @@ cdef double largest_ratio(const double* forces, const double[::1] mu, double* ra
 
 cdef class StageForces:
     cdef readonly object contact_points, modes
-    cdef object given, structure
+    cdef object structure
     cdef Smooth smooth
     cdef RowEvaluator evaluator
     cdef RowMemory own

@@ -141,10 +141,6 @@ cdef class ContactEvaluation:
         self.speeds = self.slips + 2 * own.points
         return 0
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.contact_points, self.rows, self.force, self.modes)
-
     @property
     def force(self):
         """Generalised forces without the contact forces, less the bias, (nv,)."""
@@ -355,7 +351,6 @@ cdef class StageForces:
     """Contact forces of some points in the modes of a step."""
 
     def __init__(self, smooth, evaluator, contact_points, modes):
-        self.given = smooth, evaluator, contact_points, modes
         self.contact_points, self.modes = contact_points, modes
         self.smooth, self.evaluator = smooth, evaluator
         if self.smooth.motion.loops is None:
@@ -369,10 +364,6 @@ cdef class StageForces:
         if self.sliding:
             self.slides, self.straight = modes.slides.view(np.uint8), modes.straight.view(np.uint8)
             self.directions, self.slips = modes.directions, np.zeros((self.own.points, 2))
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), self.given
 
     def add(self, double[::1] applied not None):
         """Add the forces at the current state to the applied ones, (nv,), and return the stage."""

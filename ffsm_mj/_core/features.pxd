@@ -14,7 +14,7 @@ cdef class FaceGroup:
     cdef double[:, ::1] centres, sides
     cdef double[::1] first_radius, radius
     cdef const double[::1] first_origin, second_origin, first_axes, second_axes
-    cdef object face, made_of
+    cdef object face
 
     cdef FaceState at_state(self, const Twist* b, const Twist* a)
 

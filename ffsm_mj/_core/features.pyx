@@ -10,9 +10,7 @@ import numpy as np
 
 from ffsm_mj.contact.features.gap_function import FeatureState
 
-from cpython.bytes cimport PyBytes_FromStringAndSize
 from libc.math cimport fabs
-from libc.string cimport memcpy
 
 from ffsm_mj._core.memory cimport numbers, room
 
@@ -70,7 +68,6 @@ cdef class FaceGroup:
             in_patch: See ``contact_points.py``.
         """
         cdef int i
-        self.made_of = (features, data, in_patch)
         face, self.count, self.swapped, self.in_patch = features[0].face, len(features), features[0].swapped, in_patch
         self.face = face
         for i in range(3):
@@ -82,10 +79,6 @@ cdef class FaceGroup:
         first, second = face.body.id, features[0].point.body.id
         self.first_origin, self.first_axes = data.xpos[first], data.xmat[first]
         self.second_origin, self.second_axes = data.xpos[second], data.xmat[second]
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return face_group, self.made_of
 
     cdef FaceState at_state(self, const Twist* b, const Twist* a):
         """The points at the current state, with the twists of both bodies of the contact there."""
@@ -99,12 +92,6 @@ cdef class FaceGroup:
 @cython.no_gc  # no cycle contains it
 cdef class FaceState:
     """Points over a face at one state."""
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        cdef bytes first = PyBytes_FromStringAndSize(<char*>&self.first, sizeof(Twist))
-        cdef bytes second = PyBytes_FromStringAndSize(<char*>&self.second, sizeof(Twist))
-        return face_state, (self.group, first, second, self.normal, self.offset, self.turning, self.own_turning, bytes(self.block))
 
     cdef void move(self, const Twist* b, const Twist* a) noexcept:
         """Take the current state, with the twists of both bodies of the contact there."""
@@ -329,20 +316,3 @@ cdef void add_point(
         found[i] += force * normal[i]
         found[3 + i] += weight * point[i]
         found[6 + i] += weight * normal[i]
-
-
-def face_group(features, data, in_patch):
-    """Points over a face that were saved."""
-    return FaceGroup(features, data, in_patch=in_patch)
-
-
-def face_state(FaceGroup group, bytes first, bytes second, normal, offset, turning, own_turning, block):
-    """Points over a face at a state that was saved."""
-    cdef FaceState state = FaceState.__new__(FaceState)
-    state.group, state.count = group, group.count
-    memcpy(&state.first, <const char*>first, sizeof(Twist))
-    memcpy(&state.second, <const char*>second, sizeof(Twist))
-    state.normal, state.offset, state.turning, state.own_turning = normal, offset, turning, own_turning
-    state.block, state.sign = bytearray(block), -1.0 if group.swapped else 1.0
-    state.own = numbers(state.block)
-    return state

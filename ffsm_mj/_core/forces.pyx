@@ -11,7 +11,6 @@ is held by its own rows. Other cases are left to the general solution.
 Moments are about the middle of the points, in units of their mean distance to it: W^T W is then well conditioned.
 """
 
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -115,10 +114,6 @@ cdef class HeldForces:
     cdef object delassus(self):
         """The matrix as an array."""
         return self.kept.array("G") if isinstance(self.kept, RowMemory) else self.kept
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return held_forces, (self.delassus(), self.structure)
 
     cdef void find_range(self) noexcept:
         """Determine the rank of the held rows, and a basis of their range if it is not all."""
@@ -282,11 +277,6 @@ cdef class HeldForces:
         for j, each in enumerate(np.linalg.lstsq(system, self.matrix(self.inner, self.rank, 1)[:, 0], rcond=EPSILON)[0]):
             self.inner[<Py_ssize_t>j] = each
         return 0
-
-
-def held_forces(G, structure):
-    """The problem of held rows that was saved."""
-    return HeldForces(SimpleNamespace(G=G), structure)
 
 
 cdef HeldForces of_rows(RowMemory own, structure):

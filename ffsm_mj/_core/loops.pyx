@@ -96,13 +96,6 @@ cdef class LoopStage:
         self.rows = self.J
         self.combine(np.empty((0, self.n)), np.empty((0, self.n)))
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.model, self.data, self.latches, self.bodies, self.seen), self.combinations
-
-    def __setstate__(self, combinations):
-        self.combine(*combinations)
-
     def combine(self, T, others):
         """Use some combinations of the rows, (r, n), and others that vanish, (n - r, n)."""
         self.combinations = T, others

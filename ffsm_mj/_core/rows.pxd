@@ -6,7 +6,6 @@ cdef class RowMemory:
     cdef readonly Py_ssize_t points, rows, nv
     cdef readonly tuple counts
     cdef bytearray block, G_block
-    cdef bytes kept_rubs
     cdef const unsigned char* rubs
     cdef double* start
     cdef double* J
@@ -42,7 +41,7 @@ cdef class RowEvaluator:
     cdef const mjModel* m
     cdef mjData* d
     cdef readonly object data
-    cdef object motion, made_of
+    cdef object motion
     cdef Py_ssize_t k, nv, bodies
     cdef double[:, ::1] chains, screws, screw_rates, velocities, centres
     cdef double[:, ::1] own, responses  # rows of the twists of all pairs, then of the limits, and these times M^-1

@@ -47,7 +47,7 @@ cdef class RowMemory:
 
     def __init__(self, tuple counts, bytes rubs, Py_ssize_t nv, block=None):
         cdef Py_ssize_t points = len(rubs), rows = 3 * points, size
-        self.points, self.rows, self.nv, self.counts, self.kept_rubs = points, rows, nv, counts, rubs
+        self.points, self.rows, self.nv, self.counts = points, rows, nv, counts
         self.rubs = <const unsigned char*><const char*>rubs
         size = 2 * rows * nv + 7 * rows + 3 * len(counts) + 9 * points + nv
         self.block = zeros(size + 1) if block is None else bytearray(block)
@@ -57,10 +57,6 @@ cdef class RowMemory:
         self.centres = self.wrenches + 6 * rows
         self.axes = self.centres + 3 * <Py_ssize_t>len(counts)
         self.qvel = self.axes + 9 * points
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.counts, self.kept_rubs, self.nv, bytes(self.block))
 
     cdef inline bint moves(self, Py_ssize_t i) noexcept:
         """Whether a row is not that of a tangent without friction."""
@@ -339,7 +335,6 @@ cdef class RowEvaluator:
 
     def __init__(self, motion, data, contact_points, flat=()):
         cdef Group group
-        self.made_of = (motion, data, contact_points, flat)
         model, self.motion, self.data = motion.model, motion, data
         self.m, self.d = <const mjModel*>address(model), <mjData*>address(motion.data)
         self.k, self.nv, self.groups = len(contact_points), model.nv, []
@@ -377,10 +372,6 @@ cdef class RowEvaluator:
         for (_, row), limit in zip(self.limits, limits.values()):
             own[row, motion.dofs[limit.dof]] = limit.sign
         self.own, self.responses = own, np.zeros_like(own)
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), self.made_of
 
     cdef int evaluate_twists(self) except -1:
         cdef Py_ssize_t body, dof

@@ -55,10 +55,6 @@ cdef class Smooth:
         )
         self.last_place, self.last_load = copied(self.qpos), copied(self.qvel)
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), (self.motion, self.seen)
-
     cpdef object place(self):
         """Token of the current positions and velocities: the same object while they are the same bit by bit."""
         cdef bint stays = same(self.qpos, self.last_qpos)
@@ -101,11 +97,6 @@ cdef class Smooth:
 cdef class StageInMemory:
     """Forces along the rows, (r,), their power by degree of freedom, (nv,), and wrenches on each group of points, (g, 6)."""
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        sizes = self.count, self.nv, self.groups
-        return stage_in_memory, (bytes(self.block), *sizes, self.slides)
-
     @property
     def forces(self):
         """Normal forces, N, (k,)."""
@@ -139,11 +130,6 @@ cdef class StageInMemory:
                 u, v = own.velocity(3 * p + 1), own.velocity(3 * p + 2)
                 self.heats[p] = -(self.along[3 * p + 1] * u + self.along[3 * p + 2] * v)
                 self.speeds[p] = hypot(u, v)
-
-
-def stage_in_memory(block, count, nv, groups, slides):
-    """A stage that was saved."""
-    return new_stage(bytearray(block), count, nv, groups, slides)
 
 
 cdef StageInMemory new_stage(bytearray block, Py_ssize_t count, Py_ssize_t nv, Py_ssize_t groups, bint slides):
@@ -253,14 +239,3 @@ cdef class StageSums:
                 sums[9 + i] += outside[0, g] * impulses[g, i]
                 sums[15 + i] += outside[1, g] * impulses[g, i]
         return Exchange(found[:3], found[3:9], found[9:].reshape(2, 6))
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return stage_sums, (self.work, self.impulses, self.total, self.sizes)
-
-
-def stage_sums(work, impulses, total, sizes):
-    """Integrals that were saved."""
-    cdef StageSums sums = StageSums.__new__(StageSums)
-    sums.work, sums.impulses, sums.total, sums.sizes = work, impulses, total, sizes
-    return sums

@@ -206,14 +206,6 @@ cdef class SteadyContacts:
         self.closed, self.modes, self.solver, self.system = closed, closed.modes, closed.solver, system
         self.generation = -1
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), (self.closed, self.system), (self.tables, self.accounts)
-
-    def __setstate__(self, held):
-        self.tables, accounts = held
-        self.account_to(*accounts)
-
     def report_to(self, tables):
         """Set the tables of :meth:`write` and :meth:`exchange`."""
         self.tables = tables

@@ -44,14 +44,6 @@ cdef class FreeStepper:
         self.runge_kutta = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self.clear(INFINITY)
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        held = self.energy, self.motion_bound, self.last_increment, self.event_bound, self.unconstrained
-        return type(self), (self.model, self.data, np.asarray(self.state), np.asarray(self.momentum)), held
-
-    def __setstate__(self, held):
-        self.energy, self.motion_bound, self.last_increment, self.event_bound, self.unconstrained = held
-
     def clear(self, double event_bound):
         """Reset the motion bound at the state in ``data``."""
         self.motion_bound, self.last_increment, self.event_bound = 0.0, 0.0, event_bound
@@ -127,15 +119,6 @@ cdef class ForcedStepper(FreeStepper):
         self.start_qpos, self.start_qvel = np.empty(model.nq), self.start_rates
         self.flat_slopes, self.flat_mean = np.empty((4, 2 * model.nv)), np.empty(2 * model.nv)
         self.slopes, self.mean = self.flat_slopes.reshape(4, 2, -1), self.flat_mean
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        given = self.model, self.data, np.asarray(self.state), np.asarray(self.momentum), (), None
-        return type(self), given, (FreeStepper.__reduce__(self)[2], self.pushes, self.follow, self.implicit)
-
-    def __setstate__(self, held):
-        FreeStepper.__setstate__(self, held[0])
-        self.pushes, self.follow, self.implicit = held[1:]
 
     @property
     def weights(self):

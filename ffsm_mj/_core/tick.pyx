@@ -58,10 +58,15 @@ cdef class Periodically(OnSample):
     """Calls a function in the first sample, and whenever a multiple of a period has passed since the sample before.
 
     Whether one has is a function of both times alone, so that a log replay calls it at the same samples.
+
+    Attributes:
+        last_s: Time of the last sample, s; NaN before the first.
+        is_resumed: Whether the values of the next sample are there already.
     """
 
-    cdef double period_s, last_s
-    cdef bint is_resumed
+    cdef public double last_s
+    cdef public bint is_resumed
+    cdef double period_s
     cdef object function
 
     def __init__(self, double period_s, function):
@@ -71,13 +76,6 @@ cdef class Periodically(OnSample):
     def resume(self, bint with_values):
         """Begin at the next sample, whose values are there already if they were logged with it."""
         self.last_s, self.is_resumed = float("nan"), with_values
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.period_s, self.function), (self.last_s, self.is_resumed)
-
-    def __setstate__(self, held):
-        self.last_s, self.is_resumed = held
 
     cdef double periods(self, double time_s) noexcept:
         return floor(time_s / self.period_s * (1.0 + ROUNDING) + ROUNDING)

@@ -31,16 +31,6 @@ cdef class Travel:
         self.sums, self.steps = self.travelled, self.last
         self.before, self.weights = np.zeros(len(rates)), np.zeros(len(rates))
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.rates.base,), tuple(
-            np.array(each) for each in (self.travelled, self.last, self.before, self.weights)
-        ) + (self.length, self.reach)
-
-    def __setstate__(self, held):
-        self.travelled[:], self.last[:] = held[:2]
-        self.before, self.weights, self.length, self.reach = held[2:]
-
     def begin(self, const double[::1] weights not None, double reach):
         """Begin at the present rates: weights of the motions, (nv,), and the length within which no pair can be near."""
         cdef Py_ssize_t i

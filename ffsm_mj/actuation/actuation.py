@@ -25,6 +25,7 @@ from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.state import Stateful
 
 _EFFORTS = {
     "command": "commanded",
@@ -83,7 +84,7 @@ class _Actuator:
             self.stall, self.valve = config.force_N, Valve(config)
 
 
-class Actuation:
+class Actuation(Stateful):
     """Limits of all actuators, as arrays.
 
     Attributes:
@@ -97,6 +98,15 @@ class Actuation:
         columns: Columns of the table and the counts.
         keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
     """
+
+    @dataclass
+    class State:
+        """Efforts and their bounds, (nu, 4), counts, and what valves remember."""
+
+        table: FloatArray
+        counts: FloatArray
+        valves: list[Any]
+        valves_open: bool
 
     def __init__(self, system: System, configs: Mapping[str, AnyActuator]) -> None:
         """Resolve names and collect limits.
@@ -123,10 +133,11 @@ class Actuation:
             saturation=np.array([one.saturation for one in actuators]),
             gear=self.gear,
         )
-        self._valves = [(i, one.valve) for i, one in enumerate(actuators) if one.valve is not None]
+        valves = [(i, one.valve) for i, one in enumerate(actuators) if one.valve is not None]
+        self._valves = [valve for _, valve in valves]
         self.table = np.zeros((len(self.names), len(_EFFORTS)))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
-        self._counted = np.array([i for i, _ in self._valves], dtype=np.intp)
+        self._counted = np.array([i for i, _ in valves], dtype=np.intp)
         self._gears = self.gear[self._counted]
         self._valves_open = False
         self.counts = np.zeros((len(self._valves), 2))
@@ -177,11 +188,12 @@ class Actuation:
     def _switch(self, powered: npt.NDArray[np.bool_], time_s: float) -> None:
         """Open or close the valves of the on-off actuators, which deliver full thrust or none, within limits."""
         on = powered.tolist()  # element access is faster in lists than in arrays
-        if not (self._valves_open or True in [on[i] for i, _ in self._valves]):
+        numbers = self._counted.tolist()
+        if not (self._valves_open or True in [on[i] for i in numbers]):
             return  # all are closed and stay closed
         wanted = self._wanted.tolist()
         lower, upper, forces = self._lower.tolist(), self._upper.tolist(), []
-        for i, valve in self._valves:
+        for i, valve in zip(numbers, self._valves, strict=True):
             forces.append(valve.fire(wanted[i], lower[i], upper[i], time_s) if on[i] else valve.shut())
         self._take(forces)
 
@@ -201,7 +213,8 @@ class Actuation:
         """
         self.apply(Command(efforts, efforts != 0.0), data, time_s)
         if self._valves:
-            self._take([valve.stand(float(efforts[i]), time_s) for i, valve in self._valves])
+            numbers = self._counted.tolist()
+            self._take([valve.stand(float(efforts[i]), time_s) for i, valve in zip(numbers, self._valves, strict=True)])
 
     def by_name(self) -> dict[str, tuple[float, ...]]:
         """Currently applied effort by actuator, N or N m."""

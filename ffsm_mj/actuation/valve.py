@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ffsm_mj.actuation.actuator_config import OnOffConfig
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import SCHEDULED_S
 
 
-class Valve:
+class Valve(Stateful):
     """Valve of an on-off thruster, with its state.
 
     Attributes:
         firing: Direction in which it fires, 1 or -1, or 0 while it is closed.
     """
+
+    @dataclass
+    class State:
+        """Direction in which it fires, and since when, s."""
+
+        firing: float
+        lit_at_s: float
 
     def __init__(self, config: OnOffConfig) -> None:
         """Shut."""

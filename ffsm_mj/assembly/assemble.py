@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.actuation.actuation import Actuation
@@ -36,10 +36,7 @@ from ffsm_mj.records.columns import Row
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.plant import Plant
-
-if TYPE_CHECKING:
-    from ffsm_mj.assembly.origin import Origin
-    from ffsm_mj.simulation.progress import Start
+from ffsm_mj.simulation.progress import Start
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,8 @@ class Assembly:
         task: The tip's task, if any.
         row: Columns of all components.
         recorded: Files that the control laws name.
-        origin: The instant of another run at which the run begins; None: it begins at t = 0.
+        start: Finds the state at which the run begins, by simulating where that is needed; None: it begins at t = 0.
+        before: Files of the run that it goes on from, contents by name.
         held: The systems in which captures hold, by the names of these.
     """
 
@@ -73,19 +71,14 @@ class Assembly:
     task: Task | None
     row: Row
     recorded: RecordedFiles = field(default_factory=RecordedFiles)
-    origin: Origin | None = None
+    start: Callable[[], Start] | None = None
+    before: Mapping[str, bytes] = field(default_factory=dict)
     held: Mapping[str, GraspedSystem] = field(default_factory=dict)
 
     @property
     def logged_files(self) -> dict[str, bytes]:
         """Contents of all files of the run by their names in run folder and log."""
-        before = self.origin.files if self.origin is not None else {}
-        return self.system.logged_files | dict(self.recorded.contents) | before
-
-    @property
-    def start(self) -> Start | None:
-        """State at which the run begins; None: that at t = 0."""
-        return self.origin.start() if self.origin is not None else None
+        return self.system.logged_files | dict(self.recorded.contents) | dict(self.before)
 
     @property
     def system(self) -> System:
@@ -123,7 +116,8 @@ def assemble(
     *,
     estimators: Mapping[str, Any] = MappingProxyType({}),
     recorded: RecordedFiles | None = None,
-    origin: Origin | None = None,
+    start: Callable[[], Start] | None = None,
+    before: Mapping[str, bytes] = MappingProxyType({}),
 ) -> Assembly:
     """Build the components of one run.
 
@@ -136,7 +130,8 @@ def assemble(
         held: The systems in which captures hold, likewise the run's own, by the names of these.
         estimators: Estimators of a script, classes by kind, beside those that are installed.
         recorded: Files that the control laws name; None: they name none.
-        origin: The instant of another run at which it begins; None: t = 0.
+        start: See :class:`Assembly`.
+        before: See :class:`Assembly`.
 
     Raises:
         InputError: One line per fault, with the place in the scenario or the model.
@@ -180,7 +175,8 @@ def assemble(
         task,
         row,
         recorded,
-        origin,
+        start,
+        before,
         held,
     )
 

@@ -94,13 +94,17 @@ class ControllerModelPhaseMachine(PhaseMachine):
 
     def control(self, observation: Observation, command: Command) -> None:
         """Change the phase if it has ended, then evaluate its control law."""
+        super().control(self._seen(observation), command)
+
+    def _seen(self, observation: Observation) -> Observation:
+        """What the control laws see: the models at the state of the plant."""
         self._model.follow(observation.free)
         current = self._model
         if attached := observation.attached:
             current = self._grasped[attached]
             current.follow(observation.data)
         # NamedTuple._replace would take twice as long, at every tick.
-        of_model = Observation(
+        return Observation(
             observation.time_s,
             current.data,
             observation.events,
@@ -110,7 +114,6 @@ class ControllerModelPhaseMachine(PhaseMachine):
             observation.grasps,
             observation.measured,
         )
-        super().control(of_model, command)
 
     def in_core(self, command: Command, data: Any) -> LawInCore | None:
         """See :class:`PhaseMachine`; the model follows the plant before each evaluation. None while an object is grasped."""

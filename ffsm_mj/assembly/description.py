@@ -42,7 +42,7 @@ def notes(assembly: Assembly) -> list[str]:
 
 def describe(assembly: Assembly) -> list[str]:
     """Lines of text that describe the run, with notes."""
-    scenario, system, origin = assembly.scenario, assembly.system, assembly.origin
+    scenario, system, initial = assembly.scenario, assembly.system, assembly.scenario.initial
     lines = [
         f"{scenario.name}: valid",
         *(f"  {tree.name}: bodies {len(tree.bodies)}, dofs {tree.dofs.stop - tree.dofs.start}" for tree in system.trees),
@@ -52,7 +52,7 @@ def describe(assembly: Assembly) -> list[str]:
         *spring_lines(scenario, system, assembly.data),
         *loop_lines(assembly),
         *_sensors(assembly),
-        *([f"  goes on from {origin.folder} at t = {origin.at_s:g} s"] if origin is not None else []),
+        *([f"  goes on from {initial.from_} at t = {initial.at_s:g} s"] if initial.from_ is not None else []),
         *_phases(scenario),
         f"  {scenario.ticks} control ticks of {scenario.control_period_s:g} s, steps of {scenario.time_step_s:g} s",
         *initial_lines(assembly),

@@ -23,6 +23,8 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.signals import Signal, coordinate_keys, rate_keys, unit_of
+from ffsm_mj.state import entries, fitting
+from ffsm_mj.unchanging import with_state
 
 _TOLD = ("event", "time_s", "step", "pair", "geoms", "joint", "rule", "grasp")
 """Fields of an event record that a robot may be told of."""
@@ -52,6 +54,7 @@ class EstimatePhaseMachine(PhaseMachine):
         """
         super().__init__(phases)
         self._estimator, self._kind, self._model, self._started = estimator, kind, model, False
+        self._stateful = with_state(estimator, f"the estimator {kind!r}")
         self._grasped = {name: _GraspedEstimate(system, each, its) for name, (each, its) in grasped.items()}
         self._columns_of_estimate = EstimateColumns(system)
         reports = tuple(estimator.telemetry_signals)
@@ -62,17 +65,47 @@ class EstimatePhaseMachine(PhaseMachine):
             *([Columns(reports, live=self._reports)] if reports else []),
         )
 
+    def get_state(self) -> Any:
+        """What the phases remember, and the estimate."""
+        data = self._model.data
+        return {
+            "phases": super().get_state(),
+            "started": self._started,
+            "estimator": self._stateful.get_state(),
+            "estimate": (data.qpos.copy(), data.qvel.copy(), float(data.time)),
+            "columns": (self._reports.copy(), self._columns_of_estimate.values.copy()),
+        }
+
+    def set_state(self, state: Any, observation: Observation, replaced: Sequence[int] = ()) -> None:
+        """Go on from a state; estimator and law in charge begin at it before they are set."""
+        kept = entries(state, ("phases", "started", "estimator", "estimate", "columns"), "the estimate")
+        data, (qpos, qvel, time_s) = self._model.data, kept["estimate"]
+        data.qpos[:] = fitting(qpos, data.qpos.shape, "the estimate")
+        data.qvel[:] = fitting(qvel, data.qvel.shape, "the estimate")
+        data.ctrl[:], data.time = observation.free.ctrl, time_s
+        self._model.update()
+        self._started = kept["started"]
+        if self._started:
+            self._estimator.start(data)
+        self._stateful.set_state(kept["estimator"])
+        super().set_state(kept["phases"], observation, replaced)
+        for own, values in zip((self._reports, self._columns_of_estimate.values), kept["columns"], strict=True):
+            own[:] = fitting(values, own.shape, "columns of the estimate")
+
     def control(self, observation: Observation, command: Command) -> None:
         """Update the estimate, change the phase if it has ended, then evaluate its control law."""
         self._update(observation)
+        super().control(self._seen(observation), command)
+
+    def _seen(self, observation: Observation) -> Observation:
+        """What the control laws see, with the columns of the error."""
         free = self._model.data
         attached = observation.attached
         data = self._grasped[attached].show(self._model) if attached else free
         self._columns_of_estimate.compare(free, observation.free)
         events = tuple(told(event) for event in observation.events)
         measured = observation.measured
-        estimate = Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasps, measured)
-        super().control(estimate, command)
+        return Observation(observation.time_s, data, events, observation.at_tick, (), free, observation.grasps, measured)
 
     def in_core(self, command: Command, data: Any) -> LawInCore | None:  # noqa: ARG002
         """None: the estimator is evaluated at every tick."""

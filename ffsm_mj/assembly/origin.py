@@ -1,18 +1,18 @@
 """A run that begins at an instant of another one: ``initial.from`` of a scenario, and ``ffsm run RUN --from TIME``.
 
-A log has rows and events, not the memory of control laws, of contacts and of valves. The other run is therefore made again
-up to the instant, from the scenario and the models in its folder; its state there is compared with the logged one. A run
-that begins so keeps that scenario and these models in its own folder, and does not depend on the other run any more.
+A log has states only where the scenario asks for them (``log.states``): the other run goes on from the last one before the
+instant, or is made again from its beginning, with the scenario and the models in its folder; its state at the instant is
+compared with the logged row. A run that begins so keeps that scenario and these models in its own folder, and does not
+depend on the other run any more.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,8 @@ from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.recording import Recording
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.log.earlier_run import BEFORE
-from ffsm_mj.log.run_folder import SCENARIO, holds_log
+from ffsm_mj.log.mcap.reader import stored_states
+from ffsm_mj.log.run_folder import SCENARIO, find_log, holds_log
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.report.run import load_run
@@ -32,10 +33,10 @@ from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import Start
+from ffsm_mj.state import StateError, as_mappings, from_bytes
 from ffsm_mj.yaml.parser import plain_value
 
 if TYPE_CHECKING:
-    from ffsm_mj.assembly.assemble import Assembly
     from ffsm_mj.assembly.prepare import PreparedRun
 
 TOLERANCE = 1e-6
@@ -92,18 +93,12 @@ class Origin:
     @stopped_clock()
     @np.errstate(all="ignore")
     def _made_again(self) -> Start:
-        assembly = self.before.assemble()
-        recording = Recording(assembly, columns=())
-        simulation = recording.simulation
         # A tick or event this close before the instant, in control periods, is at it.
         until_s = self.at_s - 1e-9 * self.before.scenario.control_period_s
-        with noted() as simulation.interrupted, collected_warnings(simulation.warnings), recording:
-            simulation.begin()
-            simulation.remember(changes=True, replaced=self.replaced)
-            begin_later(simulation, assembly)
-            while simulation.ended is None and simulation.progress.time_s < until_s:
-                simulation.advance(to_event=True)
-            changes = simulation.save(changes=True)
+        for kept in (*_states_before(self.folder, until_s), None):
+            with suppress(StateError):  # of another version, or damaged: another one, or the beginning, will do
+                simulation, state = self._at_instant(kept, until_s)
+                break
         if simulation.interrupted():
             raise KeyboardInterrupt
         if simulation.ended is not None:
@@ -111,7 +106,24 @@ class Origin:
             raise InputError(f"{self.folder}: the run ends at {end_s:.6g} s ({why}), before {self.at_s:g} s")
         if holds_log(self.folder):
             self._compare(simulation)
-        return Start(simulation.progress.time_s, changes, self.new_laws, self.replaced)
+        return Start(simulation.progress.time_s, state, self.new_laws, self.replaced)
+
+    def _at_instant(self, kept: Any, until_s: float) -> tuple[Simulation, Any]:
+        """The other run at the instant, with its state there, from a state of its log or from its beginning."""
+        assembly = self.before.assemble()
+        recording = Recording(assembly, columns=())
+        simulation, state = recording.simulation, None
+        with noted() as simulation.interrupted, collected_warnings(simulation.warnings), recording:
+            simulation.begin()
+            if kept is not None:
+                simulation.set_state(kept)
+            elif assembly.start is not None:
+                simulation.go_on_from(assembly.start())
+            while simulation.ended is None and simulation.progress.time_s < until_s:
+                simulation.advance(to_event=True)
+            if simulation.ended is None:
+                state = simulation.get_state()
+        return simulation, state
 
     def _compare(self, simulation: Simulation) -> None:
         """Compare the state with the logged one; between two ticks, at an event, there is none.
@@ -121,7 +133,7 @@ class Origin:
         """
         logged, now = load_run(self.folder), simulation.progress.time_s
         row = int(np.searchsorted(logged.time, now - 1e-9))
-        if row == len(logged.time) or simulation.progress.due is not None:
+        if row == len(logged.time) or simulation.due is not None:
             return
         data = simulation.observation().free
         state, told = np.concatenate((data.qpos, data.qvel)), np.concatenate((logged.qpos[row], logged.qvel[row]))
@@ -133,10 +145,13 @@ class Origin:
             )
 
 
-def begin_later(simulation: Simulation, assembly: Assembly) -> None:
-    """Let a simulation that has begun go on from the state at which its run begins."""
-    if assembly.origin is not None:
-        simulation.go_on_from(assembly.origin.start())
+def _states_before(folder: Path, until_s: float) -> Iterator[Any]:
+    """States in the log of a run up to a time, the last one first."""
+    for data in reversed(stored_states(find_log(folder)) if holds_log(folder) else ()):
+        with suppress(StateError, KeyError, TypeError):
+            state = from_bytes(data)
+            if state["progress"]["time_s"] <= until_s:
+                yield state
 
 
 def origin_of(config: Scenario, source: YamlSource, prepare: Callable[[Path], PreparedRun]) -> Origin | None:
@@ -187,7 +202,7 @@ def with_initial_state(config: Scenario, origin: Origin, source: YamlSource) -> 
         for key in ("joints", "rates"):
             if getattr(given, key) not in ({}, getattr(told, key)):
                 raise ScenarioFaults([Fault(_cannot_change(origin), ("initial", key))])
-    state = told.model_copy(update={"from_": given.from_, "at_s": given.at_s})
+    state = told.model_copy(update={"from_": str(origin.folder), "at_s": given.at_s})
     return config.model_copy(update={"initial": state})
 
 
@@ -234,13 +249,9 @@ def _replaced_laws(before: PreparedRun, after: PreparedRun, changed: Sequence[st
         ScenarioFaults: The simulation has other parts beside these laws, whose memory is not in the state.
     """
     old, new = _begun(before), _begun(after)
-    found = _difference(old, new, ())
-    if found is None:
-        return ()
     phases = zip(before.scenario.phases, after.scenario.phases, strict=False)
     others = tuple(i for i, (one, other) in enumerate(phases) if one.kind != other.kind)
-    if others and len(before.scenario.phases) == len(after.scenario.phases):
-        found = _difference(old, new, others)
+    found = _difference(old, new, others)
     if found is not None:
         message = "where a run goes on, values may change, but not the parts of the simulation:"
         path = (changed[0],) if len(changed) == 1 else _FROM
@@ -249,18 +260,24 @@ def _replaced_laws(before: PreparedRun, after: PreparedRun, changed: Sequence[st
     return others
 
 
-def _begun(made: PreparedRun) -> Simulation:
+def _begun(made: PreparedRun) -> Any:
+    """State of a run before its first step: it says which parts there are."""
     simulation = Recording(made.assemble(), columns=()).simulation
     simulation.begin()
-    return simulation
+    return as_mappings(simulation.get_state())
 
 
-def _difference(old: Simulation, new: Simulation, replaced: Sequence[int]) -> tuple[str, str] | None:
-    """The first object of which one simulation has another type, beside the control laws of some phases."""
-    for simulation in (old, new):
-        simulation.remember(replaced=replaced)
-    pairs = zip_longest(old.structure, new.structure, fillvalue="nothing")
-    return next(((one, other) for one, other in pairs if one != other), None)
+def _difference(old: Any, new: Any, replaced: Sequence[int], place: str = "") -> tuple[str, str] | None:
+    """The first parts that two states do not share, beside the control laws of some phases: those of either one."""
+    if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
+        return None
+    of_laws = place == "controller.laws"
+    names, others = ([key for key in each if not (of_laws and key[0] in replaced)] for each in (old, new))
+    if names != others and not place.endswith("telemetry"):
+        one, other = (f"{place or 'simulation'}: {', '.join(map(str, keys)) or 'nothing'}" for keys in (names, others))
+        return one, other
+    found = (_difference(old[key], new[key], replaced, f"{place}.{key}".lstrip(".")) for key in names if key in new)
+    return next(filter(None, found), None)
 
 
 @contextmanager

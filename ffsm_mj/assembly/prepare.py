@@ -236,7 +236,7 @@ class PreparedRun:
         controller_system = self.controller_system.copy() if self.controller_system is not None else None
         held = {name: each.copy() for name, each in self.held.items()}
         system, laws = self.system.copy(), self.laws
-        recorded = self.recorded
+        recorded, origin = self.recorded, self.origin
         return assemble(
             self.scenario,
             self.source,
@@ -246,7 +246,8 @@ class PreparedRun:
             held,
             estimators=self.estimators,
             recorded=recorded,
-            origin=self.origin,
+            start=origin.start if origin is not None else None,
+            before=origin.files if origin is not None else {},
         )
 
     def run(

@@ -181,7 +181,8 @@ def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
 
 
 def _settings(config: Scenario) -> Settings:
-    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.told_above_N_s)
+    keeps = config.log.states == "events"
+    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.told_above_N_s, keeps)
 
 
 def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:

@@ -49,7 +49,7 @@ def simulate(
         InputError: The folder cannot be used, or there is no room for the run.
         Exception: With ``raise_errors``, the exception that ended the run.
     """
-    start = assembly.start
+    start = assembly.start() if assembly.start is not None else None
     start_s = start.time_s if start is not None else 0.0
     recording = Recording(
         assembly, folder, with_rerun=with_rerun, live=live, columns=columns, watchers=watchers, start_s=start_s

@@ -128,26 +128,25 @@ class Simulator:
         """
         return self._running().step(command, until)
 
-    def state(self) -> SimulatorState:
+    def get_state(self) -> SimulatorState:
         """Everything that determines how the run goes on, at the decision that is due.
 
         Raises:
             SimulatorError: There is no run, or it has ended.
-            StateError: A control law, an estimator or a contact model of a plug-in holds what cannot be saved.
+            StateError: A control law, an estimator or a contact model of a plug-in remembers something, and has no
+                ``get_state`` and ``set_state``.
         """
-        return self._running().state()
+        return self._running().get_state()
 
-    def restore(self, state: SimulatorState) -> Observation:
-        """Go on from a state, bit for bit, also from one of another process; a log begins anew, at the time of the state.
-
-        A state is trusted input: restoring it executes what its bytes say, as unpickling does. Restore only states of your
-        own; no command reads a state from a file.
+    def set_state(self, state: SimulatorState) -> Observation:
+        """Go on from a state, bit for bit, also from one of another process or machine; a log begins anew, at its time.
 
         Returns:
             What a control law sees at the state.
 
         Raises:
             SimulatorError: The state is that of another scenario.
+            StateError: It does not fit the simulation: it is damaged.
         """
         run = self._run
         if run is not None and run.origin == (state.overrides, state.seed):
@@ -157,7 +156,7 @@ class Simulator:
         if run is None or self._record is not False:
             run = self._begin(state.overrides, state.seed, state.time_s)
             run.compare(state)
-        return run.restore(state)
+        return run.set_state(state)
 
     def close(self) -> Run | None:
         """End the run: its log is closed, with its outcome and summary. One that has not reached its end was interrupted.

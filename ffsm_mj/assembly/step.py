@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import FfsmError
 from ffsm_mj.simulation.ending import Ended
+from ffsm_mj.state import entries, from_bytes, to_bytes
 
 
 class SimulatorError(FfsmError):
@@ -16,21 +17,35 @@ class SimulatorError(FfsmError):
 
 @dataclass(frozen=True)
 class SimulatorState:
-    """State of a simulator; can be pickled.
+    """State of a simulator: numbers, texts and arrays, which move between processes and machines as bytes.
 
     Attributes:
         time_s: Its simulation time, s.
         overrides: Overrides of the run, beside those of the simulator.
         seed: Key ``seed`` of the run, if one was given.
-        fingerprint: Fingerprint of the scenario and of the parts of the simulation.
-        contents: What these parts remember.
+        fingerprint: Fingerprint of the scenario and its models.
+        parts: What the parts of the simulation remember.
     """
 
     time_s: float
     overrides: tuple[str, ...]
     seed: int | None
     fingerprint: str
-    contents: bytes
+    parts: Any
+
+    def to_bytes(self) -> bytes:
+        """The state as bytes; see :mod:`ffsm_mj.state` for their format."""
+        return to_bytes(self)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> SimulatorState:
+        """A state from bytes; nothing is executed.
+
+        Raises:
+            StateError: They are no state of a simulator, or of another version.
+        """
+        state = entries(from_bytes(data), [each.name for each in fields(cls)], "a simulator")
+        return cls(**state)
 
 
 class Step(NamedTuple):

@@ -78,7 +78,7 @@ class SteppedRun:
         """
         self._prepared, self.origin, self._raises = prepared, (overrides, seed), raise_errors
         self._tap, self.assembly = EventTap(), seeded(prepared, seed).assemble()
-        start = self.assembly.start
+        start = self.assembly.start() if self.assembly.start is not None else None
         begins_s = start.time_s if start is not None else 0.0
         self._recording = Recording(
             self.assembly,
@@ -103,7 +103,6 @@ class SteppedRun:
             self.simulation.interrupted = self._interrupts.noted
             with collecting(self.simulation.warnings):
                 self._context.run(self.simulation.begin)
-            self.simulation.remember()
             if start_s is None and start is not None:
                 self.simulation.go_on_from(start)
             self._stack = stack.pop_all()
@@ -158,7 +157,7 @@ class SteppedRun:
 
     def _new_events(self) -> tuple[Any, ...]:
         """Events of the step. Those of a decision that is due come without efforts, and not again when it is taken."""
-        events, due = self._tap.take(), self.simulation.progress.due
+        events, due = self._tap.take(), self.simulation.due
         if self._reported:
             events, self._reported = events[self._reported :], 0
         if due is None:
@@ -166,37 +165,39 @@ class SteppedRun:
         self._reported = len(due.records)
         return (*events, *due.records)
 
-    def state(self) -> SimulatorState:
+    def get_state(self) -> SimulatorState:
         """Everything that determines how the run goes on."""
         simulation = self._going()
-        contents = self._context.run(simulation.save)
-        return SimulatorState(simulation.progress.time_s, *self.origin, self._fingerprint(), contents)
+        parts = self._context.run(simulation.get_state)
+        return SimulatorState(simulation.progress.time_s, *self.origin, self._fingerprint(), parts)
 
     def compare(self, state: SimulatorState) -> None:
-        """Refuse a state of other parts.
+        """Refuse a state of another scenario.
 
         Raises:
             SimulatorError: It is one.
         """
         if state.fingerprint != self._fingerprint():
-            raise SimulatorError("the state is that of another scenario, of other versions, or of compiled parts")
+            raise SimulatorError("the state is that of another scenario, or of other models")
 
-    def restore(self, state: SimulatorState) -> Observation:
-        """Go on from a state of the same parts.
+    def set_state(self, state: SimulatorState) -> Observation:
+        """Go on from a state of the same scenario.
 
         Returns:
             What a control law sees at the state.
         """
         simulation = self.simulation
-        simulation.restore(state.contents)
+        self._context.run(simulation.set_state, state.parts)
         self._tap.take()
-        self._reported = len(simulation.progress.due.records) if simulation.progress.due is not None else 0
+        self._reported = len(simulation.due.records) if simulation.due is not None else 0
         return simulation.observation()
 
     def _fingerprint(self) -> str:
         _, seed = self.origin
-        of_scenario = (self._prepared.scenario_yaml, str(seed), *self.simulation.structure)
-        return sha256("\n".join(of_scenario).encode()).hexdigest()
+        found = sha256(f"{self._prepared.scenario_yaml}\n{seed}\n".encode())
+        for name, content in sorted(self._prepared.logged_files.items()):
+            found.update(name.encode() + b"\n" + content)
+        return found.hexdigest()
 
     def close(self) -> Run:
         """End the run, and close its log.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -35,6 +36,7 @@ from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_c
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import SUBSYSTEMS
+from ffsm_mj.state import entries, fitting
 
 _OF_TREES = ACCOUNTS + GraspedObjectBalance.SIZE
 
@@ -51,6 +53,13 @@ class Balance:
         work: Work and impulse of the efforts held in a (sub-)step, of gravity and of springs.
         columns: Energies, momenta, balance terms and residuals.
     """
+
+    @dataclass
+    class State:
+        """Sums since t = 0, and place of the grasped object among the objects, from 0; None: there is none."""
+
+        numbers: FloatArray
+        grasped: int | None
 
     def __init__(self, system: System, data: Any, momentum: FloatArray, *, capacity: int = 1) -> None:
         """Start the balance at the state in ``data`` (all derived quantities current).
@@ -210,6 +219,18 @@ class Balance:
             self._springs.grasped = 1 + self._system.objects.index(tree) if tree is not None else 0
         if exchange is not None:
             self.enter(*exchange)
+
+    def get_state(self) -> State:
+        """What has been accumulated; rows so far must have been taken by :meth:`table`."""
+        tree = self._grasped_object.tree
+        return self.State(self._numbers.copy(), None if tree is None else self._system.objects.index(tree))
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state; ``data`` is at it."""
+        told = entries(state, ("numbers", "grasped"), "Balance")
+        self._buffer.empty()
+        self.set_grasped_object(None if told["grasped"] is None else self._system.objects[told["grasped"]])
+        self._numbers[:] = fitting(told["numbers"], self._numbers.shape, "Balance")
 
     def open(self) -> None:
         """Begin a (sub-)step: store what the efforts held during it need of the state."""

@@ -42,21 +42,11 @@ class SampleBuffer:
             *(data.subtree_linvel, data.subtree_com, data.subtree_angmom, sampler.jacp, sampler.jacr),
             *(data.xpos[root], momentum, data.qvel, accounts),
         )
-        self._tables = tables = [np.empty((room, *array.shape)) for array in live]
+        tables = [np.empty((room, *array.shape)) for array in live]
         self._velocity, self._centre, self._spin, self.jacp, self.jacr, *rest = tables
         self.position, self.h, self.rates, self.accounts = rest
         sampler.copy(list(zip(live, tables, strict=True)))
         self.on_sample = BlockSampler(sampler)
-
-    def state(self) -> list[FloatArray]:
-        """Its samples, to save them."""
-        return [table[: self.on_sample.used].copy() for table in self._tables]
-
-    def restore(self, state: list[FloatArray]) -> None:
-        """Take back saved samples."""
-        self.on_sample.used = len(state[0])
-        for table, samples in zip(self._tables, state, strict=True):
-            table[: len(samples)] = samples
 
     def empty(self) -> slice:
         """Empty the buffer; returns the lines that were used, whose values stay until the next sample."""

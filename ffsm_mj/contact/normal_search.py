@@ -8,6 +8,7 @@ The result is then refined on the support functions (:mod:`.normal`), which also
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import mujoco
@@ -17,6 +18,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.manifold import facing, opposite
 from ffsm_mj.contact.normal import is_normal, refine_normal, separation
 from ffsm_mj.contact.shape import Shape
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CLEARLY_APART_M
 
 DISTANCE_LIMIT_M = 1e3
@@ -46,8 +48,14 @@ class ContactNormal(NamedTuple):
     witness: FloatArray
 
 
-class NormalSearch:
+class NormalSearch(Stateful):
     """Distance queries of one pair of geoms; the last normal is the estimate for the next one."""
+
+    @dataclass
+    class State:
+        """The last normal, (3,); None: there is no estimate."""
+
+        last: FloatArray | None
 
     def __init__(self, geoms: tuple[int, int], size: float, flush: float = 0.0) -> None:
         """Start without an estimate.

@@ -5,7 +5,7 @@ MuJoCo's own contact forces are off; each pair is queried for its distance.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -21,6 +21,7 @@ from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius
 from ffsm_mj.model.system import System
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
 
 _UNSUPPORTED = {
@@ -41,7 +42,7 @@ def shape_fault(system: System, geom: int) -> str:
     return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)" if shape else ""
 
 
-class ContactPair:
+class ContactPair(Stateful):
     """Two geoms, a and b, on bodies that move relative to each other; one of them may be on a fixed object.
 
     Attributes:
@@ -60,6 +61,12 @@ class ContactPair:
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
     """
+
+    @dataclass
+    class State:
+        """The normal found last."""
+
+        search: Any
 
     def __init__(
         self,

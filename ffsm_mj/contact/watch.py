@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -15,12 +16,13 @@ import numpy as np
 
 from ffsm_mj.contact.collidable import Matrix, collidable
 from ffsm_mj.records.events import Outcome, RunEnded, UnhandledContactRecord
+from ffsm_mj.state import Stateful
 
 _MOST_GROUPS = 31
 """Bits of ``contype`` and ``conaffinity`` that are used."""
 
 
-class ContactWatch:
+class ContactWatch(Stateful):
     """Tracks unhandled overlaps from their first tick to their last.
 
     Attributes:
@@ -28,6 +30,13 @@ class ContactWatch:
         model: Model of the run whose collisions are those of the watched pairs; None if there are none.
         open: Overlaps at the last tick: since when, and how deep at most.
     """
+
+    @dataclass
+    class State:
+        """Overlaps so far, and the pairs that are ignored."""
+
+        open: dict[frozenset[int], tuple[float, float]]
+        disabled: frozenset[frozenset[int]]
 
     disabled: frozenset[frozenset[int]] = frozenset()
 

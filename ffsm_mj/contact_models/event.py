@@ -12,10 +12,17 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import RunEnded
+from ffsm_mj.state import Stateful
 
 
-class EventCounter:
+class EventCounter(Stateful):
     """Counter shared by the contact models of a run: it orders events that happen at the same time."""
+
+    @dataclass
+    class State:
+        """Number of the next event; None: unknown."""
+
+        next: int | None
 
     def __init__(self) -> None:
         """Start at 0."""

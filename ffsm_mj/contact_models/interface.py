@@ -89,6 +89,13 @@ class ContactModel:
         """The contacts it acts on now, for messages."""
         return self.kind
 
+    def current_motion(self) -> Motion | None:
+        """The motion that its own state gives; None: it does not decide on the motion."""
+        return None
+
+    def forget(self) -> None:
+        """Be as before the first step: nothing is closed or armed. A state, or a row of a log, follows."""
+
 
 class EventSource(ContactModel):
     """A contact model with events, which change the state or are logged.

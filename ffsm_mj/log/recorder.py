@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -34,6 +34,14 @@ class Sink(Protocol):
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """End the run; ``outcome`` is None if it is unknown (an error outside the simulation)."""
+
+
+@runtime_checkable
+class TakesStates(Protocol):
+    """A sink that takes states of the simulation."""
+
+    def state(self, time_s: float, state: bytes) -> None:
+        """Take a state at a time, s; all earlier rows and events have been passed."""
 
 
 class Recorder:
@@ -84,6 +92,13 @@ class Recorder:
             for sink in self._sinks:
                 sink.event(record)
         self.flush()
+
+    def state(self, time_s: float, state: bytes) -> None:
+        """Pass on the state of the simulation at a time, s, to the sinks that take states."""
+        self.pass_on()
+        for sink in self._sinks:
+            if isinstance(sink, TakesStates):
+                sink.state(time_s, state)
 
     def flush(self) -> None:
         """Pass on all rows so far and flush every sink."""

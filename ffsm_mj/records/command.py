@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.state import Stateful
 
 
 @dataclass(frozen=True)
-class Command:
+class Command(Stateful):
     """Efforts by actuator of the model; a controller writes into the arrays, it cannot replace them.
 
     Attributes:
@@ -20,6 +21,14 @@ class Command:
         requests: Names of what contact models are asked to do now; each says which it hears.
         others: Efforts that other parts of the phase have already commanded at this call, to be read only, (nu,).
     """
+
+    @dataclass
+    class State:
+        """Efforts, which actuators are powered, and requests."""
+
+        effort: FloatArray
+        powered: BoolArray
+        requests: set[str]
 
     effort: FloatArray
     powered: npt.NDArray[np.bool_]

@@ -209,7 +209,7 @@ class LogReplay:
     def _start_at_sample(self, line: int, tick: int, time_s: float) -> None:
         """Start at a sample: the first one, or the first after a gap, where accumulated columns are taken from the log."""
         logged, plant = self._logged, self._plant
-        plant.set_state(logged.states[line])
+        plant.set_coordinates(logged.states[line])
         self._events.skip_to(tick * self._steps)
         self._rows.restore(logged.rows[line] if tick else None)
         plant.integrator.restore_state(self._system_motion, self._events.before(tick * self._steps))
@@ -309,7 +309,7 @@ class LogReplay:
         predicted = plant.state_now()
         differs = not bool((predicted == state).all())
         if differs:
-            plant.set_state(state)
+            plant.set_coordinates(state)
             self._bounded = False
         self._enter(last_s, is_set=differs)
         return predicted

@@ -83,6 +83,9 @@ class LogConfig(StrictModel):
     """Frames per simulated second in ``run.rrd`` and in the viewer topics of ``run.mcap``."""
     max_size_GB: PositiveFloat = 100.0
     """A run with more uncompressed samples than this is refused, GB; the log is a half to a fifth of their size."""
+    states: Literal["off", "events"] = "off"
+    """Write the whole state of the simulation into the log at events of contacts, grasps and limits (``events``), so that a
+    run that goes on from an instant (``--from``) need not be made again from its beginning; some 10 to 100 kB each."""
 
 
 class Scenario(StrictModel):

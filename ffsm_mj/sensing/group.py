@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 from heapq import heappop, heappush
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +14,11 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.sensing.group_errors import GroupErrors
 from ffsm_mj.sensing.sample_layout import SampleLayout
 from ffsm_mj.sensing.sensor import Sensor
+from ffsm_mj.state import Stateful, fitting
 from ffsm_mj.tolerances import SCHEDULED_S
 
 
-class SensorGroup:
+class SensorGroup(Stateful):
     """Sensors with one clock and one delay, or a single sensor whose samples are lost or late at random.
 
     Attributes:
@@ -26,6 +29,17 @@ class SensorGroup:
         arrival_s: Time of the next arrival; infinite if nothing is under way.
         shown: Newest sample that has arrived, laid out as in ``layout``; None before the first.
     """
+
+    @dataclass
+    class State:
+        """Numbers of the next sample and of the one that is shown, samples on their way, and means and impulses so far."""
+
+        number: int
+        shown_number: int
+        shown: FloatArray | None
+        under_way: list[tuple[float, int, FloatArray]]
+        last: FloatArray
+        impulses: FloatArray | None
 
     def __init__(self, sensors: Sequence[Sensor], seed: int) -> None:
         """Before the first sample; ``seed`` is that of the run."""
@@ -58,6 +72,15 @@ class SensorGroup:
         self._under_way: list[tuple[float, int, FloatArray]] = []
         self._last = np.full(len(self.layout.summed), np.nan)
         self._impulses: FloatArray | None = None
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        super().set_state(state)
+        self.next_s = self._first_s + self.number * self._interval_s
+        self.arrival_s = self._under_way[0][0] if self._under_way else math.inf
+        for sample in (self.shown, *(sample for *_, sample in self._under_way)):
+            if sample is not None:
+                fitting(sample, (self.layout.size,), "SensorGroup").setflags(write=False)
 
     def add_impulses(self, impulses: FloatArray) -> None:
         """Add impulses through force sensors and angular impulses through torque sensors, in their order, (3 n,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -23,10 +24,11 @@ from ffsm_mj.sensing.reader import SensorReader
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.sensing.signals import SensorColumns
 from ffsm_mj.sensing.view import FieldOfView
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import SCHEDULED_S
 
 
-class SensorSampler:
+class SensorSampler(Stateful):
     """Sensors of a plant, sampled while it moves.
 
     A sample is taken at its own time. At the end of a (sub-)step that is the state there, before any event; inside one the
@@ -36,6 +38,13 @@ class SensorSampler:
         by_name: The sensors by full name.
         columns: Columns of the measurements.
     """
+
+    @dataclass
+    class State:
+        """What groups of sensors remember, and the time, s."""
+
+        groups: tuple[Any, ...]
+        clock_s: float
 
     def __init__(
         self,
@@ -75,8 +84,13 @@ class SensorSampler:
         self._next_s, self._arrival_s, self._clock_s = math.inf, math.inf, 0.0
         self._shown = SensorColumns(self._sensors, self._groups)
         self.columns: tuple[Columns, ...] = (
-            Columns(self._shown.signals, live=self._shown.values, on_sample=self._show, resume=self._shown.forget),
+            Columns(
+                self._shown.signals, live=self._shown.values, on_sample=self._show, resume=lambda _: self._shown.forget()
+            ),
         )
+
+    def _forget(self, _logged: FloatArray) -> None:
+        self._shown.forget()
 
     def _bind(self, motion: Motion) -> None:
         """Sample another motion from now on."""
@@ -100,6 +114,17 @@ class SensorSampler:
         self._begin(0.0)
         if self._next_s <= SCHEDULED_S:
             self._take()
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        super().set_state(state)
+        self._shown.forget()
+        for g, group in enumerate(self._groups):
+            if group.shown is not None:
+                self._shown.show(g, group.shown)
+        self._newest = tuple([group.shown for group in self._groups])
+        self._next_s = min(group.next_s for group in self._groups)
+        self._arrival_s = min(group.arrival_s for group in self._groups)
 
     def begin_after_gap(self, time_s: float) -> None:
         """Begin at a time in a log: what was under way is not known; see :meth:`SensorSampler.take_over`."""

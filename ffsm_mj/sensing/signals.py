@@ -67,7 +67,7 @@ class SensorColumns:
         """Show of a sensor what a row of a log has, (number of signals,)."""
         self.values[self._parts[name]] = logged[self._parts[name]]
 
-    def forget(self, _logged: FloatArray) -> None:
+    def forget(self) -> None:
         """Show nothing, where a replay begins: at the start nothing has arrived, after a gap it is not known."""
         self.values[:] = np.nan
 

@@ -18,6 +18,7 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.records.effort_change import EFFORT_CHANGE, EffortChange
 from ffsm_mj.sensing.noise import NoiseStream
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import SCHEDULED_S
 
 ARRIVAL, LATE_TICK = "command arrives", "late tick"
@@ -61,12 +62,24 @@ class _Arrival(NamedTuple):
     powered: npt.NDArray[np.bool_]
 
 
-class DelayedControl(EventSource):
+class DelayedControl(Stateful, EventSource):
     """Lets commands arrive and late control ticks happen at their times, inside steps too.
 
     An arrival or a tick that coincides with a control tick of the time grid happens there, without an event.
     """
 
+    @dataclass
+    class State:
+        """Commands under way and the last ones sent, what has arrived, and times, s."""
+
+        under_way: list[Any]
+        sent: list[Any]
+        effective: Any
+        late_tick_s: float
+        next_tick_s: float
+        clock_s: float
+
+    kind = "delayed control"
     records = (EFFORT_CHANGE,)
 
     def __init__(self, timing: ControlTiming, scene: Scene, actuation: Actuation) -> None:
@@ -88,6 +101,13 @@ class DelayedControl(EventSource):
         self._lateness = NoiseStream(timing.seed, "control_jitter", 1)
         self._late_tick_s, self._next_tick_s, self._clock_s = math.inf, math.inf, 0.0
         self._replayed: Sequence[EffortChange] = ()
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        super().set_state(state)
+        self._under_way = deque(_Arrival(*each) for each in self._under_way)
+        self._sent = [None if each is None else _Arrival(*each) for each in self._sent]
+        self._look_ahead()
 
     def begin_tick(self, time_s: float, number: int) -> bool:
         """Begin a control tick of the time grid; returns whether the control law is called now, or later by an event."""
@@ -175,10 +195,6 @@ class DelayedControl(EventSource):
         effect = super().replay(event)
         self._replayed = ()
         return effect
-
-    def names(self) -> str:
-        """For messages."""
-        return "delayed control"
 
 
 def command_delays_s(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -13,9 +14,10 @@ from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.simulation.plant import Plant
-from ffsm_mj.simulation.progress import EventDue
+from ffsm_mj.simulation.progress import EventDue, records_as_state, records_of_state
 from ffsm_mj.simulation.task_controller import TaskController
 from ffsm_mj.simulation.told_records import calls_controller, told_records
+from ffsm_mj.state import entries
 
 _NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
 
@@ -35,6 +37,29 @@ class Evaluation:
         if plant.control is None:
             plant.actuation.bind(self.command, plant.data)
         self.pending: tuple[Any, ...] = ()
+
+    @dataclass
+    class State:
+        """The last command, and the records of which the controller is told next."""
+
+        command: Any
+        pending: list[Any]
+
+    def get_state(self) -> State:
+        """Command and records."""
+        return self.State(self.command.get_state(), records_as_state(self.pending))
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        told = entries(state, ("command", "pending"), "Evaluation")
+        self.command.set_state(told["command"])
+        self.pending = records_of_state(told["pending"])
+
+    def due_of_state(self, state: Any, time_s: float) -> EventDue:
+        """The decision that is due in a state, at the state of the plant."""
+        told = entries(state, ("records", "triggers_control", "at_tick"), "EventDue")
+        observed = self.observed(time_s, at_tick=told["at_tick"])
+        return EventDue(records_of_state(told["records"]), observed, told["triggers_control"], None)
 
     def observed(self, time_s: float, at_tick: bool) -> Observation:
         """Observation for the controller, current until its command is sent."""

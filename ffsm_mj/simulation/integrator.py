@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ffsm_mj._core.steady import SteadyContacts
@@ -24,7 +25,9 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.simulation.step_control import StepControl
+from ffsm_mj.state import entries, get_states
 from ffsm_mj.ties import apart, instant_s, last_of_first, shortest_s
+from ffsm_mj.unchanging import with_state
 
 _SHORTEST_S = 1e-10
 """An implicit step this short is kept even if its stages are not solved: it hardly moves anything."""
@@ -65,8 +68,13 @@ class EventDrivenIntegrator:
     """
 
     def __init__(self, motion: Motion, contact_models: Sequence[ContactModel]) -> None:
-        """Start at the state of the motion."""
-        self.contact_models = tuple(contact_models)
+        """Start at the state of the motion, which is that of the logged system."""
+        self.contact_models, self._of_system = tuple(contact_models), motion
+        names = [each.kind for each in contact_models]
+        self._stateful = {
+            name if names.count(name) == 1 else f"{name} {i}": with_state(each, f"contact model {name}")
+            for i, (name, each) in enumerate(zip(names, contact_models, strict=True))
+        }
         self.event_sources = tuple(each for each in contact_models if isinstance(each, EventSource))
         self._after_substeps = [
             each for each in self.event_sources if type(each).after_substep is not EventSource.after_substep
@@ -99,6 +107,39 @@ class EventDrivenIntegrator:
         self._event_s = None
         moving = [motion for contact_model in self.replayable if (motion := contact_model.restore_state(events)) is not None]
         self.bind(moving[0] if moving else system)
+
+    @dataclass
+    class State:
+        """What contact models remember, the time of an event of which they are not told yet, s, and step-size control."""
+
+        contact_models: dict[str, Any]
+        event_s: float | None
+        control: Any
+
+    def get_state(self) -> State:
+        """What the contact models remember."""
+        control = None if self.control is None else self.control.get_state()
+        return self.State(get_states(self._stateful), self._event_s, control)
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state; that of the logged system is in ``data``, with its efforts."""
+        told = entries(state, ("contact_models", "event_s", "control"), "EventDrivenIntegrator")
+        of_models = entries(told["contact_models"], [*self._stateful], "the contact models")
+        for contact_model in self.contact_models:
+            contact_model.forget()
+        deciding = [name for name, each in zip(self._stateful, self.contact_models, strict=True) if each.current_motion()]
+        for name in deciding:
+            self._stateful[name].set_state(of_models[name])
+        moving = [motion for each in self.contact_models if (motion := each.current_motion()) is not None]
+        self._event_s = None
+        self.bind(moving[0] if moving else self._of_system)
+        for name, part in self._stateful.items():
+            if name not in deciding:
+                part.set_state(of_models[name])
+        self.restart()
+        self._event_s = told["event_s"]
+        if self.control is not None:
+            self.control.set_state(told["control"])
 
     def interrupt_by(self, poll: Callable[[], None]) -> None:
         """Set a function to be called before every move along a path; an exception it raises ends :meth:`advance`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.interface import EventTime
@@ -11,6 +12,7 @@ from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.task_controller import TaskController
+from ffsm_mj.state import to_bytes
 
 
 class LogWriter:
@@ -38,6 +40,10 @@ class LogWriter:
         efforts = self._plant.actuation.by_name()
         self._recorder.event(*(replace(record, efforts_after=efforts) for record in due.records))
 
+    def state(self, time_s: float, state: Any) -> None:
+        """Write the state of the simulation."""
+        self._recorder.state(time_s, to_bytes(state))
+
     def phases(self) -> bool:
         """Write the phases begun since the last call; returns whether there are any."""
         begun = self._controller.drain_phases()
@@ -49,10 +55,10 @@ class LogWriter:
         """Write the rows that are buffered."""
         self._recorder.pass_on()
 
-    def rest(self, progress: Progress) -> None:
+    def rest(self, progress: Progress, due: EventDue | None) -> None:
         """Write the remaining records at the end of the run, whatever its outcome."""
-        if progress.due is not None:  # stopped at an event: it is recorded with the efforts held
-            self.event(progress.due)
+        if due is not None:  # stopped at an event: it is recorded with the efforts held
+            self.event(due)
         self.phases()  # a phase whose control law failed as it began
         for record in self._watch.finish(progress.time_s):
             self._recorder.event(record)

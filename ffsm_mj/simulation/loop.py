@@ -11,12 +11,14 @@ steps a simulation sees the state before each decision.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.controller_protocol import Observation
+from ffsm_mj.errors import described
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.effort_change import EffortChange
@@ -27,12 +29,12 @@ from ffsm_mj.simulation.free_flight import FreeFlight
 from ffsm_mj.simulation.grid_step import GridStep
 from ffsm_mj.simulation.guard import Guard
 from ffsm_mj.simulation.log_writer import LogWriter
-from ffsm_mj.simulation.memory import Memory
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, Progress, Start
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.simulation.settings import Settings
 from ffsm_mj.simulation.task_controller import TaskController
+from ffsm_mj.state import StateError, entries
 
 
 class Simulation:
@@ -42,6 +44,7 @@ class Simulation:
         interrupted: Called at each step and during event localisation; True ends the run.
         report: Called with the simulation time at each tick; an exception that it raises is not an outcome of the run.
         progress: How far the run has come.
+        due: Event at which a decision is due; None: the next decision is that of the next control tick.
         warnings: MuJoCo's warnings; the first one ends the run.
     """
 
@@ -57,9 +60,9 @@ class Simulation:
         """Store the parts; ``watch`` reports overlaps that no contact model handles."""
         self._plant, self._watch, self._controller, self._settings = plant, watch, controller, settings
         self._log = LogWriter(recorder, rows, watch, controller, plant)
-        self._written = (recorder, rows)
         self._evaluation = Evaluation(plant, controller)
         self.progress = Progress()
+        self.due: EventDue | None = None
         self.warnings: list[str] = []
         free = recorder, rows, self._log
         self._free_flight = FreeFlight(plant, watch, controller, free, settings, self.progress, self.warnings)
@@ -120,65 +123,73 @@ class Simulation:
         self._guard.execute(self._advance, to_event, commanded, flying)
         self._wall_s += time.perf_counter() - started
 
-    def remember(self, *, changes: bool = False, replaced: Sequence[int] = ()) -> None:
-        """Make it possible to save the state; called after :meth:`begin`, before the first decision.
+    @dataclass
+    class State:
+        """State at the decision that is due, at a control tick or at an event."""
 
-        Args:
-            changes: Make it possible to save only what has changed since.
-            replaced: Phases, by position, whose control laws are not of the state: others are to go on from it.
-        """
-        self._memory = self._walked(replaced)
-        if changes:
-            self._memory.note()
+        progress: Any
+        due: Any
+        plant: Any
+        evaluation: Any
+        controller: Any
+        watch: Any
 
-    def _walked(self, replaced: Sequence[int]) -> Memory:
-        """The objects whose contents are of the state."""
-        outside = (self, *self._written, *(self._controller.of_laws(replaced) if replaced else ()))
-        parts = {"plant": self._plant, "controller": self._controller, "evaluation": self._evaluation}
-        return Memory(outside, **parts, progress=self.progress, watch=self._watch)
-
-    @property
-    def structure(self) -> tuple[str, ...]:
-        """Types of the objects whose contents a saved state has."""
-        return self._memory.structure
-
-    def save(self, *, changes: bool = False) -> bytes:
+    def get_state(self) -> State:
         """The state at the decision that is due; rows so far are written.
 
-        Args:
-            changes: Only what has changed since the first decision; see :meth:`remember`.
-
         Raises:
-            StateError: A part holds what cannot be saved.
+            StateError: A part remembers something that it does not say.
         """
         self._log.pass_on()
-        return self._memory.save_changed() if changes else self._memory.save()
+        due = None if self.due is None else self.due.get_state()
+        parts = self._plant.get_state(), self._evaluation.get_state(), self._controller.get_state(), self._watch.get_state()
+        return self.State(self.progress.get_state(), due, *parts)
 
     def go_on_from(self, start: Start) -> None:
         """Go on from a state of another simulation; called after :meth:`begin`, before the first decision."""
-        self._restore(self._walked(start.replaced), start.changes)
-        if start.new_laws:
-            self._controller.begin_law_again(start.replaced)
-        self._log.phases()
+        self.set_state(start.state, start)
 
-    def restore(self, saved: bytes) -> None:
-        """Go on from a state that :meth:`save` gave in a simulation of the same structure."""
-        self._restore(self._memory, saved)
-        self._log.phases()
+    def set_state(self, state: Any, start: Start | None = None) -> None:
+        """Go on from a state of a simulation of the same scenario; called after :meth:`begin`.
 
-    def _restore(self, memory: Memory, saved: bytes) -> None:
+        Args:
+            state: The state.
+            start: How the scenario differs from that of the state; None: it does not.
+
+        Raises:
+            StateError: The state does not fit the parts.
+        """
+        try:
+            self._set_state(state, start)
+        except StateError:
+            raise
+        except Exception as error:  # whatever numbers that do not fit lead to
+            raise StateError(f"a state that does not fit the simulation: {described(error)}") from error
+
+    def _set_state(self, state: Any, start: Start | None) -> None:
+        replaced = start.replaced if start is not None else ()
+        told = entries(state, [each.name for each in fields(self.State)], "the simulation")
         self._log.pass_on()
-        memory.restore(saved)
+        self.progress.set_state(told["progress"])
+        self._evaluation.set_state(told["evaluation"])
+        self._plant.set_state(told["plant"])
+        self._watch.set_state(told["watch"])
+        self._observed, self.due = None, None
+        if told["due"] is not None:
+            self.due = self._evaluation.due_of_state(told["due"], self.progress.time_s)
         self._guard.go_on()
-        self._observed = None
         self.warnings.clear()
+        self._controller.set_state(told["controller"], self.observation(), replaced)
+        if start is not None and start.new_laws:
+            self._controller.begin_law_again(replaced)
         self._controller.tell_phase_again()
+        self._log.phases()
 
     def observation(self) -> Observation:
         """What the controller sees at the decision that is due, or at the end of the run."""
         progress = self.progress
-        if progress.due is not None:
-            return progress.due.observation
+        if self.due is not None:
+            return self.due.observation
         if self.ended is not None:  # the state may be beyond what contacts can be computed for
             return self._evaluation.observed(progress.time_s, at_tick=False)
         if self._observed is None:
@@ -196,7 +207,7 @@ class Simulation:
         Returns:
             The outcome, without software versions.
         """
-        reports = self._guard.finish(lambda: self._log.rest(self.progress), self._controller)
+        reports = self._guard.finish(lambda: self._log.rest(self.progress, self.due), self._controller)
         assert self.ended is not None
         return OutcomeRecord(
             outcome=self.ended.outcome.value,
@@ -217,15 +228,15 @@ class Simulation:
 
     def _advance(self, to_event: bool, commanded: bool, flying: bool) -> None:
         settings, progress = self._settings, self.progress
-        if progress.due is not None:
-            due, progress.due = progress.due, None
+        if self.due is not None:
+            due, self.due = self.due, None
             self._settle(due, commanded)
         elif not (flying and self._fly()):
             self._tick()
         self._observed = None
         while progress.steps < progress.ticks * settings.steps_per_tick:
             self._step(to_event)
-            if progress.due is not None:
+            if self.due is not None:
                 return
         if progress.ticks == settings.ticks:
             self._log.row(self.next_tick_s)
@@ -295,7 +306,7 @@ class Simulation:
         while (effect := grid_step.to_event(stepped=stepped)) is not None:
             stepped = False
             self._react(effect, to_event)
-            if progress.due is not None:
+            if self.due is not None:
                 return
 
     def _react(self, effect: EventEffect, to_event: bool) -> None:
@@ -303,10 +314,23 @@ class Simulation:
         if effect.motion is not None:
             self._watch.disabled = effect.motion.disabled
         due = self._evaluation.due(effect, self.progress.time_s, self._settings.told_above_N_s)
-        if to_event and effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records):
-            self.progress.due = due
+        is_event = effect.end is None and any(not isinstance(each, EffortChange) for each in effect.records)
+        if is_event and self._settings.keeps_states:
+            self._keep_state(due)
+        if to_event and is_event:
+            self.due = due
         else:
             self._settle(due)
+
+    def _keep_state(self, due: EventDue) -> None:
+        """Write the state at an event, before its decision, into the log."""
+        self.due = due
+        try:
+            self._log.state(self.progress.time_s, self.get_state())
+        except StateError as error:
+            raise RunEnded(Outcome.CONTROLLER_FAILED, f"log.states: {error}") from error
+        finally:
+            self.due = None
 
     def _settle(self, due: EventDue, commanded: bool = False) -> None:
         """Evaluate the controller if the event triggers it, and record the event with the efforts that follow."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
@@ -22,6 +23,7 @@ from ffsm_mj.simulation.control_timing import DelayedControl
 from ffsm_mj.simulation.event_impulses import event_impulses
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.state_signals import StateSignals
+from ffsm_mj.state import entries, fitting
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,45 @@ class Plant:
     state: StateSignals
     sampler: SensorSampler | None = None
     control: DelayedControl | None = None
+
+    @dataclass
+    class State:
+        """State of MuJoCo, and what the parts remember."""
+
+        data: FloatArray
+        numbers: Any
+        integrator: Any
+        actuation: Any
+        balance: Any
+        sampler: Any
+
+    def get_state(self) -> State:
+        """The state between two steps."""
+        state = np.empty(mujoco.mj_stateSize(self.system.mj, WHOLE_STATE))
+        mujoco.mj_getState(self.system.mj, self.data, state, WHOLE_STATE)
+        sampler = None if self.sampler is None else self.sampler.get_state()
+        return self.State(
+            state,
+            self.scene.numbers.get_state(),
+            self.integrator.get_state(),
+            self.actuation.get_state(),
+            self.balance.get_state(),
+            sampler,
+        )
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        told = entries(state, [each.name for each in fields(self.State)], "Plant")
+        model, data = self.system.mj, self.data
+        values = fitting(told["data"], (mujoco.mj_stateSize(model, WHOLE_STATE),), "Plant.data")
+        mujoco.mj_setState(model, data, values, WHOLE_STATE)
+        mujoco.mj_forward(model, data)
+        self.scene.numbers.set_state(told["numbers"])
+        self.actuation.set_state(told["actuation"])
+        self.integrator.set_state(told["integrator"])
+        self.balance.set_state(told["balance"])
+        if self.sampler is not None:
+            self.sampler.set_state(told["sampler"])
 
     @property
     def system(self) -> System:
@@ -123,7 +164,7 @@ class Plant:
 
         Args:
             elapsed_s: Its duration; no effect if it is not positive.
-            is_set: Whether :meth:`set_state` has replaced the state at its end.
+            is_set: Whether :meth:`set_coordinates` has replaced the state at its end.
         """
         if elapsed_s <= 0.0:
             return
@@ -155,7 +196,7 @@ class Plant:
         if moved is not None:
             self.integrator.bind(moved)
         if state_after is not None:
-            self.set_state(state_after)
+            self.set_coordinates(state_after)
         if state_after is not None or moved is None:
             self.integrator.restart()
         self.balance.set_grasped_object(self.integrator.motion.grasped_object)
@@ -173,7 +214,7 @@ class Plant:
         state[:nq], state[nq:] = data.qpos, data.qvel
         return state
 
-    def set_state(self, state: FloatArray) -> None:
+    def set_coordinates(self, state: FloatArray) -> None:
         """Set coordinates and rates, (nq + nv,), and update what follows but applied forces; the motion follows too."""
         model, data = self.system.mj, self.data
         data.qpos[:], data.qvel[:] = np.split(state, [model.nq])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.kinds import kind_named, kind_of
+from ffsm_mj.state import StateError, Stateful
 
 
 @dataclass(frozen=True)
@@ -25,27 +28,22 @@ class EventDue:
     triggers_control: bool
     end: RunEnded | None
 
+    @dataclass
+    class State:
+        """An event at which a run goes on: its records, and how the controller is told of it."""
 
-@dataclass(frozen=True)
-class Start:
-    """State from which a run goes on.
+        records: list[Any]
+        triggers_control: bool
+        at_tick: bool
 
-    Attributes:
-        time_s: Its time, s.
-        changes: What the parts of a simulation of the same structure have come to remember until then.
-        new_laws: The control law of the phase is another one than that which came there: it begins at this state.
-        replaced: Phases, by position, whose control laws are of another kind: ``changes`` has nothing of them.
-    """
-
-    time_s: float
-    changes: bytes
-    new_laws: bool
-    replaced: tuple[int, ...] = ()
+    def get_state(self) -> State:
+        """What it is; its observation follows from the state of the plant."""
+        return self.State(records_as_state(self.records), self.triggers_control, self.observation.at_tick)
 
 
 @dataclass
-class Progress:
-    """Position on the time grid.
+class Progress(Stateful):
+    """Position on the time grid: its own state.
 
     Attributes:
         time_s: Simulation time, s.
@@ -55,7 +53,6 @@ class Progress:
         left_s: Time left of the integration step under way, s.
         is_within_step: Whether an integration step is under way: an event in it is the latest thing that happened.
         events_in_step: Events in the integration step under way.
-        due: Event at which a decision is due; None: the next decision is that of the next control tick.
     """
 
     time_s: float = 0.0
@@ -65,4 +62,43 @@ class Progress:
     left_s: float = 0.0
     is_within_step: bool = False
     events_in_step: int = 0
-    due: EventDue | None = None
+
+
+Progress.State = Progress
+
+
+@dataclass(frozen=True)
+class Start:
+    """State from which a run goes on.
+
+    Attributes:
+        time_s: Its time, s.
+        state: The state of a simulation of the same parts.
+        new_laws: The control law of the phase is another one than that which came there: it begins at this state.
+        replaced: Phases, by position, whose control laws are of another kind: ``state`` has nothing of them.
+    """
+
+    time_s: float
+    state: Any
+    new_laws: bool
+    replaced: tuple[int, ...] = ()
+
+
+def records_as_state(records: Sequence[Any]) -> list[Any]:
+    """Event records in a state: their kinds and fields by name."""
+    return [
+        {"kind": kind_of(each).name, "fields": {field.name: getattr(each, field.name) for field in fields(each)}}
+        for each in records
+    ]
+
+
+def records_of_state(told: Sequence[Any]) -> tuple[Any, ...]:
+    """Event records from a state.
+
+    Raises:
+        StateError: They are none.
+    """
+    try:
+        return tuple(kind_named(each["kind"]).record(**each["fields"]) for each in told)
+    except (KeyError, TypeError) as error:
+        raise StateError(f"records of events in a state: {error}") from error

@@ -16,9 +16,11 @@ class Settings:
         ticks: Control periods in the run.
         told_above_N_s: Least impulse of an impact of which the control law is told; -inf: it is told of all events of
             contacts; None: of none.
+        keeps_states: Whether the log gets the state of the simulation at events.
     """
 
     time_step_s: float
     steps_per_tick: int
     ticks: int
     told_above_N_s: float | None = -math.inf
+    keeps_states: bool = False

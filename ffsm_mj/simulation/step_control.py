@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Protocol
 
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.state import Stateful
 
 MOST_PARTS = 1024
 """Largest number of sub-steps of a step."""
@@ -49,7 +51,7 @@ class StepLimitError(Exception):
     """The motion requires shorter steps than step-size control allows."""
 
 
-class StepControl:
+class StepControl(Stateful):
     """Chooses the length of sub-steps by a trial: one long step, whose error is measured and which is then undone.
 
     The error of the sub-steps follows from that of the trial by the power law of the integrator; their own error would be
@@ -62,6 +64,16 @@ class StepControl:
         steps: Number of sub-steps so far, including those that an event has shortened.
         smallest_s: Shortest sub-step chosen so far, s; infinite before the first.
     """
+
+    @dataclass
+    class State:
+        """Sub-steps so far, and the choice for the rest of a time step."""
+
+        steps: int
+        smallest_s: float
+        planned: int
+        planned_s: float
+        reach_s: float
 
     def __init__(self, budget: float, step_s: float, error: StepError) -> None:
         """Start at the beginning of a time step.

@@ -52,8 +52,17 @@ class TaskController(Protocol):
             replaced: Phases, by position, whose control laws have done nothing yet, though the phases may have begun.
         """
 
-    def of_laws(self, phases: Sequence[int]) -> tuple[Any, ...]:
-        """The control laws of some phases, by position, and what depends on their kinds: columns and their values."""
+    def get_state(self) -> Any:
+        """What phases and control laws remember."""
+
+    def set_state(self, state: Any, observation: Observation, replaced: Sequence[int] = ()) -> None:
+        """Go on from a state.
+
+        Args:
+            state: The state.
+            observation: What the controller sees at it.
+            replaced: Phases, by position, whose control laws are of another kind: the state has nothing of them.
+        """
 
     def reports(self) -> Mapping[str, ControllerReport]:
         """What the control laws of the phases begun say of their work, by phase."""

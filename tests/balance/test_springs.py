@@ -329,7 +329,7 @@ def test_a_restored_state_goes_on_bit_for_bit(tmp_path):
     first, second = ffsm_mj.Simulator(path), ffsm_mj.Simulator(path)
     first.reset()
     first.step(until=0.04)
-    second.restore(first.state())
+    second.set_state(first.get_state())
     while not second.ended:
         second.step(until="event")
     rows = second.close().log.rows

@@ -96,9 +96,9 @@ def test_a_state_in_a_phase_that_was_entered_again_goes_on(tmp_path):
     simulator = Simulator(path)
     simulator.reset()
     simulator.step(until=0.6)
-    state = simulator.state()
+    state = simulator.get_state()
     again = Simulator(path)
-    again.restore(state)
+    again.set_state(state)
     again.step(until=1.0)
     assert [(phase.name, round(phase.start_s, 9)) for phase in again.close().phases] == [("approach", 0.4), ("retreat", 0.9)]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import mujoco
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ import scipy.linalg
 import ffsm_mj
 from ffsm_controllers import kinds
 from ffsm_mj import Simulator
+from ffsm_mj.assembly.step import SimulatorState
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, ScenarioFaults, Task
 from tests.controllers.task_laws import (
     LAWS,
@@ -260,10 +259,10 @@ def test_a_restored_state_goes_on_bit_for_bit(kind):
     simulator = Simulator("baseline", changes)
     simulator.reset()
     simulator.step(until=0.2)
-    state = pickle.loads(pickle.dumps(simulator.state()))
+    state = SimulatorState.from_bytes(simulator.get_state().to_bytes())
     simulator.step(until=0.4)
     again = Simulator("baseline", changes)
-    again.restore(state)
+    again.set_state(state)
     again.step(until=0.4)
     assert np.array_equal(again.observation.data.qpos, simulator.observation.data.qpos)
     assert np.abs(simulator.observation.data.qvel[3:6]).min() > 1e-6

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from copy import copy
 from dataclasses import replace
 from itertools import chain, combinations
@@ -16,6 +15,7 @@ from ffsm_mj._core.forces import HeldForces
 from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj._core.stages import Smooth, StageSums
 from ffsm_mj.assembly.simulator import Simulator
+from ffsm_mj.assembly.step import SimulatorState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import own_margin
@@ -308,9 +308,9 @@ def test_a_saved_state_goes_on_bit_for_bit(tmp_path, mu):
     with Simulator(on_floor(tmp_path, duration_s=0.04, mu=mu, geom='type="box" size="1 1 1"')) as simulator:
         simulator.reset()
         simulator.step()
-        saved, ends = pickle.loads(pickle.dumps(simulator.state())), []
+        saved, ends = SimulatorState.from_bytes(simulator.get_state().to_bytes()), []
         for _ in range(2):
-            simulator.restore(saved)
+            simulator.set_state(saved)
             for _ in range(3):
                 simulator.step()
             data = simulator.assembly.data

@@ -1,6 +1,5 @@
 """The simulator that steps: the same run as in one go, commands of the caller's own, and states that can be restored."""
 
-import pickle
 import signal
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from collections import deque
 from dataclasses import replace
 from functools import partial
 from random import Random
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -17,12 +17,13 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.simulator import Simulator
-from ffsm_mj.assembly.step import SimulatorError
+from ffsm_mj.assembly.step import SimulatorError, SimulatorState
 from ffsm_mj.cli.main import main
+from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
-from ffsm_mj.simulation.array_blocks import ArrayBlocks
-from ffsm_mj.simulation.memory import StateError
+from ffsm_mj.state import StateError
+from ffsm_mj.unchanging import Unchanging
 
 TAP = {"duration_s": 0.4}
 """Four impacts with a wall from 0.08 s on, then contact that lasts from 0.22 to 0.33 s; a control tick takes 5 ms."""
@@ -128,7 +129,7 @@ def test_wrong_commands_change_nothing(given, message):
 
 def test_misuse_is_named():
     simulator = Simulator("baseline", {"duration_s": 0.002})
-    for use in (simulator.step, simulator.state, lambda: simulator.observation):
+    for use in (simulator.step, simulator.get_state, lambda: simulator.observation):
         with pytest.raises(SimulatorError, match="there is no run: reset"):
             use()
     assert simulator.close() is None
@@ -152,10 +153,10 @@ def test_a_restored_state_goes_on_bit_for_bit(tap, time_s):
     simulator = Simulator("tap", TAP)
     simulator.reset()
     simulator.step(until=time_s)
-    state = pickle.loads(pickle.dumps(simulator.state()))
+    state = SimulatorState.from_bytes(simulator.get_state().to_bytes())
     assert same(tap, stepped(simulator)[1])
     again = Simulator("tap", TAP)
-    assert again.restore(state).time_s == pytest.approx(time_s, abs=1e-12)
+    assert again.set_state(state).time_s == pytest.approx(time_s, abs=1e-12)
     run = stepped(again)[1]
     assert same(tap, run)
     assert run.complete
@@ -167,9 +168,9 @@ def test_in_place_without_a_record(tap):
     simulator = Simulator("tap", TAP, record=False)
     simulator.reset()
     simulator.step(until=0.25)
-    state, seen = simulator.state(), []
+    state, seen = simulator.get_state(), []
     for _ in range(2):
-        simulator.restore(state)
+        simulator.set_state(state)
         simulator.step(until=0.3)
         seen.append(simulator.observation.data.qpos.copy())
         simulator.step(np.ones(simulator.system.mj.nu))
@@ -184,10 +185,10 @@ def test_a_state_at_an_event(tap):
     simulator.reset()
     while not simulator.step(until="event").events or simulator.time_s < 0.1:
         pass
-    state = simulator.state()
+    state = simulator.get_state()
     assert same(tap, stepped(simulator, "event")[1])
     again = Simulator("tap", TAP)
-    again.restore(state)
+    again.set_state(state)
     assert same(tap, stepped(again, "event")[1])
 
 
@@ -196,12 +197,13 @@ def test_in_another_process(tap, tmp_path):
     simulator = Simulator("tap", TAP)
     simulator.reset()
     simulator.step(until=0.25)
-    (tmp_path / "state").write_bytes(pickle.dumps(simulator.state()))
+    (tmp_path / "state").write_bytes(simulator.get_state().to_bytes())
     simulator.close()
     program = (
-        "import pickle, sys, numpy, ffsm_mj\n"
+        "import sys, numpy, ffsm_mj\n"
+        "from ffsm_mj.assembly.step import SimulatorState\n"
         "simulator = ffsm_mj.Simulator('tap', {'duration_s': 0.4})\n"
-        "simulator.restore(pickle.loads(open(sys.argv[1] + '/state', 'rb').read()))\n"
+        "simulator.set_state(SimulatorState.from_bytes(open(sys.argv[1] + '/state', 'rb').read()))\n"
         "while not simulator.ended: simulator.step()\n"
         "numpy.save(sys.argv[1] + '/rows', simulator.close().log.rows)\n"
     )
@@ -216,7 +218,7 @@ def test_the_log_of_a_restored_run_is_whole(tmp_path, capsys):
     simulator = Simulator("tap", {"duration_s": 1.05}, record=tmp_path / "run")
     simulator.reset()
     simulator.step(until=0.25)
-    simulator.restore(simulator.state())
+    simulator.set_state(simulator.get_state())
     stepped(simulator)
     assert main(["analyze", str(tmp_path / "run-2")]) == 0
     told = capsys.readouterr().out
@@ -230,17 +232,17 @@ def test_a_state_of_another_scenario_is_refused():
     first, second = Simulator("tap", TAP), Simulator("baseline", {"duration_s": 0.01})
     first.reset()
     with pytest.raises(SimulatorError, match="that of another scenario"):
-        second.restore(first.state())
+        second.set_state(first.get_state())
     first.close()
 
 
 class Keeps:
-    """Holds a lock, which no pickle can; with the pair of methods it says what it remembers."""
+    """Counts its calls, and has no word for that."""
 
     telemetry_signals = ()
 
     def __init__(self, config, context):
-        self.lock, self.calls = threading.Lock(), 0
+        self.calls = 0
 
     def start(self, observation): ...
 
@@ -251,32 +253,43 @@ class Keeps:
         return ()
 
 
-def test_a_law_that_cannot_be_saved_says_how():
-    of_script = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "keeps"}}], "duration_s": 0.02}
-    simulator = Simulator("baseline", of_script, controllers={"keeps": Keeps})
+OF_SCRIPT = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "law"}}], "duration_s": 0.02}
+REMEMBERS = r"the control law 'law' of phase 'a' remembers '{}', and no state has it: give {} get_state\(\) and set_state"
+
+
+def test_a_law_that_remembers_without_a_state_is_named():
+    simulator = Simulator("baseline", OF_SCRIPT, controllers={"law": Keeps})
     simulator.reset()
+    before = simulator.get_state()  # nothing has changed so far: any law that is made anew is as this one
     simulator.step()
-    message = r"controller\.phases\[0\]\.controller\.lock cannot be saved .*: give Keeps the methods state\(\) and restore"
-    with pytest.raises(StateError, match=message):
-        simulator.state()
+    with pytest.raises(StateError, match=REMEMBERS.format("calls", "Keeps")):
+        simulator.get_state()
+    with pytest.raises(StateError, match="remembers 'calls'"):  # it cannot be taken back either
+        simulator.assembly.controller.set_state(before.parts.controller, simulator.observation)
     simulator.close()
 
     class Says(Keeps):
-        def state(self):
+        def get_state(self):
             return self.calls
 
-        def restore(self, state):
+        def set_state(self, state):
             self.calls = state
 
-    simulator = Simulator("baseline", of_script, controllers={"keeps": Says}, record=False)
+    simulator = Simulator("baseline", OF_SCRIPT, controllers={"law": Says}, record=False)
     simulator.reset()
     simulator.step()
-    state, law = simulator.state(), simulator.assembly.controller.phases[0].controller
+    state, law = simulator.get_state(), simulator.assembly.controller.phases[0].controller
     simulator.step(until=0.01)
     assert law.calls == 10
-    simulator.restore(state)
+    simulator.set_state(SimulatorState.from_bytes(state.to_bytes()))
     assert law.calls == 1
     simulator.close()
+
+
+def test_a_log_with_states_names_it_too():
+    run = ffsm_mj.run("tap", OF_SCRIPT | {"duration_s": 0.1, "log.states": "events"}, controllers={"law": Keeps})
+    assert run.outcome in ("completed", "controller_failed")
+    assert run.outcome == "completed" or "log.states" in run.message
 
 
 def test_two_in_turn_and_in_threads(tap):
@@ -310,97 +323,65 @@ def test_reset_in_contact_begins_anew(tap):
     assert same(tap, stepped(simulator)[1])
 
 
-class Remembers(Keeps):
-    """Keeps state wherever Python has a place for it."""
-
-    def __init__(self, config, context):
-        self.twice = (np.random.default_rng(1), np.random.default_rng(2))
-        self.old, self.normal = Random(3), np.random.RandomState(4).normal
-        self.lately, self.few = deque([1.0, 2.0], maxlen=2), Few()
-        self.few.total = calls = 0
-
-        def closed(memo=[0.0]):  # noqa: B006 (what a user may do)
-            nonlocal calls
-            calls, memo[0] = calls + 1, memo[0] + 0.5
-            return calls + memo[0]
-
-        self.parts = (closed, self.twice[1].normal, partial(Few.grow, self.few))
-        self.seen = []
-
-    def control(self, observation, command):
-        self.late = getattr(self, "late", Few())
-        self.lately.append(sum(self.lately) / 3)
-        drawn = [self.twice[0].random(), self.old.gauss(), self.normal()]
-        self.seen.append((*drawn, self.lately[0], self.late.grow(), *(part() for part in self.parts)))
-
-
 class Few(list):
     """A list with an attribute."""
 
     total = 0
 
     def grow(self):
-        self.append(1)
-        self.total += len(self)
-        return self.total
+        self.total += 1
 
 
-def test_whatever_a_law_remembers():
-    """Random numbers, closures, defaults, bound methods, containers with attributes, attributes that come later."""
-    of_script = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "law"}}], "duration_s": 0.01}
-    with Simulator("baseline", of_script, controllers={"law": Remembers}, record=False) as simulator:
-        simulator.reset()
-        simulator.step(until=0.003)
-        state, law = simulator.state(), simulator.assembly.controller.phases[0].controller
-        simulator.step(until=0.006)
-        first = list(law.seen)
-        simulator.restore(state)
-        assert len(law.seen) == 3
-        simulator.step(until=0.006)
-        assert law.seen == first
+def counting():
+    """A function that counts its calls in a variable of its own."""
+    calls = 0
+
+    def count():
+        nonlocal calls
+        calls += 1
+
+    return count
+
+
+def by_default(memo=[0.0]):  # noqa: B006 (what a user may do)
+    memo[0] += 0.5
 
 
 @pytest.mark.parametrize(
-    ("hold", "message"),
+    ("made", "changed"),
     [
-        (
-            lambda law: setattr(law, "x", (iter([1]),)),
-            r"controller\.x\[0\] \(list_iterator\) cannot be saved where it is: hold it",
-        ),
-        (lambda law: setattr(law, "x", partial(next, (i for i in "a"))), r"controller\.x\.1 \(generator\) cannot be saved"),
-        (
-            lambda law, x=(i for i in "a"): setattr(law, "x", lambda: next(x)),
-            r"controller\.x\.x cannot be saved .*generator",
-        ),
-        (
-            lambda law: setattr(law, "x", law.__class__.file),
-            r"controller\.x cannot be saved .*give .*Holds the methods state",
-        ),
+        (lambda: [np.random.default_rng(1)], lambda held: held[0].random()),
+        (lambda: Random(3), lambda held: held.gauss()),
+        (lambda: np.random.RandomState(4).normal, lambda held: held()),
+        (lambda: deque([1.0, 2.0], maxlen=2), lambda held: held.append(3.0)),
+        (lambda: {"a": [np.zeros(2)]}, lambda held: held["a"][0].fill(1.0)),
+        (Few, Few.grow),
+        (lambda: partial(Few.grow, Few()), lambda held: held()),
+        (counting, lambda held: held()),
+        (lambda: by_default, lambda held: held()),
+        (lambda: iter([1, 2]), next),
+        (lambda: (i for i in "ab"), next),
+        (lambda: SimpleNamespace(x=SimpleNamespace(y=1)), lambda held: setattr(held.x, "y", 2)),
     ],
 )
-def test_what_cannot_be_saved_is_named(hold, message, tmp_path):
-    class Holds(Keeps):
-        file = (tmp_path / "notes").open("w")
-
-        def __init__(self, config, context):
-            hold(self)
-
-    of_script = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "law"}}], "duration_s": 0.01}
-    with Simulator("baseline", of_script, controllers={"law": Holds}, record=False) as simulator, Holds.file:
-        simulator.reset()
-        with pytest.raises(StateError, match=message):
-            simulator.state()
+def test_wherever_a_law_remembers_it_is_seen(made, changed):
+    """Random numbers, closures, defaults, containers with attributes, objects in objects; what cannot be looked into."""
+    part = SimpleNamespace(held=made(), gain=2.0, config=StrictModel())
+    watched = Unchanging(part, "it")
+    changed(part.held)
+    with pytest.raises(StateError, match="it remembers 'held'"):
+        watched.get_state()
 
 
-def test_blocks_of_memory_belong_to_their_owners():
-    """Some fields of MuJoCo are copies: their addresses soon belong to other arrays, which would be restored as zeros."""
-    data = mujoco.MjData(
-        mujoco.MjModel.from_xml_string("<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>")
-    )
-    blocks = ArrayBlocks([data])._blocks
-    held = [getattr(data, name) for *_, name in blocks]  # as long as all are held, no two have one address
-    assert len(held) > 50
-    assert [np.lib.array_utils.byte_bounds(each) for each in held] == [(low, high) for low, high, *_ in blocks]
+def test_what_does_not_change_is_no_memory():
+    """Numbers, functions, systems, NaN, and an object that holds itself."""
+    part = SimpleNamespace(a=float("nan"), f=np.sin, g=len, h=by_default, i=slice(1, 2), j=mujoco.MjModel, k=np.ones(2))
+    part.itself = part
+    watched = Unchanging(part, "it")
+    watched.set_state(watched.get_state())
+    part.late = 1
+    with pytest.raises(StateError, match="it remembers 'late'"):
+        watched.get_state()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -470,12 +451,12 @@ def test_what_is_refused_leaves_the_run(tmp_path):
     simulator = Simulator("baseline", {"duration_s": 0.01}, record=tmp_path / "run", rerun=False)
     simulator.reset()
     simulator.step()
-    other = replace(simulator.state(), fingerprint="another")
+    other = replace(simulator.get_state(), fingerprint="another")
     for refused in (lambda: simulator.reset(seed=-1), lambda: simulator.reset(overrides=["duration_s=-1"])):
         with pytest.raises(InputError):
             refused()
     with pytest.raises(SimulatorError, match="that of another scenario"):
-        simulator.restore(other)
+        simulator.set_state(other)
     assert simulator.time_s == 0.001
     assert stepped(simulator)[1].outcome == "completed"
     assert [each.name for each in tmp_path.iterdir()] == ["run"]

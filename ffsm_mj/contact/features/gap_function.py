@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector, shifted
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import EPSILON
 
 _ROTATION_RAD = 64.0 * EPSILON
@@ -67,13 +69,29 @@ class Feature(Protocol):
         ...
 
 
-class GapFunction:
+class GapFunction(Stateful):
     """Base of all gap functions: a pair of cores, the first of which may belong to geom a or b.
 
     Attributes:
         name: The two features in contact.
         swapped: Whether the first core belongs to geom b.
+        made_of: What it was made of: the arguments of its class.
     """
+
+    @dataclass
+    class State:
+        """Radius of the first core, and the sum of both, m: a length may have been subtracted from the gap."""
+
+        first_radius: float
+        radius: float
+
+    made_of: tuple[Any, ...]
+
+    def __new__(cls, *made_of: Any) -> Self:
+        """Keep what it is made of."""
+        made = super().__new__(cls)
+        made.made_of = made_of
+        return made
 
     def __init__(self, name: str, swapped: bool, first_radius: float, second_radius: float) -> None:
         """Store the radii of the two cores in m."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, shifted, unit
 from ffsm_mj.contact.features.cores import Circle
+from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CROSSING, NEWTON_STEP
 
 _TURNS = 30
@@ -14,7 +16,7 @@ _LONGEST_TURN = 0.3
 """Longest Newton step, and the step away from the farthest point, rad."""
 
 
-class NearestOnCircle:
+class NearestOnCircle(Stateful):
     """The point of a circle that is nearest to a line.
 
     A line that lies across a level cap is nearest to its rim at two points, the ends of a chord, and farthest away midway
@@ -25,6 +27,13 @@ class NearestOnCircle:
         angle: Angle of the point on the circle, rad.
         end: 1 or -1 where the line leaves a level cap along its direction or against it; 0 elsewhere.
     """
+
+    @dataclass
+    class State:
+        """The point of the last state, from which the next one is found."""
+
+        angle: float
+        end: float
 
     def __init__(self, circle: Circle) -> None:
         """Start at angle 0."""

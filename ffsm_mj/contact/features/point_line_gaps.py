@@ -10,6 +10,7 @@ and s the speed at which a contact point slides along a direction d fixed to its
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, scaled, shifted, unit
@@ -112,6 +113,12 @@ class PointOnCurve(GapFunction):
 
 class LineOnCurve(GapFunction):
     """Gap of two crossing lines, or of a line and a circle; the normal is perpendicular to both."""
+
+    @dataclass
+    class State(GapFunction.State):
+        """The point of a circle too."""
+
+        nearest: Any
 
     def __init__(self, name: str, swapped: bool, curve: Curve, line: Line, sense: float) -> None:
         """Store the cores; ``sense`` is the sign of the normal along (direction of the curve) x (direction of the line)."""

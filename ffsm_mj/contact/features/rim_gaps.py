@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
@@ -24,6 +24,12 @@ _TURNS = 30
 
 class RimOnRim(GapFunction):
     """Gap of two rims that cross; the normal is perpendicular to both tangents."""
+
+    @dataclass
+    class State(GapFunction.State):
+        """Angles on both rims too, rad."""
+
+        angles: tuple[float, float]
 
     def __init__(self, name: str, swapped: bool, first: Circle, second: Circle, sense: float) -> None:
         """Store the cores; ``sense`` is the sign of the normal along (tangent of the first) x (tangent of the second)."""
@@ -88,6 +94,12 @@ class SideOnRim(GapFunction):
     As the line has a radius, the normal is defined where it is parallel to the tangent of the rim, too.
     """
 
+    @dataclass
+    class State(GapFunction.State):
+        """The point of the rim too."""
+
+        nearest: Any
+
     def __init__(self, name: str, swapped: bool, rim: Circle, side: Line) -> None:
         """Store the cores."""
         super().__init__(name, swapped, rim.radius, side.radius)
@@ -133,6 +145,12 @@ class SideOnRim(GapFunction):
 
 class RimOnEllipsoid(GapFunction):
     """Gap of a rim against an ellipsoid; the nearest point of the rim by Newton's method from the last angle."""
+
+    @dataclass
+    class State(GapFunction.State):
+        """Angle on the rim too, rad."""
+
+        angle: float
 
     def __init__(self, name: str, swapped: bool, ellipsoid: Ellipsoid, rim: Circle) -> None:
         """Store the cores."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -133,6 +134,12 @@ class OnEllipsoid(GapFunction):
 
 class EllipsoidOnEllipsoid(GapFunction):
     """Gap of two ellipsoids: the largest separation over all directions, found by Newton's method from the last one."""
+
+    @dataclass
+    class State(GapFunction.State):
+        """The last normal too."""
+
+        last: Vector | None
 
     def __init__(self, name: str, swapped: bool, first: Ellipsoid, second: Ellipsoid) -> None:
         """Store the cores."""

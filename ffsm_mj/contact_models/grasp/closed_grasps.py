@@ -7,7 +7,9 @@ if it is the only one left, the model has no loop any more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from ffsm_mj.contact_models.event import EventTime, Scene
 from ffsm_mj.contact_models.grasp.closing import GraspClosing
@@ -20,6 +22,7 @@ from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.state import StateError, entries
 
 
 class ClosedGrasps:
@@ -43,6 +46,44 @@ class ClosedGrasps:
         self.motion: Motion = free
         self._attached: Latch | None = None
         self._rows: dict[str, LatchedBodies] = {}
+
+    @dataclass
+    class State:
+        """Names of the closed grasps in order, of the attached one, poses of those held by rows, and the motion's state."""
+
+        closed: list[str]
+        attached: str | None
+        rows: dict[str, Any]
+        motion: Any
+
+    def get_state(self) -> State:
+        """Which grasps are closed, and how they hold."""
+        attached = self._attached
+        return self.State(
+            [each.grasp.name for each in self.latches],
+            attached.grasp.name if attached is not None else None,
+            {name: vars(latch) for name, latch in self._rows.items()},
+            attached.held.get_state() if attached is not None and attached.held is not None else None,
+        )
+
+    def set_state(self, state: Any, latches: Mapping[str, Latch]) -> None:
+        """Close these grasps, at the state in ``data``.
+
+        Args:
+            state: The state.
+            latches: All grasps of the run by name.
+
+        Raises:
+            StateError: It names others.
+        """
+        told = entries(state, ("closed", "attached", "rows", "motion"), "ClosedGrasps")
+        if unknown := {*told["closed"], *told["rows"], told["attached"]} - {*latches, None}:
+            raise StateError(f"a state with grasps that there are not: {', '.join(sorted(unknown))}")
+        attached = latches[told["attached"]] if told["attached"] is not None else None
+        self._rows = {name: LatchedBodies(**pose) for name, pose in told["rows"].items()}
+        self._set([latches[name] for name in told["closed"]], attached)
+        if attached is not None and attached.held is not None:
+            attached.held.set_state(told["motion"])
 
     def place(self, latch: Latch) -> int:
         """Place of a grasp in the order in which the closed ones closed, from 1; 0 if it is open."""

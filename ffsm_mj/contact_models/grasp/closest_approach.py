@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from ffsm_mj.contact_models.grasp.closing_time import At, Bounds, lowest_inside
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Vectors
+from ffsm_mj.state import entries
 from ffsm_mj.ties import FirstOfLeast, first_of_greatest
 
 
@@ -26,6 +28,14 @@ class ClosestApproach:
     Attributes:
         bounds: The bounds.
     """
+
+    @dataclass
+    class State:
+        """Time up to which steps are added, s, rounding of the ratios, and the least ones, with time and norms of each."""
+
+        clock_s: float
+        rounding: float
+        least: list[Any]
 
     def __init__(self, bounds: Bounds, time_s: float) -> None:
         """Start when the grasp is armed."""
@@ -54,6 +64,20 @@ class ClosestApproach:
         """Add the state at which it is disarmed, which an event at the end of the last step may have changed."""
         if self._least.first() is not None:
             self._add(Nearness.of(vectors), 0.0)
+
+    def get_state(self) -> State:
+        """The approach so far."""
+        least = [(ratio, rounding, (at.time_s, tuple(at.near))) for ratio, rounding, at in self._least.get_state()]
+        return self.State(self._clock_s, self._rounding, least)
+
+    def set_state(self, state: Any) -> None:
+        """Go on from an approach so far."""
+        told = entries(state, ("clock_s", "rounding", "least"), "ClosestApproach")
+        self._clock_s, self._rounding = told["clock_s"], told["rounding"]
+        candidates = told["least"]
+        self._least.set_state(
+            (ratio, rounding, _Approach(time_s, Nearness(*near))) for ratio, rounding, (time_s, near) in candidates
+        )
 
     def assume(self, near: Nearness, time_s: float) -> None:
         """Take it from a log, whose part since the arming is lost."""

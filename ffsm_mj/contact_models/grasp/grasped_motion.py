@@ -8,20 +8,23 @@ and those of the object's base joints follow from its pose and twist in the movi
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj._core.loops import StateTransfer
+from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
-from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.grasp import WRITTEN, Grasp
 from ffsm_mj.model.shared_joints import shared_joints
 from ffsm_mj.model.system import System
+from ffsm_mj.state import entries, fitting
 
 _POSE_TOLERANCE = 1e-12
 _CONFIGURATIONS = 4
@@ -94,6 +97,23 @@ class GraspedMotion(Motion):
         own[self._held_dofs] = rates[self._dofs]
         own[self.joints.dofs] = self.joints.rate_rows(self._free.data) @ rates
         return own
+
+    def get_state(self) -> dict[str, FloatArray]:
+        """State of its model, and what was written into the model as the grasp closed."""
+        state = np.empty(mujoco.mj_stateSize(self.model, WHOLE_STATE))
+        mujoco.mj_getState(self.model, self.data, state, WHOLE_STATE)
+        return {"data": state} | {name: getattr(self.model, name).copy() for name in WRITTEN}
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state; the logged system follows."""
+        told = entries(state, ("data", *WRITTEN), "GraspedMotion")
+        for name in WRITTEN:
+            written = getattr(self.model, name)
+            written[:] = fitting(told[name], written.shape, f"GraspedMotion.{name}")
+        size = mujoco.mj_stateSize(self.model, WHOLE_STATE)
+        mujoco.mj_setState(self.model, self.data, fitting(told["data"], (size,), "GraspedMotion"), WHOLE_STATE)
+        mujoco.mj_forward(self.model, self.data)
+        self._follow_with_accelerations()
 
     def _refresh(self) -> None:
         self.data.qfrc_applied.fill(0.0)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
+from ffsm_mj.state import entries
 
 
 class Latch:
@@ -38,6 +41,13 @@ class Latch:
         armed: Whether it may close.
         closest: Closest approach to its bounds since it was armed; None without bounds.
     """
+
+    @dataclass
+    class State:
+        """Whether it is armed, and its closest approach since."""
+
+        armed: bool
+        closest: Any
 
     def __init__(
         self,
@@ -79,6 +89,19 @@ class Latch:
         self._step_end: tuple[float, Vectors] = math.nan, []
         self.armed = False
         self.closest: ClosestApproach | None = None
+
+    def get_state(self) -> State:
+        """Whether it is armed, and what it has seen since."""
+        return self.State(self.armed, None if self.closest is None else self.closest.get_state())
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        told = entries(state, ("armed", "closest"), f"grasp {self.grasp.name}")
+        self.armed, self._step_start, self._step_end = bool(told["armed"]), None, (math.nan, [])
+        self.closest = None
+        if told["closest"] is not None and self._bounds is not None:
+            self.closest = ClosestApproach(self._bounds, math.nan)
+            self.closest.set_state(told["closest"])
 
     @property
     def watches(self) -> bool:

@@ -120,6 +120,17 @@ class LoadBuffer:
         between: Largest force in N and torque in N m right after an event since the last row, and its time in s.
     """
 
+    def get_state(self) -> tuple[float, float, float]:
+        """The largest load between rows; rows so far must have been taken by :meth:`table`."""
+        return self.between
+
+    def set_state(self, state: Any) -> None:
+        """Go on with a largest load."""
+        force, torque, at_s = state
+        self.between = force, torque, at_s
+        self._rows.clear()
+        self._between.clear()
+
     def __init__(self) -> None:
         """Initialise an empty buffer."""
         self._rows: list[bytes] = []

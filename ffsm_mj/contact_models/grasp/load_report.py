@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,15 @@ class LoadReport:
         self._logged = np.zeros(len(sets))
         signals = tuple(signal for each in sets for signal in each.signals)
         self.columns = Columns(signals, None, self._table, self._write, self._resume, self._at_state, self._at_event)
+
+    def get_state(self) -> list[Any]:
+        """The largest loads between rows, by set of columns."""
+        return [buffer.get_state() for buffer in self._buffers]
+
+    def set_state(self, state: Any) -> None:
+        """Go on with these loads."""
+        for buffer, told in zip(self._buffers, state, strict=True):
+            buffer.set_state(told)
 
     def _now(self) -> list[tuple[LoadBuffer, int, Latch | None]]:
         """Each set of columns with what is closed of it."""

@@ -152,6 +152,15 @@ class LoopForces(ForceSource):
         if hasattr(self, "motion"):
             self._update()
 
+    def get_state(self) -> Any:
+        """Which combinations of the rows are independent; None without rows. The grasp model closes the latches."""
+        return None if self.motion.loops is None else self.motion.loops.get_state()
+
+    def set_state(self, state: Any) -> None:
+        """Use these combinations."""
+        if self.motion.loops is not None:
+            self.motion.loops.set_state(state)
+
     def names(self) -> str:
         """The closed latches."""
         return ", ".join(self._latches) or self.kind

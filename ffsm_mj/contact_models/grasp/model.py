@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
@@ -27,6 +28,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.state import entries, get_states, set_states
 from ffsm_mj.ties import last_of_first
 
 ARM, DISARM, RELEASE = "arm", "disarm", "release"
@@ -69,6 +71,51 @@ class GraspModel(EventSource, Replayable):
         self.requests = tuple(f"{name}.{what}" for name in self._latches for what in (ARM, DISARM, RELEASE))
         self._report = LoadReport([*self._latches.values()], self._closed)
         self.columns = (self._report.columns,)
+
+    @dataclass
+    class State:
+        """What each grasp remembers, which are closed, what is about to happen, and loads between rows."""
+
+        latches: dict[str, Any]
+        closed: Any
+        closing: list[str]
+        goes_on: bool
+        opening: str | None
+        requests: set[str]
+        report: list[Any]
+
+    def get_state(self) -> State:
+        """What the grasps remember."""
+        return self.State(
+            get_states(self._latches),
+            self._closed.get_state(),
+            [each.grasp.name for each in self._closing],
+            self._goes_on,
+            self._opening.grasp.name if self._opening is not None else None,
+            set(self._requests),
+            self._report.get_state(),
+        )
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state; the motion is that of :meth:`current_motion`."""
+        told = entries(state, [each.name for each in fields(self.State)], "GraspModel")
+        set_states(self._latches, told["latches"], "GraspModel")
+        self._closed.set_state(told["closed"], self._latches)
+        self._closing, self._goes_on = [self._latches[name] for name in told["closing"]], told["goes_on"]
+        self._opening = None if told["opening"] is None else self._latches[told["opening"]]
+        self._requests = set(told["requests"])
+        self._report.set_state(told["report"])
+
+    def current_motion(self) -> Motion:
+        """The motion with the closed grasps."""
+        return self._closed.motion
+
+    def forget(self) -> None:
+        """All grasps are disarmed, and nothing is about to happen."""
+        for latch in self._latches.values():
+            latch.disarm()
+        self._closing, self._opening, self._goes_on = [], None, False
+        self._requests.clear()
 
     @property
     def disarmed(self) -> dict[str, frozenset[frozenset[int]]]:
@@ -220,9 +267,7 @@ class GraspModel(EventSource, Replayable):
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
         """Restore the closed grasps from the columns, at the state in ``data``; armed grasps are not logged in columns."""
-        for latch in self._latches.values():
-            latch.disarm()
-        self._closing, self._opening, self._goes_on = [], None, False
+        self.forget()
         records = [record for event in events for record in event.records if isinstance(record, CaptureRecord)]
         self._closed.restore(self._report.logged_as_closed(), records)
         return self._closed.motion if self._closed.latches else None

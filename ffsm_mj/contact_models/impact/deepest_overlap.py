@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ffsm_mj._core.tick import Maxima
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import LIMIT_OVERRUN, OVERLAP, Signal
+from ffsm_mj.state import Stateful
 
 _SINCE = "at the ends of the steps and sub-steps since the sample before"
 _JOINTS = {"rad": "hinge", "m": "slide"}
 
 
-class DeepestOverlap:
+class DeepestOverlap(Stateful):
     """Largest overlap of any pair, and overrun of any joint limit, at the ends of (sub-)steps since the sample before.
 
     Attributes:
         deepest: The numbers since the last sample: of geoms in m, then of hinges in rad and slides in m where there are any.
         columns: Its columns: the overlap, then the overrun of hinges and of slides where there are limited ones.
     """
+
+    @dataclass
+    class State:
+        """The numbers since the last sample."""
+
+        deepest: FloatArray
 
     def __init__(self, limits: Sequence[JointLimit] = ()) -> None:
         """Start without overlap.

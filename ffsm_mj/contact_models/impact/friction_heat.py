@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import FRICTION_HEAT, Signal
+from ffsm_mj.state import Stateful
 
 _HEAT = Signal(
     "balance",
@@ -18,13 +21,19 @@ _HEAT = Signal(
 )
 
 
-class FrictionHeat:
+class FrictionHeat(Stateful):
     """Sum of the heat of friction of all pairs.
 
     Attributes:
         total_J: The sum, J, (1,).
         columns: Its column.
     """
+
+    @dataclass
+    class State:
+        """The sum so far, J, (1,)."""
+
+        total_J: FloatArray
 
     def __init__(self) -> None:
         """Start without heat."""

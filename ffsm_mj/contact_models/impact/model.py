@@ -37,6 +37,7 @@ from ffsm_mj.contact_models.interface import EventEffect, EventTime, LoggedEvent
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
+from ffsm_mj.state import Stateful
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,18 @@ class ImpactRules:
     stop_on_impact: bool
 
 
-class ImpactModel(Detector):
+class ImpactModel(Stateful, Detector):
     """Resolves impacts of pairs and at joint limits; see :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
+
+    @dataclass
+    class State:
+        """Number of impacts, what the pairs remember of their geometry, deepest overlap, heat, and gaps by rule."""
+
+        impacts: int
+        geoms: dict[str, Any]
+        overlap: Any
+        heat: Any
+        rule_gaps: Any
 
     kind = "impact"
     records = (IMPACT, LIMIT_IMPACT)
@@ -74,8 +85,9 @@ class ImpactModel(Detector):
         self._impacts = 0
         self._heat = heat
         self._by_name = {pair.name: pair for pair in pairs}
-        geoms = [pair for pair in pairs if isinstance(pair, ContactPair)]
-        self.columns = (*self.columns, *RuleGaps(scene, geoms).columns)
+        self._geoms = {pair.name: pair for pair in pairs if isinstance(pair, ContactPair)}
+        self._rule_gaps = RuleGaps(scene, [*self._geoms.values()])
+        self.columns = (*self.columns, *self._rule_gaps.columns)
         if any(pair.mu > 0.0 for pair in pairs):
             self.columns = (*self.columns, *heat.columns)
 

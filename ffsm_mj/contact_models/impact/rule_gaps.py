@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.state import entries, fitting
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 PERIOD_S = 0.02
@@ -29,6 +31,23 @@ class RuleGaps:
     Attributes:
         columns: One column for each rule.
     """
+
+    @dataclass
+    class State:
+        """The gaps evaluated last, and when the last sample was, s."""
+
+        gaps: FloatArray
+        last_s: float
+
+    def get_state(self) -> State:
+        """The gaps, and the time of the last sample."""
+        return self.State(self._gaps.copy(), self._period.last_s)
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        told = entries(state, ("gaps", "last_s"), "RuleGaps")
+        self._gaps[:] = fitting(told["gaps"], self._gaps.shape, "RuleGaps")
+        self._period.last_s, self._period.is_resumed = told["last_s"], False
 
     def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
         """Group the pairs by rule."""

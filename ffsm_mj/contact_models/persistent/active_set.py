@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -19,6 +20,7 @@ from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState
+from ffsm_mj.contact.features.stored import StoredFeatures
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
@@ -33,6 +35,7 @@ from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
 from ffsm_mj.contact_models.persistent.friction.stages import ImplicitSlips, stage_of, step_rule
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.state import entries
 from ffsm_mj.tolerances import DRIFT_M, DRIFT_M_S, FEATURE_BOUND_M, LIFT_OFF_M
 
 Points: TypeAlias = tuple[ContactPoint, ...]
@@ -159,6 +162,59 @@ class ActiveContactSet:
         self._chosen: Decision | None = None
         self._slips: ImplicitSlips
         self.steady = SteadyContacts(self, scene.system)
+
+    @dataclass
+    class State:
+        """Contact points and modes of closed pairs and limits.
+
+        Attributes:
+            closed: Name of each with its features, in order.
+            pressing: Places of the points that carry force among all of them; None: no step has chosen them.
+            modes: Friction modes of the points.
+            in_step: Whether a step since the last event has ended here: the forces at its end are known.
+        """
+
+        closed: list[tuple[str, list[Any]]]
+        pressing: list[int]
+        modes: Any
+        in_step: bool
+
+    def get_state(self) -> State:
+        """The closed contacts."""
+        stored = StoredFeatures(self._model)
+        closed = [
+            (pair.name, [None if isinstance(pair, JointLimit) else stored.told(each.feature) for each in points])
+            for pair, points in self.by_pair.items()
+        ]
+        place = {contact: i for i, contact in enumerate(self.contact_points)}
+        pressing = [place[each] for each in self.pressing if each in place]
+        return self.State(closed, pressing, self.modes.get_state(self.contact_points), bool(self.stages))
+
+    def set_state(self, state: Any, pairs: Mapping[str, UnilateralConstraint]) -> None:
+        """Close contacts at the state in ``data``.
+
+        Args:
+            state: The contacts.
+            pairs: All pairs and limits by name.
+
+        Raises:
+            StateError: They do not fit.
+        """
+        told, stored = (
+            entries(state, ("closed", "pressing", "modes", "in_step"), "ActiveContactSet"),
+            StoredFeatures(self._model),
+        )
+        self.by_pair.clear()
+        for name, features in told["closed"]:
+            pair = pairs[name]
+            self.by_pair[pair] = tuple(
+                ContactPoint(pair, pair.feature if isinstance(pair, JointLimit) else stored.made(each)) for each in features
+            )
+        self._count()
+        self.set_pressing(tuple(self.contact_points[i] for i in told["pressing"]))
+        self.modes.set_state(told["modes"], self.contact_points)
+        self._chosen = None
+        self.clear_stages()
 
     @property
     def data(self) -> Any:

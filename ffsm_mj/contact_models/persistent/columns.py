@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier, limit_force_name
 from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.state import Stateful
 
 _FREE, _TOUCHING, _PRESSED = 0.0, 1.0, 2.0
 """Magnitude of the state of a joint's limits in the log; its sign is negative at the lower limit."""
@@ -63,8 +65,15 @@ def force_key(limit: JointLimit) -> str:
     return f"contact.{limit_force_name(limit.joint, limit.unit)}"
 
 
-class _ForceTable:
+class _ForceTable(Stateful):
     """Values of the columns of some contacts or limits; blank while none of them is closed."""
+
+    @dataclass
+    class State:
+        """Values of the columns, and whether nothing has been written since they were blank."""
+
+        values: FloatArray
+        is_blank: bool
 
     _values: FloatArray
     _is_blank = True

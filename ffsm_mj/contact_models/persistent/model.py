@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,7 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.state import entries
 from ffsm_mj.tolerances import CLEARLY_APART_M, EVENT_TIME, EVENT_TIME_S, INSTANT_S
 
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
@@ -208,8 +210,46 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._drift = DriftProjection(scene, self._active_set)
         self.columns = (*self._report.columns, *self._limits.columns)
         self._previous: tuple[Motion, tuple[str, ...], frozenset[frozenset[int]]] | None = None
-        self._landing = False
+        self._landing, self._resumes = False, False
         self._located_s: float | None = None
+
+    @dataclass
+    class State:
+        """Closed contacts, which of them have a logged start, and what their columns say."""
+
+        closed: Any
+        logged: list[str]
+        contacts: Any
+        limits: Any
+        friction: Any
+
+    def get_state(self) -> State:
+        """The closed contacts."""
+        logged = [pair.name for pair in self._changes.logged]
+        reports = self._report.get_state(), self._limits.get_state(), self._report.friction.get_state()
+        return self.State(self._active_set.get_state(), logged, *reports)
+
+    def set_state(self, state: Any) -> None:
+        """Close contacts at the state in ``data``, with the motion of that state."""
+        told = entries(state, [each.name for each in fields(self.State)], "PersistentContactModel")
+        by_name = {pair.name: pair for pair in self._pairs}
+        self._changes.logged = [by_name[name] for name in told["logged"]]
+        self._report.set_state(told["contacts"])
+        self._limits.set_state(told["limits"])
+        self._report.friction.set_state(told["friction"])
+        self._active_set.set_state(told["closed"], by_name)
+        self._landing, self._located_s = False, None
+        self._resumes = entries(told["closed"], ("closed", "pressing", "modes", "in_step"), "ActiveContactSet")["in_step"]
+        self._set_activity()
+
+    def forget(self) -> None:
+        """No contact is closed."""
+        for pair in tuple(self._active_set.by_pair):
+            self._active_set.remove(pair)
+        self._active_set.set_pressing(())
+        self._active_set.modes.clear()
+        self._changes.logged, self._previous = [], None
+        self._set_activity()
 
     def bind(self, motion: Motion) -> None:
         """Use another motion, or other grasps: contacts stay closed, except pairs whose geoms are on one rigid body in it.
@@ -231,8 +271,13 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._active_set.update_pressing()  # a pair of the previous active set may be on one rigid body in this motion
 
     def restart(self) -> None:
-        """Discard the forces of the last step: the state or the efforts changed discontinuously."""
-        self._active_set.clear_stages()
+        """Discard the forces of the last step: the state or the efforts changed discontinuously.
+
+        Where a run goes on from the end of a step, those that have just been evaluated are the forces there.
+        """
+        if not self._resumes:
+            self._active_set.clear_stages()
+        self._resumes = False
 
     def holds(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair is closed; see ``PersistentContacts`` in ``contact_models/impact``."""
@@ -285,6 +330,9 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             if not contact_points and pair not in self._changes.logged
         ]:
             self._active_set.remove(pair)
+        self._set_activity()
+
+    def _set_activity(self) -> None:
         self.active = bool(self._active_set.by_pair)
         # No bound on the motion excludes a change of the active set, which depends on forces: check every step.
         self.event_bound = -math.inf if self.active else math.inf

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -54,10 +54,6 @@ class PointRows:
         """Store the points; see the attributes."""
         self.groups, self.memory = groups, memory
         self.held: dict[tuple[bytes, bytes], HeldForces] = {}
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """How a saved state of a simulation holds it."""
-        return type(self), (self.groups, self.memory)
 
     @cached_property
     def J(self) -> FloatArray:

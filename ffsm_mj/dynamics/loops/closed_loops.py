@@ -24,6 +24,7 @@ from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.loops.latch_rows import LatchRowEvaluator, LatchRows
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows, PlasticClosing
 from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.state import fitting
 
 
 class ClosedLoops:
@@ -86,6 +87,19 @@ class ClosedLoops:
         T, others = (np.ascontiguousarray(each) for each in combinations)
         self._combinations = T, others
         self._stage.combine(T, others)
+
+    def get_state(self) -> tuple[FloatArray, FloatArray] | None:
+        """Combinations of the rows that are independent, (r, n), and of those that vanish, (n - r, n); None: not chosen."""
+        return None if self._combinations is None else (self._combinations[0].copy(), self._combinations[1].copy())
+
+    def set_state(self, state: Any) -> None:
+        """Use combinations of the rows; None: they are chosen at the next step."""
+        self._combinations = None
+        if state is not None:
+            T, others = state
+            n = self.parts[-1].stop
+            r = len(T)
+            self._combine((fitting(T, (r, n), "ClosedLoops"), fitting(others, (n - r, n), "ClosedLoops")))
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores the combinations that :meth:`choose` changes."""

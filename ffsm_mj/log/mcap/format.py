@@ -18,6 +18,8 @@ from ffsm_mj.records.signals import GROUPS, TIME, Layout, Signal
 
 SAMPLE_TOPIC = "/ffsm/sample"
 SAMPLE_SCHEMA = "ffsm.Sample"
+STATE_TOPIC, STATE_ENCODING = "/ffsm/state", "ffsm-state"
+"""States of the simulation, without a schema: JSON after a line with the version; see :mod:`ffsm_mj.state`."""
 SIGNALS_METADATA = "ffsm.signals"
 RUN_METADATA = "ffsm.run"
 SCENARIO_ATTACHMENT = "scenario.yaml"

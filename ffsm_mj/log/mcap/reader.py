@@ -35,6 +35,8 @@ _MOST_PARTS = 1_000_000
 _MOST_EVENTS = 200_000
 _MOST_ATTACHED_BYTES = 1 << 30
 _MOST_TOPICS, _LONGEST_TOPIC = 3, 60
+_OWN = (form.SAMPLE_TOPIC, form.STATE_TOPIC)
+"""Topics of every version that are no kinds of records."""
 
 
 def read_log(path: Path) -> RunLog:
@@ -60,6 +62,18 @@ def stored_rows(path: Path, layout: Layout) -> StoredRows:
             return _contents(path, Salvage(data)).samples
 
     return StoredRows(path, layout, find)
+
+
+def stored_states(path: Path) -> list[bytes]:
+    """States of the simulation in a log, in order of time; see :func:`ffsm_mj.state.from_bytes`.
+
+    Raises:
+        LogError: See :func:`read_log`.
+    """
+    with _opened(path) as data:
+        found = _contents(path, Salvage(data))
+        channels = [each for each in found.channels.values() if each.topic == form.STATE_TOPIC]
+        return [message for channel in channels for message in found.messages(channel, data)]
 
 
 @contextmanager
@@ -220,13 +234,13 @@ def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
 
 def _load_plugins(topics: Iterable[str]) -> None:
     """Register the kinds of records of installed packages, if the log has unknown topics of ffsm-mj."""
-    if any(topic.startswith("/ffsm/") for topic in set(topics) - {form.SAMPLE_TOPIC, *(kind.topic for kind in kinds())}):
+    if any(topic.startswith("/ffsm/") for topic in set(topics) - {*_OWN, *(kind.topic for kind in kinds())}):
         contact_models()
 
 
 def _note(topics: Iterable[str], known: Sequence[RecordKind]) -> str:
     """Text that lists the topics of ffsm-mj that are not read; empty if all are."""
-    read = {form.SAMPLE_TOPIC, *(kind.topic for kind in known)}
+    read = {*_OWN, *(kind.topic for kind in known)}
     skipped = [one_line(topic[:_LONGEST_TOPIC]) for topic in topics if topic.startswith("/ffsm/") and topic not in read]
     if not skipped:
         return ""

@@ -95,6 +95,17 @@ class McapSink:
                 times = np.rint(block[:, self._time_column] * 1e9).astype(np.int64)
                 self._put((form.SAMPLE_TOPIC, times, self._codec.encode(block)), *self._viewer.rows(block))
 
+    def state(self, time_s: float, state: bytes) -> None:
+        """Write a state of the simulation at its time; its channel is registered with the first one."""
+        with self._writing() as writable:
+            if writable:
+                if form.STATE_TOPIC not in self._channels:
+                    self._channels[form.STATE_TOPIC] = self._writer.register_channel(
+                        form.STATE_TOPIC, form.STATE_ENCODING, 0
+                    )
+                time = nanoseconds(time_s)
+                self._writer.add_message(self._channels[form.STATE_TOPIC], log_time=time, data=state, publish_time=time)
+
     def event(self, event: Event) -> None:
         """Write an event at its time."""
         with self._writing() as writable:

@@ -152,7 +152,7 @@ def test_a_saved_state_goes_on_bit_by_bit(tmp_path, at_s):
         simulator.reset()
         simulator.step(until=at_s)
         other.reset()
-        other.restore(simulator.state())
+        other.set_state(simulator.get_state())
         for each in (simulator, other):
             each.step(until=0.22)
             free = each.observation.free
@@ -180,7 +180,7 @@ def test_a_stone_hits_what_is_latched(tmp_path, kind):
         contacts={"rules": [{"between": ["stone/stone", "target/target"], "restitution": 0.5, "mu": 0.3}]},
     )
     run = holds(ffsm_mj.run(path, out=tmp_path / "run"))
-    holds(ffsm_mj.go_on(tmp_path / "run", 0.04, out=tmp_path / "on"))
+    holds(ffsm_mj.resume(tmp_path / "run", 0.04, out=tmp_path / "on"))
     (hit,) = run.records["impacts"]
     twist = [np.array(rates["target/free"][3:]) - rates["robot/free"][3:] for rates in (hit.qvel_before, hit.qvel_after)]
     assert kind == "rigid" or np.linalg.norm(twist[1] - twist[0]) > 0.1

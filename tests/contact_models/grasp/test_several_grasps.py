@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 
 import mujoco
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.step import SimulatorState
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
@@ -175,9 +175,9 @@ def test_a_log_with_a_gap_and_a_saved_state_go_on_with_both_closed(both, tmp_pat
     fresh.reset()
     while whole.time_s < 0.295:
         whole.step()
-    state, seen = pickle.dumps(whole.state()), []
+    state, seen = whole.get_state().to_bytes(), []
     for simulator in (whole, fresh):
-        simulator.restore(pickle.loads(state))
+        simulator.set_state(SimulatorState.from_bytes(state))
         assert simulator.observation.grasps == ("left", "right")
         while simulator.time_s < 0.6:
             simulator.step()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,10 +14,8 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
+from ffsm_mj.state import entries
 from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED
-
-if TYPE_CHECKING:
-    from ffsm_mj.contact_models.persistent.friction.stages import Layers
 
 TOGETHER = 100.0
 """Points whose slip is within this factor of the speed at which another one stops, stop with it."""
@@ -139,6 +137,28 @@ def unit_slips(velocities: FloatArray) -> FloatArray:
     return np.asarray(velocities / np.where(sizes > 0.0, sizes, 1.0)[:, None])
 
 
+class Layers(NamedTuple):
+    """Layers of points that slide, at the start of a (sub-)step.
+
+    Attributes:
+        points: The points that slide in two directions, m.
+        efforts: Efforts, bit by bit.
+        time_s: Time of the start.
+        deviations: Deviations at the start of the layer, m/s, (m,).
+        damping: Integral of k / |u| since then, (m,).
+        speeds: Slips, m/s, (m,).
+        strengths: k, m/s^2, (m,).
+    """
+
+    points: tuple[ContactPoint, ...]
+    efforts: bytes
+    time_s: float
+    deviations: FloatArray
+    damping: FloatArray
+    speeds: FloatArray
+    strengths: FloatArray
+
+
 class FrictionModes:
     """Modes of the contact points in the current (sub-)step, and what the choice of the next ones depends on.
 
@@ -156,17 +176,93 @@ class FrictionModes:
 
     def __init__(self) -> None:
         """Start without modes."""
+        self.generation = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """No point has a mode."""
         self.released = self.struck = self.stops = False
         self.beginning: frozenset[ContactPoint] = frozenset()
         self.replacing: frozenset[ContactPoint] = frozenset()
         self._of: dict[tuple[ContactPoint, ...], PointModes] = {}
         self.layers: Layers | None = None
         self.estimates: dict[tuple[ContactPoint, ...], FloatArray] = {}
-        self.generation = 0
+        self.generation += 1
         self._kinds: dict[ContactPoint, int] = {}
         self._directions: dict[ContactPoint, FloatArray] = {}
         self._largest_slip: dict[ContactPoint, float] = {}
         self._straight: dict[ContactPoint, float] = {}
+
+    @dataclass
+    class State:
+        """Modes by contact point, as indices into all of them; see the attributes.
+
+        Attributes:
+            flags: Whether points are released, were struck, and stop.
+            beginning: Points that begin to slide.
+            replacing: Points whose slip is drift.
+            kinds: Modes by point.
+            directions: Directions of slip by point, world axes.
+            largest_slip: Largest slip of points that slide, m/s.
+            straight: Slips at which points began to go straight on to their stop, m/s.
+            layers: Layers of points, then what they are; None without any.
+            estimates: Points that share a load, and their forces, N.
+        """
+
+        flags: tuple[bool, bool, bool]
+        beginning: list[int]
+        replacing: list[int]
+        kinds: dict[int, int]
+        directions: dict[int, FloatArray]
+        largest_slip: dict[int, float]
+        straight: dict[int, float]
+        layers: Any
+        estimates: list[Any]
+
+    def get_state(self, contact_points: Sequence[ContactPoint]) -> State:
+        """The modes of all closed points."""
+        place = {contact: i for i, contact in enumerate(contact_points)}
+
+        def by_place(values: Mapping[ContactPoint, Any]) -> dict[int, Any]:
+            return {place[contact]: value for contact, value in values.items() if contact in place}
+
+        layers = self.layers
+        return self.State(
+            (self.released, self.struck, self.stops),
+            sorted(place[each] for each in self.beginning if each in place),
+            sorted(place[each] for each in self.replacing if each in place),
+            by_place(self._kinds),
+            by_place({contact: np.array(each) for contact, each in self._directions.items()}),
+            by_place(self._largest_slip),
+            by_place(self._straight),
+            None if layers is None else ([place[each] for each in layers.points], *layers[1:]),
+            [([place[each] for each in points], np.array(found)) for points, found in self.estimates.items()],
+        )
+
+    def set_state(self, state: Any, contact_points: Sequence[ContactPoint]) -> None:
+        """Set the modes of all closed points.
+
+        Args:
+            state: Their state.
+            contact_points: The points.
+        """
+        told = entries(state, [each.name for each in fields(self.State)], "FrictionModes")
+
+        def by_point(values: Mapping[int, Any]) -> dict[ContactPoint, Any]:
+            return {contact_points[i]: value for i, value in values.items()}
+
+        self.forget_structures()
+        self.released, self.struck, self.stops = told["flags"]
+        self.beginning, self.replacing = (
+            frozenset(contact_points[i] for i in told[name]) for name in ("beginning", "replacing")
+        )
+        self._kinds, self._directions = by_point(told["kinds"]), by_point(told["directions"])
+        self._largest_slip, self._straight = by_point(told["largest_slip"]), by_point(told["straight"])
+        self.layers = None
+        if told["layers"] is not None:
+            of, *rest = told["layers"]
+            self.layers = Layers(tuple(contact_points[i] for i in of), *rest)
+        self.estimates = {tuple(contact_points[i] for i in points): found for points, found in told["estimates"]}
 
     def of(self, contact_points: tuple[ContactPoint, ...]) -> PointModes:
         """Modes of some points; the same object until they change."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STIC
 from ffsm_mj.contact_models.persistent.friction.problem import Solution
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import CONTACT_WORK, SLIDING_HEAT, Signal, identifier
+from ffsm_mj.state import Stateful
 
 if TYPE_CHECKING:
     from ffsm_mj._core.contacts import ContactEvaluation
@@ -144,7 +146,7 @@ class FrictionOfPairs:
         )
 
 
-class FrictionReport:
+class FrictionReport(Stateful):
     """Writes the columns of the rules with friction.
 
     Attributes:
@@ -153,6 +155,13 @@ class FrictionReport:
         rules: Row of each rule.
         work_J: Value of the column of the work of contact forces, (1,).
     """
+
+    @dataclass
+    class State:
+        """Values of the columns: slip, heat and work are sums since t = 0."""
+
+        values: FloatArray
+        work_J: FloatArray
 
     def __init__(self, rules: Iterable[str]) -> None:
         """Start at rest.

@@ -30,9 +30,9 @@ import numpy as np
 
 from ffsm_mj._core.stages import Slide
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.cones import solved
+from ffsm_mj.contact_models.persistent.friction.modes import Layers
 from ffsm_mj.contact_models.persistent.friction.problem import slip_directions
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 from ffsm_mj.tolerances import EPSILON
@@ -237,28 +237,6 @@ class ImplicitSlips:
             self._nodes[i] = node._replace(directions=directions)
             changes.append((forces - node.forces).ravel().dot(node.here.rows.response))
         return np.array(changes)
-
-
-class Layers(NamedTuple):
-    """Layers of points that slide, at the start of a (sub-)step.
-
-    Attributes:
-        points: The points that slide in two directions, m.
-        efforts: Efforts, bit by bit.
-        time_s: Time of the start.
-        deviations: Deviations at the start of the layer, m/s, (m,).
-        damping: Integral of k / |u| since then, (m,).
-        speeds: Slips, m/s, (m,).
-        strengths: k, m/s^2, (m,).
-    """
-
-    points: tuple[ContactPoint, ...]
-    efforts: bytes
-    time_s: float
-    deviations: FloatArray
-    damping: FloatArray
-    speeds: FloatArray
-    strengths: FloatArray
 
 
 class StepRule(NamedTuple):

@@ -23,7 +23,7 @@ def prepare_from(
     estimators: Mapping[str, Any] = MappingProxyType({}),
     raise_errors: bool = False,
 ) -> PreparedRun:
-    """Prepare a run that goes on from an instant of a logged one; see :func:`go_on`.
+    """Prepare a run that goes on from an instant of a logged one; see :func:`resume`.
 
     It is the scenario of the logged run, with changes, and with its own folder and the instant as ``initial.from`` and
     ``initial.at_s``. ``raise_errors`` is that of :func:`ffsm_mj.prepare`.
@@ -44,7 +44,7 @@ def prepare_from(
         raise InputError(lines) from error
 
 
-def go_on(
+def resume(
     run: str | Path,
     from_s: float,
     overrides: Sequence[str] | Mapping[str, Any] = (),

@@ -29,7 +29,7 @@ def logged(tmp_path_factory):
 @pytest.mark.parametrize("from_s", [0.1, 0.1574, 0.25])
 def test_without_changes_it_is_the_same_run(logged, from_s):
     """Bit for bit, from a tick, from the second impact, and from within contact that lasts."""
-    whole, rest = ffsm_mj.load_run(logged), ffsm_mj.go_on(logged, from_s)
+    whole, rest = ffsm_mj.load_run(logged), ffsm_mj.resume(logged, from_s)
     assert rest.time[0] == pytest.approx(np.ceil(from_s / 0.005 - 1e-9) * 0.005, abs=1e-12)
     assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
     assert all(check.passes for check in rest.checks())
@@ -38,7 +38,7 @@ def test_without_changes_it_is_the_same_run(logged, from_s):
 def test_a_slide_goes_on(tmp_path):
     """From within a slide, bit for bit: slip, heat and overlap are columns that its steps add to."""
     whole = ffsm_mj.run(held(tmp_path, mu=0.1, squeeze=1.0, slip=0.05), out=tmp_path / "slide", rerun=False)
-    rest = ffsm_mj.go_on(tmp_path / "slide", 0.02)
+    rest = ffsm_mj.resume(tmp_path / "slide", 0.02)
     assert whole["contact.robot_box_mode"][-1] == 4.0
     assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
     assert rest["contact.robot_box_heat_J"][-1] > rest["contact.robot_box_heat_J"][0] > 0.0
@@ -63,7 +63,7 @@ def test_settings_change_there_and_not_before(logged, tmp_path, capsys):
 
 def test_a_changed_law_begins_there(logged):
     """The law of the phase begins anew; without a change it goes on with what it remembers."""
-    same, softer = (ffsm_mj.go_on(logged, 0.4, given) for given in ({}, {"phases.1.controller.kp": [10.0]}))
+    same, softer = (ffsm_mj.resume(logged, 0.4, given) for given in ({}, {"phases.1.controller.kp": [10.0]}))
     assert np.array_equal(same.qpos[0], softer.qpos[0])
     assert not np.array_equal(same.qpos[-1], softer.qpos[-1])
 
@@ -77,11 +77,11 @@ def test_a_law_of_another_kind_acts_as_if_it_had_always_been_there(logged, tmp_p
     """Bit for bit the run that had it from t = 0, as its phase begins after the instant; columns are those of its log."""
     given = {"phases.back_1.controller": PATH}
     whole = ffsm_mj.run("tap", given | {"duration_s": 0.6})
-    rest = ffsm_mj.go_on(logged, 0.2, given, out=tmp_path / "rest", rerun=False)
+    rest = ffsm_mj.resume(logged, 0.2, given, out=tmp_path / "rest", rerun=False)
     assert [phase.controller for phase in rest.phases] == ["pd", "joint_path"]
     assert whole.keys == rest.keys != ffsm_mj.load_run(logged).keys
     assert np.array_equal(whole.log.rows[-len(rest.log.rows) :], rest.log.rows, equal_nan=True)
-    again = ffsm_mj.go_on(tmp_path / "rest", 0.45)
+    again = ffsm_mj.resume(tmp_path / "rest", 0.45)
     assert np.array_equal(whole.log.rows[-len(again.log.rows) :], again.log.rows, equal_nan=True)
     assert main(["analyze", str(tmp_path / "rest")]) == 0
     assert "columns agree with states" in capsys.readouterr().out
@@ -90,7 +90,7 @@ def test_a_law_of_another_kind_acts_as_if_it_had_always_been_there(logged, tmp_p
 def test_a_law_of_another_kind_begins_without_memory(logged):
     """In the midst of its phase it begins at the state there; a law that did nothing in a phase reports nothing of it."""
     given = {"phases.tap_1.controller": PATH, "phases.back_1.controller": PATH}
-    rest, before = ffsm_mj.go_on(logged, 0.4, given), ffsm_mj.load_run(logged)
+    rest, before = ffsm_mj.resume(logged, 0.4, given), ffsm_mj.load_run(logged)
     assert np.array_equal(rest.qpos[0], before.qpos[-len(rest.qpos)])
     assert [phase["name"] for phase in rest.summary()["controller"]["phases"]] == ["back_1"]
     assert rest.phases[0].controller == "joint_path"
@@ -108,18 +108,18 @@ def test_a_law_of_another_kind_begins_without_memory(logged):
 )
 def test_what_cannot_be_is_refused(logged, from_s, overrides, message):
     with pytest.raises(InputError, match=message):
-        ffsm_mj.go_on(logged, from_s, overrides)
+        ffsm_mj.resume(logged, from_s, overrides)
 
 
 def test_no_run_and_a_changed_file(logged, tmp_path):
     with pytest.raises(InputError, match="nothing: is no run folder that can go on: it has no"):
-        ffsm_mj.go_on(tmp_path / "nothing", 1.0)
+        ffsm_mj.resume(tmp_path / "nothing", 1.0)
     scenario = logged / "scenario.yaml"
     text = scenario.read_text()
     scenario.write_text(text.replace("- 20.0", "- 21.0").replace("[20.0]", "[21.0]"))
     try:
         with pytest.raises(InputError, match=r"the run cannot be made again: at 0\.3 s its state"):
-            ffsm_mj.go_on(logged, 0.3)
+            ffsm_mj.resume(logged, 0.3)
     finally:
         scenario.write_text(text)
 
@@ -138,7 +138,7 @@ PLASTIC = "contacts: {rules: [{name: paddle, restitution: 0.0}, {name: wall}]}\n
 def test_a_scenario_goes_on_from_a_run(logged, tmp_path, capsys):
     """The same as ``--from``; its folder can be run and continued when the other run is gone, and when it is gone itself."""
     file = later(logged, tmp_path, PLASTIC)
-    whole = ffsm_mj.go_on(logged, 0.1, {"contacts.rules.paddle.restitution": 0.0})
+    whole = ffsm_mj.resume(logged, 0.1, {"contacts.rules.paddle.restitution": 0.0})
     prepared, out = ffsm_mj.prepare(file), tmp_path / "out"
     assert f"  goes on from {tmp_path / 'tap'} at t = 0.1 s" in prepared.describe()
     prepared.run(folder=RunFolder(out), rerun=False)
@@ -147,7 +147,7 @@ def test_a_scenario_goes_on_from_a_run(logged, tmp_path, capsys):
     shutil.copytree(tmp_path / "again", tmp_path / "moved")
     for folder in (out, tmp_path / "again"):
         shutil.rmtree(folder)
-    rest = ffsm_mj.go_on(tmp_path / "moved", 0.25)
+    rest = ffsm_mj.resume(tmp_path / "moved", 0.25)
     assert np.array_equal(whole.log.rows, again, equal_nan=True)
     assert len(rest.log.rows) == 71
     assert np.array_equal(whole.log.rows[-71:], rest.log.rows, equal_nan=True)
@@ -163,9 +163,9 @@ def test_a_simulator_begins_where_the_scenario_does(logged, tmp_path):
         for _ in range(2):
             assert simulator.reset().time_s == pytest.approx(0.1, abs=1e-12)
         simulator.step(until=0.2)
-        state = simulator.state()
+        state = simulator.get_state()
         simulator.step(until=0.3)
-        simulator.restore(state)
+        simulator.set_state(state)
         while not simulator.step().ended:
             pass
         rows = simulator.close().log.rows
@@ -222,7 +222,7 @@ def test_a_campaign_begins_at_the_start(logged, tmp_path):
 
 def test_figures_begin_where_the_run_does(logged):
     """Its work and losses before are not drawn, as its change of energy is counted from there; nor is the time before."""
-    figure = energies(Subject(ffsm_mj.go_on(logged, 0.2)))
+    figure = energies(Subject(ffsm_mj.resume(logged, 0.2)))
     curves = {line.get_label(): line.get_ydata() for line in figure.axes[1].lines}
     assert np.ptp(curves["energy change"]) > 0.1
     np.testing.assert_allclose(curves["work + impacts"], curves["energy change"], atol=1e-9)
@@ -246,6 +246,6 @@ def test_an_error_of_a_constructor_is_raised_again(tmp_path):
     )
     Fragile.is_broken = True
     with pytest.raises(InputError, match="in the law"):
-        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws)
+        ffsm_mj.resume(tmp_path / "run", 0.05, controllers=laws)
     with pytest.raises(ZeroDivisionError, match="in the law"):
-        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws, raise_errors=True)
+        ffsm_mj.resume(tmp_path / "run", 0.05, controllers=laws, raise_errors=True)

@@ -1,0 +1,138 @@
+"""Plug-ins without a state: control laws, estimators and contact models that must not remember, and whether they do."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Set
+from contextlib import suppress
+from enum import Enum
+from functools import partial
+from random import Random
+from re import Pattern
+from types import BuiltinMethodType, FunctionType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj.state import HasState, StateError, Stateful
+
+_SINGLE = (
+    bool,
+    int,
+    float,
+    complex,
+    str,
+    bytes,
+    type(None),
+    type,
+    slice,
+    range,
+    np.generic,
+    np.dtype,
+    np.ufunc,
+    Enum,
+    ModuleType,
+    Pattern,
+)
+_OPAQUE = object()
+"""What cannot be looked into, as a generator: it may change unseen."""
+
+
+class Unchanging:
+    """A part without a state of its own: a plug-in that has no ``get_state`` and ``set_state``, and so must not remember.
+
+    What it holds is looked at as it is made, and compared whenever a state is asked for or set.
+    """
+
+    def __init__(self, part: Any, name: str) -> None:
+        """Look at a part before its first use; ``name`` is for messages."""
+        self._part, self._name = part, name
+        self._before = dict(_contents(part, {id(part)}))
+
+    def get_state(self) -> None:
+        """Nothing.
+
+        Raises:
+            StateError: Something that it holds has changed.
+        """
+        now = dict(_contents(self._part, {id(self._part)}))
+        changed = next((name for name in {**self._before, **now} if _differs(self._before.get(name), now.get(name))), None)
+        if changed is not None:
+            pair, kind = "get_state() and set_state(state)", type(self._part).__qualname__
+            raise StateError(f"{self._name} remembers {changed!r}, and no state has it: give {kind} {pair}")
+
+    def set_state(self, state: Any) -> None:  # noqa: ARG002
+        """Nothing, if nothing has changed.
+
+        Raises:
+            StateError: Something has.
+        """
+        self.get_state()
+
+
+def with_state(part: Any, name: str) -> HasState:
+    """A part, or what stands for one that says nothing of a state."""
+    return part if isinstance(part, HasState) else Unchanging(part, name)
+
+
+def _differs(one: Any, other: Any) -> bool:
+    return _OPAQUE in (one, other) or one != other
+
+
+def _contents(part: Any, seen: set[int]) -> Iterator[tuple[str, Any]]:
+    """What a part holds, by attribute, in a form that can be compared."""
+    slots = (name for kind in type(part).__mro__ for name in (*vars(kind).get("__slots__", ()),))
+    for name in dict.fromkeys((*getattr(part, "__dict__", {}), *slots)):
+        if hasattr(part, name) and name not in ("__dict__", "__weakref__"):
+            yield name, _form(getattr(part, name), seen)
+
+
+def _form(value: Any, seen: set[int]) -> Any:
+    """A value in a form that can be compared: copies of numbers; the identity of what belongs to the simulation."""
+    if isinstance(value, _SINGLE):
+        return repr(value)
+    if id(value) in seen:
+        return ("again", type(value).__qualname__)
+    seen.add(id(value))
+    for kind, inside in _INSIDE:
+        if isinstance(value, kind):
+            own = dict(_contents(value, seen)) if isinstance(value, (list, dict)) else {}
+            return (*(_form(each, seen) for each in inside(value)), *own.items())
+    if _belongs_to_simulation(type(value)):
+        return id(value)
+    held = tuple(_contents(value, seen))
+    return held if held or hasattr(value, "__dict__") else _OPAQUE
+
+
+_INSIDE: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
+    (np.ndarray, lambda value: value.tolist() if value.dtype == object else (value.shape, value.tobytes())),
+    (Mapping, lambda value: (part for item in value.items() for part in item)),
+    (Set, lambda value: sorted(map(repr, value))),
+    ((list, tuple, deque), iter),
+    (np.random.Generator, lambda value: [value.bit_generator.state]),
+    (np.random.RandomState, lambda value: value.get_state()),
+    (Random, lambda value: value.getstate()),
+    (partial, lambda value: (value.func, value.args, value.keywords)),
+    (MethodType, lambda value: [value.__self__]),
+    (BuiltinMethodType, lambda value: [value.__self__]),
+    (FunctionType, lambda value: (_cells(value), value.__defaults__, value.__kwdefaults__)),
+)
+"""What values hold, by type; of others their attributes count."""
+
+
+def _cells(function: FunctionType) -> list[Any]:
+    """What a function has bound of the variables of others."""
+    found = []
+    for cell in function.__closure__ or ():
+        with suppress(ValueError):  # it has no value yet
+            found.append(cell.cell_contents)
+    return found
+
+
+def _belongs_to_simulation(kind: type[Any]) -> bool:
+    """Whether what an object of a class remembers is not the part's: configurations, models, MuJoCo's data.
+
+    A law inside another one is a part of that, though its class may derive from :class:`~ffsm_mj.state.Stateful`.
+    """
+    above = {each.__module__.partition(".")[0] for each in kind.__mro__ if each not in (object, Stateful)}
+    return bool(above & {"ffsm_mj", "mujoco", "pydantic", "logging"})
