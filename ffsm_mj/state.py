@@ -1,0 +1,375 @@
+"""State of a simulation: what its parts remember, as data that any process and any machine can read.
+
+A part that remembers has a small dataclass ``State`` and the pair of methods ``get_state()`` and ``set_state(state)``. A state
+holds numbers, texts, arrays, and tuples, lists, sets and mappings of these; states of other parts are fields of it.
+:func:`to_bytes` and :func:`from_bytes` write and read it as JSON, in which arrays are base64: nothing is executed when a state
+is read. Where a state was read, those of the parts are mappings, which every :meth:`Stateful.set_state` takes too.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
+from random import Random
+from types import FunctionType, MethodType
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj.errors import FfsmError
+
+FORMAT = "ffsm-state 1"
+"""Name and version of the format, the first line of a state."""
+_KINDS = "fiub"
+"""Kinds of NumPy's types that arrays of a state may have: numbers."""
+_SCALARS = (bool, int, float, str, type(None))
+_IN_PLACE = frozenset(("FloatArray", "IntArray", "BoolArray"))
+"""Annotations of arrays of a fixed shape: others hold views of them, so that they are written in place."""
+_PAIR = "get_state() and set_state(state)"
+
+
+class StateError(FfsmError):
+    """What a part remembers cannot be saved, or a state does not fit the simulation."""
+
+
+@runtime_checkable
+class HasState(Protocol):
+    """A part that says itself what it remembers."""
+
+    def get_state(self) -> Any:
+        """What it remembers: numbers, texts, arrays, and containers of these."""
+
+    def set_state(self, state: Any) -> None:
+        """Take back what :meth:`get_state` gave, maybe in another process."""
+
+
+class Stateful:
+    """A part whose state is some of its attributes: those that the fields of ``State`` name, private or not.
+
+    An attribute that is a part with a state of its own contributes that; so does each entry of a sequence or mapping of such
+    parts. A field of type ``FloatArray``, ``IntArray`` or ``BoolArray`` is an array of a fixed shape, written in place; any
+    other attribute is replaced.
+    """
+
+    State: ClassVar[type[Any]]
+
+    def get_state(self) -> Any:
+        """What it remembers: a ``State`` of its own, which shares nothing with the part."""
+        return self.State(**{name: _told(getattr(self, own)) for name, own, _ in _attributes(type(self), self)})
+
+    def set_state(self, state: Any) -> None:
+        """Take back a state; one that was read from bytes is a mapping.
+
+        Raises:
+            StateError: It does not fit.
+        """
+        told = entries(state, [each.name for each in fields(self.State)], type(self).__qualname__)
+        for name, own, kind in _attributes(type(self), self):
+            where = f"{type(self).__qualname__}.{name}"
+            present = getattr(self, own)
+            if not _set_parts(present, told[name], where):
+                setattr(self, own, _written(present, told[name], kind, where))
+
+
+def _attributes(kind: type[Any], part: Any) -> list[tuple[str, str, str]]:
+    """Fields of the state of a part: name, attribute, and annotation."""
+    return [
+        (each.name, f"_{each.name}" if hasattr(part, f"_{each.name}") else each.name, str(each.type))
+        for each in fields(kind.State)
+    ]
+
+
+def entries(state: Any, names: Sequence[str], where: str) -> Mapping[str, Any]:
+    """The entries of a state by name.
+
+    Args:
+        state: A dataclass, or the mapping that was read of one.
+        names: Names that it must have, and no others.
+        where: Whose state it is, for messages.
+
+    Raises:
+        StateError: It has others.
+    """
+    told = {each.name: getattr(state, each.name) for each in fields(state)} if is_dataclass(state) else state
+    if not isinstance(told, Mapping) or set(told) != set(names):
+        has = f"has {', '.join(map(str, told))}" if isinstance(told, Mapping) else f"is {type(told).__name__}"
+        raise StateError(f"state of {where}: needs {', '.join(names)}, but {has}")
+    return told
+
+
+def get_states(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """States of some parts by name."""
+    return {name: part.get_state() for name, part in parts.items()}
+
+
+def set_states(parts: Mapping[str, Any], states: Any, where: str) -> None:
+    """Set the states of some parts by name.
+
+    Raises:
+        StateError: The names, or a state, do not fit.
+    """
+    told = entries(states, [*parts], where)
+    for name, part in parts.items():
+        part.set_state(told[name])
+
+
+def fitting(told: Any, shape: tuple[int, ...], where: str) -> npt.NDArray[Any]:
+    """An array of a state, of a shape.
+
+    Raises:
+        StateError: It is none.
+    """
+    if not isinstance(told, np.ndarray) or told.shape != shape:
+        has = f"shape {told.shape}" if isinstance(told, np.ndarray) else type(told).__name__
+        raise StateError(f"state of {where}: needs an array of shape {shape}, but has {has}")
+    return told
+
+
+def _told(value: Any) -> Any:
+    """A value as it is told, sharing nothing with the part."""
+    if hasattr(value, "get_state"):
+        return value.get_state()
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if isinstance(value, Mapping):
+        return {key: _told(each) for key, each in value.items()}
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return tuple(map(_told, value))
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return type(value)(map(_told, value))
+    return list(map(_told, value)) if isinstance(value, deque) else value
+
+
+def _set_parts(present: Any, told: Any, where: str) -> bool:
+    """Set the states of an attribute that is a part, or of those in a sequence or mapping; returns whether it is one."""
+    if hasattr(present, "set_state"):
+        present.set_state(told)
+        return True
+    if isinstance(present, Mapping) and present and all(hasattr(each, "set_state") for each in present.values()):
+        set_states(present, told, where)
+        return True
+    if isinstance(present, (list, tuple)) and present and all(hasattr(each, "set_state") for each in present):
+        if not isinstance(told, Sequence) or len(told) != len(present):
+            raise StateError(f"state of {where}: needs {len(present)} entries")
+        for part, state in zip(present, told, strict=True):
+            part.set_state(state)
+        return True
+    return False
+
+
+def _written(present: Any, told: Any, kind: str, where: str) -> Any:
+    """The value of an attribute that was told: the present array with other numbers, or another value."""
+    if kind in _IN_PLACE:
+        present[...] = fitting(told, present.shape, where)
+        return present
+    if kind in ("float", "int", "bool", "str") and not isinstance(told, (float, int) if kind == "float" else _type(kind)):
+        raise StateError(f"state of {where}: needs {kind}, but has {type(told).__name__}")
+    return _taken(present, told)
+
+
+def _type(kind: str) -> type[Any]:
+    return {"int": int, "bool": bool, "str": str}[kind]
+
+
+def _taken(present: Any, told: Any) -> Any:
+    """A value of a state as an attribute: a copy, so that the state stays as it is."""
+    if isinstance(present, deque):
+        return deque(map(_taken_anew, told), present.maxlen)
+    if isinstance(present, tuple) and hasattr(present, "_fields") and isinstance(told, Sequence):
+        return type(present)(*map(_taken_anew, told))
+    return _taken_anew(told)
+
+
+_taken_anew = _told
+
+
+def to_bytes(state: Any) -> bytes:
+    """A state as bytes.
+
+    Raises:
+        StateError: It holds something else than numbers, texts, arrays and containers of these.
+    """
+    return f"{FORMAT}\n{json.dumps(_plain(state, ''), separators=(',', ':'), allow_nan=False)}\n".encode()
+
+
+def from_bytes(data: bytes) -> Any:
+    """A state from bytes: mappings in place of dataclasses.
+
+    Raises:
+        StateError: They are no state of this version.
+    """
+    first, _, rest = data.partition(b"\n")
+    if first != FORMAT.encode():
+        raise StateError(f"no state of the format {FORMAT!r}: it begins with {first[:40].decode(errors='replace')!r}")
+    try:
+        return _read(json.loads(rest))
+    except (ValueError, TypeError, KeyError, RecursionError, binascii.Error) as error:
+        raise StateError(f"a state that is damaged: {error}") from error
+
+
+def _plain(value: Any, where: str) -> Any:
+    """A value in JSON; whatever JSON lacks is an object with one key that begins with $."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return {"$float": repr(value)}
+    if isinstance(value, _SCALARS):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.kind in _KINDS:
+        data = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+        return {"$array": [data.dtype.str, list(value.shape), base64.b64encode(data.tobytes()).decode()]}
+    if isinstance(value, bytes):
+        return {"$bytes": base64.b64encode(value).decode()}
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {each.name: getattr(value, each.name) for each in fields(value)}
+    if isinstance(value, Mapping):
+        if all(isinstance(key, str) and not key.startswith("$") for key in value):
+            return {key: _plain(each, f"{where}.{key}") for key, each in value.items()}
+        return {"$map": [[_plain(key, where), _plain(each, f"{where}[{key!r}]")] for key, each in value.items()]}
+    for name, kind in (("$tuple", tuple), ("$set", (set, frozenset))):
+        if isinstance(value, kind):
+            return {name: [_plain(each, where) for each in (sorted(value) if name == "$set" else value)]}
+    if isinstance(value, list):
+        return [_plain(each, f"{where}[{i}]") for i, each in enumerate(value)]
+    raise StateError(f"state{where}: {type(value).__name__} is no number, text, array, or container of these")
+
+
+def _read_array(told: Any) -> npt.NDArray[Any]:
+    dtype, shape, data = told
+    kind = np.dtype(str(dtype))
+    if kind.kind not in _KINDS:
+        raise ValueError(f"an array of {kind}")
+    native = np.frombuffer(base64.b64decode(data, validate=True), kind).astype(kind.newbyteorder("="))
+    return native.reshape([int(each) for each in shape])
+
+
+_READERS: dict[str, Callable[[Any], Any]] = {
+    "$float": lambda told: {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}[told],
+    "$array": _read_array,
+    "$bytes": partial(base64.b64decode, validate=True),
+    "$map": lambda told: {_read(key): _read(each) for key, each in told},
+    "$tuple": lambda told: tuple(map(_read, told)),
+    "$set": lambda told: frozenset(map(_read, told)),
+}
+
+
+def _read(told: Any) -> Any:
+    if isinstance(told, list):
+        return [_read(each) for each in told]
+    if not isinstance(told, dict):
+        return told
+    name = next(iter(told), "")
+    if len(told) == 1 and name.startswith("$"):
+        return _READERS[name](told[name])
+    return {key: _read(each) for key, each in told.items()}
+
+
+class Unchanging:
+    """A part without a state of its own: a plug-in that has no ``get_state`` and ``set_state``, and so must not remember.
+
+    What it holds is looked at as it is made, and compared whenever a state is asked for or set.
+    """
+
+    def __init__(self, part: Any, name: str) -> None:
+        """Look at a part before its first use; ``name`` is for messages."""
+        self._part, self._name = part, name
+        self._before = dict(_contents(part))
+
+    def get_state(self) -> None:
+        """Nothing.
+
+        Raises:
+            StateError: Something that it holds has changed.
+        """
+        now = dict(_contents(self._part))
+        changed = next((name for name in {**self._before, **now} if not _same(self._before.get(name), now.get(name))), None)
+        if changed is not None:
+            kind = type(self._part).__qualname__
+            raise StateError(f"{self._name} remembers {changed!r}, and no state has it: give {kind} {_PAIR}")
+
+    def set_state(self, state: Any) -> None:  # noqa: ARG002
+        """Nothing, if nothing has changed.
+
+        Raises:
+            StateError: Something has.
+        """
+        self.get_state()
+
+
+def with_state(part: Any, name: str) -> HasState:
+    """A part, or what stands for one that says nothing of a state."""
+    return part if isinstance(part, HasState) else Unchanging(part, name)
+
+
+def _same(one: Any, other: Any) -> bool:
+    return one is not _OPAQUE and one == other
+
+
+_OPAQUE = object()
+"""What cannot be looked into, as a generator: it may change unseen."""
+
+
+def _contents(part: Any) -> Iterable[tuple[str, Any]]:
+    """What a part holds, by attribute, in a form that can be compared."""
+    seen: set[int] = {id(part)}
+    for name in dict.fromkeys((*getattr(part, "__dict__", {}), *_slots(type(part)))):
+        if hasattr(part, name):
+            yield name, _form(getattr(part, name), seen)
+
+
+@cache
+def _slots(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(name for each in kind.__mro__ for name in (*vars(each).get("__slots__", ()),) if not name.startswith("__"))
+
+
+def _form(value: Any, seen: set[int]) -> Any:
+    """A value in a form that can be compared: copies of numbers; the identity of what belongs to the simulation."""
+    kind = type(value)
+    if isinstance(value, (*_SCALARS, bytes, complex, np.generic, type)):
+        return value if value == value else "nan"
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return (value.shape, value.tobytes())
+    if id(value) in seen:
+        return ("again", kind.__qualname__)
+    seen.add(id(value))
+    if isinstance(value, Mapping):
+        return tuple((repr(key), _form(each, seen)) for key, each in value.items())
+    if isinstance(value, (set, frozenset)):
+        return tuple(sorted(map(repr, value)))
+    if isinstance(value, (list, tuple, deque)):
+        inside = tuple(_form(each, seen) for each in value)
+        return (*inside, *_contents_in(value, seen))
+    if isinstance(value, np.random.Generator):
+        return repr(value.bit_generator.state)
+    if isinstance(value, (Random, np.random.RandomState)):
+        return repr(value.getstate() if isinstance(value, Random) else value.get_state())
+    if isinstance(value, partial):
+        return tuple(_form(each, seen) for each in (value.func, value.args, value.keywords))
+    if isinstance(value, MethodType):
+        return _form(value.__self__, seen)
+    if isinstance(value, FunctionType):
+        cells = [cell.cell_contents for cell in value.__closure__ or ()]
+        return tuple(_form(each, seen) for each in (cells, value.__defaults__, value.__kwdefaults__))
+    if _belongs_to_simulation(kind):
+        return id(value)
+    if hasattr(value, "__dict__") or _slots(kind):
+        return _contents_in(value, seen)
+    return _OPAQUE
+
+
+def _contents_in(value: Any, seen: set[int]) -> tuple[Any, ...]:
+    names = (*getattr(value, "__dict__", {}), *_slots(type(value)))
+    return tuple((name, _form(getattr(value, name), seen)) for name in names if hasattr(value, name))
+
+
+def _belongs_to_simulation(kind: type[Any]) -> bool:
+    """Whether what an object of a class remembers is not the part's: configurations, models, MuJoCo's data."""
+    above = {each.__module__.partition(".")[0] for each in kind.__mro__ if each.__module__ != "builtins"}
+    return bool(above & {"ffsm_mj", "mujoco", "pydantic", "logging"})
