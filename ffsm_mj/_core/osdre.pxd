@@ -10,14 +10,13 @@ cdef class TipKinematics:
     cdef const int[::1] axes
     cdef double[:, ::1] jacp, rows, dot, w
     cdef double[::1] place
-    cdef object made_of
+    cdef object kept
 
     cpdef void update(self) noexcept
 
 
 cdef class OutputLaw:
     cdef readonly object effort, report
-    cdef object made_of
     cdef TipKinematics kinematics
     cdef const double[:, ::1] driven
     cdef double[:, ::1] gains, rows, damped

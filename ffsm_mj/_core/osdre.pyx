@@ -29,16 +29,12 @@ cdef class TipKinematics:
     def __init__(self, model, data, int site, axes):
         if not 0 <= site < model.nsite or not set(axes) <= {0, 1, 2}:
             raise ValueError(f"no site {site}, or axes {axes} that are none of 0, 1, 2")
-        self.m, self.d, self.made_of = <const mjModel*>address(model), <mjData*>address(data), (model, data, site, axes)
+        self.m, self.d, self.kept = <const mjModel*>address(model), <mjData*>address(data), (model, data)
         self.site, self.body, self.axes = site, model.site_bodyid[site], np.array(axes, dtype=np.intc)
         count, nv = len(axes), model.nv
         self.J, self.jac_dot, self.W = np.zeros((count, nv)), np.zeros((3, nv)), np.zeros((count, nv))
         self.jacp, self.rows, self.dot, self.w = np.zeros((3, nv)), self.J, self.jac_dot, self.W
         self.point = self.place = data.site_xpos[site]
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: all quantities are computed anew at each tick."""
-        return type(self), self.made_of
 
     cpdef void update(self) noexcept:
         """Compute all quantities at the current state; derived quantities in ``data`` must be current."""
@@ -177,7 +173,6 @@ cdef class OutputLaw:
         if driven.shape[1] != len(data.qvel) or not kinematics.rows.shape[0] == len(axes) == len(target_m) == p:
             raise ValueError(f"a selection of {driven.shape[1]} dofs or outputs along {axes} do not fit")
         self.kinematics, self.driven, self.whole_stack = kinematics, driven, whole_stack
-        self.made_of = (kinematics, data, riccati, np.asarray(driven), axes, target_m, whole_stack, np.asarray(extremes), damping)
         self.extremes, self.damping = extremes, damping
         self.qvel, self.bias, self.passive = data.qvel, data.qfrc_bias, data.qfrc_passive
         self.gains, self.effort = np.zeros((driven.shape[0], p)), np.zeros(driven.shape[0] // 2)
@@ -185,10 +180,6 @@ cdef class OutputLaw:
         self.damped = np.zeros((2, len(self.effort)))
         self.report = self.begin(axes, target_m)
         self.u, self.told = self.effort, self.report
-
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory but that of the Riccati solver."""
-        return type(self), self.made_of
 
     cpdef int tick(self) except -1:
         """Compute ``effort`` and ``report`` at the current state.

@@ -126,10 +126,6 @@ cdef class Doubling:
         for i in range(self.p):
             self.A[i, self.p + i] = 1.0
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it: it has no memory."""
-        return type(self), (np.asarray(self.Q),)
-
     def solve(self, double[:, :] A21, double[:, :] A22, double[:, :] S):
         """[P2^T, P3] (p, 2 p), and the residual of the equation relative to its largest term.
 

@@ -1,5 +1,5 @@
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
 
 Pair: TypeAlias = tuple[float, float]
 Matrix: TypeAlias = tuple[float, float, float, float]
@@ -10,6 +10,8 @@ ACCEPTED_RESIDUAL: float
 
 class PlanarRiccati:
     def __init__(self, Q: Weight, robust: Callable[[Matrix, Matrix, Pair, Weight], tuple[Blocks, float]]) -> None: ...
+    def get_state(self) -> dict[str, Any]: ...
+    def set_state(self, state: Mapping[str, Any]) -> None: ...
     def solve(self, A21: Matrix, A22: Matrix, S: Pair, axes: Pair) -> tuple[Blocks, float, bool]: ...
 
 def principal_axes(s0: float, s1: float, s3: float) -> tuple[Pair, Pair]: ...

@@ -12,6 +12,10 @@ cimport cython
 
 import math
 
+import numpy as np
+
+from ffsm_mj.state import entries, fitting
+
 ACCEPTED_RESIDUAL = 1e-13
 """Relative residual at which a solution counts as exact to rounding."""
 cdef double _ACCEPTED_RESIDUAL = ACCEPTED_RESIDUAL
@@ -42,13 +46,20 @@ cdef class PlanarRiccati:
         self._first = self._second = self._third = (zero, zero)
         self._warm = False
 
-    def __reduce__(self):
-        """How a saved state of a simulation holds it."""
-        return type(self), (self._weight, self._robust), (self._first, self._second, self._third, self._warm)
+    def get_state(self):
+        """The last three solutions, (3, 2, 4), and whether there is one."""
+        return {"solutions": np.array((self._first, self._second, self._third)), "warm": self._warm}
 
-    def __setstate__(self, held):
-        """Take back the last solutions."""
-        self._first, self._second, self._third, self._warm = held
+    def set_state(self, state):
+        """Go on from the solutions of a state.
+
+        Raises:
+            StateError: It does not fit.
+        """
+        told = entries(state, ("solutions", "warm"), "PlanarRiccati")
+        solutions = fitting(told["solutions"], (3, 2, 4), "PlanarRiccati.solutions").tolist()
+        self._first, self._second, self._third = [tuple(map(tuple, blocks)) for blocks in solutions]
+        self._warm = told["warm"]
 
     @cython.locals(Q=weight_t, blocks=blocks_t, rough=blocks_t, left=double, rough_left=double)
     cpdef (blocks_t, double, bint) solve(self, matrix_t A21, matrix_t A22, pair_t S, pair_t axes):

@@ -204,8 +204,7 @@ def test_fallback_is_counted_and_gives_the_same(rng):
     P2, P3, _, first = solved(solver, A21, A22, S)
     assert first  # a cold start needs it too
     assert not solved(solver, A21, A22, S)[3]
-    useless = (flat(-50.0 * np.eye(2)), flat(-50.0 * np.eye(2)))
-    solver.__setstate__((useless, useless, useless, True))
+    solver.set_state({"solutions": np.tile(-50.0 * np.eye(2).ravel(), (3, 2, 1)), "warm": True})
     again = solved(solver, A21, A22, S)
     assert again[3]
     np.testing.assert_allclose(again[0], P2, rtol=1e-10, atol=1e-12)
