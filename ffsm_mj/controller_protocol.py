@@ -52,6 +52,7 @@ from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.sensing.estimator import Estimator
 from ffsm_mj.sensing.measurement import Measurement
 from ffsm_mj.sensing.sensor import Sensor
+from ffsm_mj.state import HasState, StateError, Stateful, with_state
 
 __all__ = [
     "ActiveContact",
@@ -74,6 +75,7 @@ __all__ = [
     "FloatArray",
     "GivenCommand",
     "Grasp",
+    "HasState",
     "ImpactRecord",
     "IntArray",
     "Joint",
@@ -92,6 +94,8 @@ __all__ = [
     "Signal",
     "SiteMotion",
     "StackMomentum",
+    "StateError",
+    "Stateful",
     "StrictModel",
     "Summarises",
     "System",
@@ -119,6 +123,7 @@ __all__ = [
     "skew",
     "subtree_momenta",
     "unknown_name",
+    "with_state",
 ]
 
 
@@ -220,7 +225,15 @@ class Observation(NamedTuple):
 
 
 class Controller(Protocol):
-    """A control law. The class, or each instance, declares what it reports; the instance carries its state."""
+    """A control law. The class, or each instance, declares what it reports; the instance carries its state.
+
+    A law that remembers something from one call to the next has the pair ``get_state()`` and ``set_state(state)`` (the
+    protocol :class:`HasState`), most simply as a :class:`Stateful`. Its state is what ``start`` takes from its observation
+    and what ``control`` adds, with what ``telemetry`` and ``summary`` report. Where a law that had been started is restored,
+    maybe in another process, ``start`` is called with the observation of that time, so that objects bound to its data exist,
+    and then ``set_state``, which must replace all that ``start`` took from it. ``start`` therefore raises nothing where a
+    phase could not begin: ``control`` does. A law that has not been started has a state too.
+    """
 
     @property
     def telemetry_signals(self) -> tuple[Signal, ...]:

@@ -12,7 +12,9 @@ from ffsm_mj.sensing.measurement import Measurement
 class Estimator(Protocol):
     """Estimates the state from measurements; control laws see a state of which they need not know that it is one.
 
-    A class with a ``Config`` is built as ``cls(config, context)``, as a control law is; the instance carries its state.
+    A class with a ``Config`` is built as ``cls(config, context)``, as a control law is; the instance carries its state. It
+    has the pair ``get_state()`` and ``set_state(state)``, as a control law that remembers: an estimator is restored by
+    ``start`` with the estimate of that time, and then ``set_state``.
     """
 
     @property
