@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import mujoco
 from pydantic import NonNegativeFloat
 
 from ffsm_controllers.estimators.readings import ORDER, Reading, readings_of
-from ffsm_mj.controller_protocol import ControllerContext, FloatArray, Measurement, StrictModel, predict
+from ffsm_mj.controller_protocol import ControllerContext, FloatArray, Measurement, Stateful, StrictModel, predict
 
 
 class DirectConfig(StrictModel):
@@ -21,7 +22,7 @@ class DirectConfig(StrictModel):
     """Time constant of the first-order filter on rates from differences of samples, s; 0: none."""
 
 
-class Direct:
+class Direct(Stateful):
     """The newest valid sample of each quantity, moved over its age by the model's own free motion.
 
     - Coordinates and rates of joints come from ``jointpos``, ``jointvel``, ``ballquat``, ``ballangvel``; pose and twist of
@@ -30,6 +31,13 @@ class Direct:
     - A rate without a sensor is the difference of two samples, with a first-order filter (``rate_filter_s``).
     - What nothing measures moves as the model predicts it from the initial state, under the efforts held.
     """
+
+    @dataclass
+    class State:
+        """Past estimates, the oldest first: time, s, coordinates and rates; and what was read of each sensor."""
+
+        history: list[tuple[float, FloatArray, FloatArray]]
+        readings: list[Reading.State]
 
     Config = DirectConfig
     telemetry_signals = ()

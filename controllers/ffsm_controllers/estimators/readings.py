@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators.frames import Frame, axes_of, frame_of, root_frame
-from ffsm_mj.controller_protocol import Fault, FloatArray, Measurement, ScenarioFaults, Sensor, System
+from ffsm_mj.controller_protocol import Fault, FloatArray, Measurement, ScenarioFaults, Sensor, Stateful, System
 
 ORDER = ("attitude", "position", "twist")
 """Order in which samples of one time are written: positions of a point refer to the attitude, rates to both."""
@@ -21,7 +22,7 @@ Write = Callable[[FloatArray, Any], None]
 """Writes a measured value into the coordinates or rates of MuJoCo data, whose kinematics are current."""
 
 
-class Reading:
+class Reading(Stateful):
     """A sensor that measures coordinates or rates of one joint.
 
     Attributes:
@@ -31,6 +32,13 @@ class Reading:
         dofs: Rates that it determines.
         time_s: Time of the last sample that was used, s; NaN: none.
     """
+
+    @dataclass
+    class State:
+        """Time of the last sample that was used, s, and rates from differences."""
+
+        time_s: float
+        rate: RateFilter.State | None
 
     def __init__(self, sensor: str, order: str, qpos: slice, dofs: slice, write: Write) -> None:
         """Nothing has been measured."""
@@ -67,8 +75,15 @@ class Reading:
         self.time_s = sample.time_s
 
 
-class RateFilter:
+class RateFilter(Stateful):
     """Rate from differences of samples, with a first-order low-pass."""
+
+    @dataclass
+    class State:
+        """Time, s, and value of the last sample, and the filtered rate."""
+
+        last: tuple[float, FloatArray] | None
+        value: FloatArray | None
 
     def __init__(self, filter_s: float, change: Callable[[FloatArray, FloatArray], FloatArray]) -> None:
         """Nothing has been measured."""

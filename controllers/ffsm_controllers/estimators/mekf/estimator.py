@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -16,14 +16,14 @@ from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.history import Entry, History
-from ffsm_controllers.estimators.mekf.impacts import impact_of, is_jump
-from ffsm_controllers.estimators.mekf.joints import encoder_errors, joint_entry, white_noise
+from ffsm_controllers.estimators.mekf.impacts import inflate, involved, is_jump
+from ffsm_controllers.estimators.mekf.joints import encoder_errors, joint_values, white_noise, write_joint
 from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout, floating_bodies
 from ffsm_controllers.estimators.mekf.missing import missing_measurements
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.report import report_signals, report_values
 from ffsm_controllers.estimators.mekf.update import Innovation, update
-from ffsm_controllers.estimators.readings import readings_of_joints
+from ffsm_controllers.estimators.readings import Reading, readings_of_joints
 from ffsm_mj.controller_protocol import (
     ControllerContext,
     ControllerError,
@@ -33,6 +33,7 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
     Sensor,
     Signal,
+    Stateful,
     System,
     kind_named,
     unknown_name,
@@ -44,7 +45,7 @@ _GIVEN_BEYOND = 1e-12
 """An estimate that differs by more than this from what the filter left has been set by others."""
 
 
-class Mekf:
+class Mekf(Stateful):
     """Multiplicative error-state Kalman filter of pose and twist of every floating body, with biases of gyros.
 
     - Attitudes are quaternions; their errors are rotation vectors in body axes, whose mean is zero after every update
@@ -61,6 +62,15 @@ class Mekf:
     - A body whose estimate others set, as that of an object in another latch, begins anew there: with the initial
       deviations, independent of all else.
     """
+
+    @dataclass
+    class State:
+        """Past estimates, times of the last samples that were used, innovations of the last call, and readings of joints."""
+
+        history: History.State
+        used_s: dict[str, float]
+        innovations: list[Innovation]
+        joints: list[Reading.State]
 
     Config = MekfConfig
     telemetry_signals: tuple[Signal, ...]
@@ -95,10 +105,9 @@ class Mekf:
         longest_s = max(each.delay_s + each.delay_jitter_s for each in shown) + context.control_period_s
         self._grasped, self._closings = self._of_grasps(context.grasped)
         propagation = Propagation(model, self._layout, config, sensors, self._grasped)
-        self._history = History(self._belief, propagation, longest_s)
-        self._scratch, self._left = mujoco.MjData(model), mujoco.MjData(model)
+        self._history = History(self._belief, propagation, longest_s, self._apply)
+        self._scratch = mujoco.MjData(model)
         self._used_s: dict[str, float] = {}
-        self._last_s, self._count = 0.0, 0
         self._innovations: list[Innovation] = []
         self.telemetry_signals = report_signals(self._layout)
 
@@ -114,18 +123,19 @@ class Mekf:
         self._used_s.clear()
         for reading in self._joints:
             reading.forget()
-        self._last_s = float(data.time)
-        self._history.begin(self._last_s)
-        self._leave(data)
+        self._history.begin(float(data.time))
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        super().set_state(state)
+        self._innovations = [Innovation(*each) for each in self._innovations]
 
     def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
         """See :class:`~ffsm_mj.controller_protocol.Estimator`."""
         new = [*self._given(data), *self._of_joints(measured), *self._of_frames(measured)]
-        new += [self._entry(event.time_s, _JUMP, apply) for event in events if (apply := self._of_event(event)) is not None]
+        new += [entry for event in events if (entry := self._of_event(event)) is not None]
         self._innovations = self._history.advance(time_s, data.ctrl, new)
         data.qpos[:], data.qvel[:] = self._belief.data.qpos, self._belief.data.qvel
-        self._last_s = time_s
-        self._leave(data)
 
     def telemetry(self) -> FloatArray:
         """Values of ``telemetry_signals`` after the last call."""
@@ -152,7 +162,7 @@ class Mekf:
             closings[name] = GraspClosing(free, grasp, scene, layout, encoders, self._config.floor)
         return scenes, closings
 
-    def _of_event(self, event: Any) -> Callable[[Belief], None] | None:
+    def _of_event(self, event: Any) -> Entry | None:
         """What an event does to an estimate; None: nothing.
 
         Raises:
@@ -162,20 +172,36 @@ class Mekf:
         if kind == "capture" and event.place > 1:
             raise ControllerError(f"the grasp {event.grasp!r} closes while another is closed: kind mekf knows one at a time")
         if kind == "capture" and event.grasp in self._closings:
-            held = Held(event.grasp, np.array(event.held_position_m), np.array(event.held_quaternion))
-            return partial(self._closings[event.grasp].apply, held=held)
+            held = np.array(event.held_position_m), np.array(event.held_quaternion)
+            return Entry(event.time_s, _JUMP, "capture", (event.grasp,), held)
         if kind == "release":
-            return partial(_release, grasp=event.grasp)
-        return impact_of(event, self._system, self._layout, self._config, self._grasped) if is_jump(event) else None
+            return Entry(event.time_s, _JUMP, "release", (event.grasp,))
+        if is_jump(event):
+            return Entry(event.time_s, _JUMP, "impact", involved(event, self._system, self._layout))
+        return None
 
-    def _entry(self, time_s: float, rank: int, apply: Callable[[Belief], Innovation | None]) -> Entry:
-        self._count += 1
-        return Entry(time_s, rank, self._count, apply)
+    def _apply(self, entry: Entry, belief: Belief) -> Innovation | None:
+        """Do to an estimate what an entry says; returns the innovation of a measurement of a floating body."""
+        names, values = entry.names, entry.values
+        match entry.kind:
+            case "frame":
+                return self._measure(names[0], values[0], belief)
+            case "joint":
+                write_joint(belief, next(each for each in self._joints if each.sensor == names[0]), *values)
+            case "given":
+                self._begin_anew(belief, self._layout.named(names[0]), *values)
+            case "capture":
+                self._closings[names[0]].apply(belief, Held(names[0], *values))
+            case "release":
+                _release(belief, names[0])
+            case "impact":
+                inflate(belief, names, self._config, self._grasped)
+        return None
 
     def _of_joints(self, measured: Mapping[str, Measurement]) -> list[Entry]:
         samples = [(reading, measured[reading.sensor]) for reading in self._joints]
         return [
-            self._entry(sample.time_s, _JOINTS, joint_entry(reading, sample, self._scratch))
+            Entry(sample.time_s, _JOINTS, "joint", (reading.sensor,), joint_values(reading, sample, self._scratch))
             for reading, sample in samples
             if reading.is_new(sample)
         ]
@@ -187,11 +213,12 @@ class Mekf:
             if sample.valid and sample.time_s != self._used_s.get(frame.sensor):
                 self._used_s[frame.sensor] = sample.time_s
                 rank = _FIRST_FRAME + ranks.index(frame.kind)
-                found.append(self._entry(sample.time_s, rank, partial(self._measure, frame, sample.value)))
+                found.append(Entry(sample.time_s, rank, "frame", (frame.sensor,), (sample.value,)))
         return found
 
-    def _measure(self, frame: FrameMeasurement, value: FloatArray, belief: Belief) -> Innovation:
-        size, noise = self._layout.size, self._deviations[frame.sensor] ** 2 * np.eye(3)
+    def _measure(self, sensor: str, value: FloatArray, belief: Belief) -> Innovation:
+        size, noise = self._layout.size, self._deviations[sensor] ** 2 * np.eye(3)
+        frame = next(each for each in self._frames if each.sensor == sensor)
         dofs = self._encoders.dofs if frame.by_joints else ()
         innovation, slope = frame.innovation(self._system.mj, belief, value, dofs)
         if len(dofs):
@@ -203,8 +230,12 @@ class Mekf:
         held = self._belief.held
         following = self._grasped[held.grasp].object if held is not None else None  # it is known to rounding
         return [
-            self._entry(
-                self._last_s, _GIVEN, self._beginning(body, data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy())
+            Entry(
+                self._history.time_s,
+                _GIVEN,
+                "given",
+                (body.name,),
+                (data.qpos[body.qpos].copy(), data.qvel[body.dofs].copy()),
             )
             for body in self._layout.bodies
             if body is not following and self._is_set(data, body)
@@ -212,25 +243,17 @@ class Mekf:
 
     def _is_set(self, data: Any, body: FloatingBody) -> bool:
         """Whether the state of a body is not that which the filter has left."""
-        coordinates = data.qpos[body.qpos] - self._left.qpos[body.qpos]
-        rates = data.qvel[body.dofs] - self._left.qvel[body.dofs]
+        left = self._belief.data
+        coordinates, rates = data.qpos[body.qpos] - left.qpos[body.qpos], data.qvel[body.dofs] - left.qvel[body.dofs]
         return bool(max(np.abs(coordinates).max(), np.abs(rates).max()) > _GIVEN_BEYOND)
 
-    def _beginning(self, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> Callable[[Belief], None]:
-        """Beginning anew of a body at a given state."""
-        variances = np.repeat(_initial(self._config, body), 3) ** 2
-
-        def begin(belief: Belief) -> None:
-            belief.data.qpos[body.qpos], belief.data.qvel[body.dofs] = pose, twist
-            covariance = belief.covariance.copy()
-            covariance[body.error, :] = covariance[:, body.error] = 0.0
-            covariance[body.error, body.error] = np.diag(variances)
-            belief.covariance = covariance
-
-        return begin
-
-    def _leave(self, data: Any) -> None:
-        self._left.qpos[:], self._left.qvel[:] = data.qpos, data.qvel
+    def _begin_anew(self, belief: Belief, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> None:
+        """Let a body begin anew at a given state."""
+        belief.data.qpos[body.qpos], belief.data.qvel[body.dofs] = pose, twist
+        covariance = belief.covariance.copy()
+        covariance[body.error, :] = covariance[:, body.error] = 0.0
+        covariance[body.error, body.error] = np.diag(np.repeat(_initial(self._config, body), 3) ** 2)
+        belief.covariance = covariance
 
 
 def _release(belief: Belief, grasp: str) -> None:

@@ -5,34 +5,35 @@ from __future__ import annotations
 import math
 from bisect import bisect_right, insort
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 from ffsm_controllers.estimators.mekf.belief import Belief, Held
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.update import Innovation
-from ffsm_mj.controller_protocol import FloatArray
+from ffsm_mj.controller_protocol import FloatArray, StateError, Stateful
 from ffsm_mj.tolerances import SCHEDULED_S
 
 
-@dataclass(frozen=True, order=True)
-class Entry:
+class Entry(NamedTuple):
     """Something that is done to the estimate at a time.
 
     Attributes:
         time_s: The time.
-        rank: Order among entries of one time.
-        number: Order in which they became known.
-        apply: Does it; returns the innovation if it is a measurement of a floating body.
+        rank: Order among entries of one time; those of one rank are done in the order in which they became known.
+        kind: What is done.
+        names: What it is done with: a sensor, floating bodies, or a grasp.
+        values: What is measured or given.
     """
 
     time_s: float
     rank: int
-    number: int
-    apply: Callable[[Belief], Innovation | None] = field(compare=False)
+    kind: str
+    names: tuple[str, ...]
+    values: tuple[FloatArray, ...] = ()
 
 
-@dataclass(frozen=True)
-class Knot:
+class Knot(NamedTuple):
     """The estimate at the time of a call.
 
     Attributes:
@@ -56,18 +57,55 @@ class Knot:
     held: Held | None
 
 
-class History:
+class History(Stateful):
     """The estimates at past calls and the entries since the oldest of them.
 
     An entry that becomes known late takes the estimate back to the call before its time, from where all later entries are
     applied again under the efforts of the time: the estimate is that of a filter to which nothing was late.
     """
 
-    def __init__(self, belief: Belief, propagation: Propagation, longest_s: float) -> None:
-        """Keep entries for as long as samples may be under way."""
-        self._belief, self._propagation, self._longest_s = belief, propagation, longest_s
+    @dataclass
+    class State:
+        """Estimates at past calls, of which the last is the present one, and the entries since the first of them."""
+
+        knots: list[Knot]
+        entries: list[Entry]
+
+    def __init__(
+        self,
+        belief: Belief,
+        propagation: Propagation,
+        longest_s: float,
+        apply: Callable[[Entry, Belief], Innovation | None],
+    ) -> None:
+        """Keep entries for as long as samples may be under way.
+
+        Args:
+            belief: The estimate.
+            propagation: Its prediction.
+            longest_s: Longest time for which samples may be under way, s.
+            apply: Does to an estimate what an entry says; returns the innovation of a measurement of a floating body.
+        """
+        self._belief, self._propagation, self._longest_s, self._apply = belief, propagation, longest_s, apply
         self._knots: list[Knot] = []
         self._entries: list[Entry] = []
+
+    @property
+    def time_s(self) -> float:
+        """Time of the estimate, s."""
+        return self._knots[-1].time_s
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state, with the estimate that it ends with."""
+        super().set_state(state)
+        try:
+            self._entries = [Entry(*each) for each in self._entries]
+            self._knots = [Knot(*each) for each in self._knots]
+            self._knots = [each._replace(held=Held(*each.held)) if each.held is not None else each for each in self._knots]
+            if self._knots:
+                self._return_to(self._knots[-1])
+        except (TypeError, ValueError) as error:
+            raise StateError(f"state of History: {error}") from error
 
     def begin(self, time_s: float) -> None:
         """Begin with the present estimate, which nothing has been done to."""
@@ -84,17 +122,17 @@ class History:
         """
         known = [entry for entry in new if entry.time_s > self._knots[0].through_s + SCHEDULED_S]
         for entry in known:
-            insort(self._entries, entry)
+            insort(self._entries, entry, key=lambda each: (each.time_s, each.rank))
         first_s = min((entry.time_s for entry in known), default=math.inf)
         calls = [(time_s, ctrl.copy())]
         while self._knots[-1].through_s > first_s - SCHEDULED_S:
             undone = self._knots.pop()
             calls.insert(0, (undone.time_s, undone.ctrl))
         self._return_to(self._knots[-1])
-        numbers, found = {entry.number for entry in known}, []
+        found = []
         for call_s, held in calls:
             for entry, innovation in self._replay(call_s, held):
-                if entry.number in numbers:
+                if any(entry is each for each in known):
                     found.append(innovation)
         self._forget(time_s)
         return found
@@ -106,7 +144,7 @@ class History:
         for entry in self._entries[self._after(last.through_s) : self._after(call_s)]:
             self._propagation.advance(self._belief, entry.time_s - now_s, ctrl)
             now_s = max(now_s, entry.time_s)
-            innovation = entry.apply(self._belief)
+            innovation = self._apply(entry, self._belief)
             self._propagation.follow(self._belief)
             if innovation is not None:
                 found.append((entry, innovation))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,25 +22,18 @@ def is_jump(event: Any) -> bool:
     return hasattr(event, "energy_before_J")
 
 
-def impact_of(
-    event: Any, system: System, layout: Layout, config: MekfConfig, grasped: Mapping[str, GraspedScene]
-) -> Callable[[Belief], None]:
-    """Inflation of the covariance at an event at which velocities jump; the estimate itself stays.
+def inflate(belief: Belief, names: Iterable[str], config: MekfConfig, grasped: Mapping[str, GraspedScene]) -> None:
+    """Inflate the covariance at an event at which velocities of some floating bodies jump; the estimate itself stays.
 
-    To the variances of velocity and angular velocity of each body that it involves those of ``impact_velocity_m_s`` and
+    To the variances of velocity and angular velocity of each body those of ``impact_velocity_m_s`` and
     ``impact_rate_rad_s`` are added: the jump is taken to be of zero mean, independent of what was, in any direction. An
     object that is grasped moves with the robot.
     """
-    bodies = _involved(event, system, layout)
-
-    def inflate(belief: Belief) -> None:
-        more = np.zeros(layout.size)
-        for body in _moving(bodies, belief, grasped):
-            more[body.velocity] = config.impact_velocity_m_s**2
-            more[body.rate] = config.impact_rate_rad_s**2
-        belief.covariance = belief.covariance + np.diag(more)
-
-    return inflate
+    more = np.zeros(belief.layout.size)
+    for body in _moving([belief.layout.named(name) for name in names], belief, grasped):
+        more[body.velocity] = config.impact_velocity_m_s**2
+        more[body.rate] = config.impact_rate_rad_s**2
+    belief.covariance = belief.covariance + np.diag(more)
 
 
 def _moving(bodies: list[FloatingBody], belief: Belief, grasped: Mapping[str, GraspedScene]) -> list[FloatingBody]:
@@ -51,14 +44,12 @@ def _moving(bodies: list[FloatingBody], belief: Belief, grasped: Mapping[str, Gr
     return [body for body in belief.layout.bodies if body.name == carrier or (body in bodies and body is not scene.object)]
 
 
-def _involved(event: Any, system: System, layout: Layout) -> list[FloatingBody]:
-    """Floating bodies with one of the geoms, the sites or the joint of an event; all of them if it names none."""
+def involved(event: Any, system: System, layout: Layout) -> tuple[str, ...]:
+    """Names of the floating bodies with one of the geoms, the sites or the joint of an event; all if it names none."""
     model = system.mj
     if getattr(event, "robot_site", None):  # a grasp that leaves motion free: its record calls the kind of latch its joint
         ids = [int(model.site(name).bodyid[0]) for name in (event.robot_site, event.object_site)]
     else:
         ids = [int(model.geom(name).bodyid[0]) for name in getattr(event, "geoms", ())]
         ids += [system.joint(event.joint).body] if getattr(event, "joint", None) else []
-    if not ids:
-        return list(layout.bodies)
-    return [body for body in layout.bodies if any(each in body.tree.bodies for each in ids)]
+    return tuple(body.name for body in layout.bodies if not ids or any(each in body.tree.bodies for each in ids))

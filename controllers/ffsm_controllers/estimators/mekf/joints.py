@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,8 +55,8 @@ def white_noise(sensor: Sensor) -> float:
     return math.hypot(sensor.noise, sensor.quantum / math.sqrt(12.0))
 
 
-def joint_entry(reading: Reading, sample: Measurement, scratch: Any) -> Callable[[Belief], None]:
-    """Writing of a sample of a joint into an estimate of its time; rates from differences are taken now, once.
+def joint_values(reading: Reading, sample: Measurement, scratch: Any) -> tuple[FloatArray, FloatArray]:
+    """Coordinates and rates of a joint by a sample; rates from differences are taken now, once, and NaN at the first sample.
 
     Args:
         reading: What the sensor measures.
@@ -65,12 +65,11 @@ def joint_entry(reading: Reading, sample: Measurement, scratch: Any) -> Callable
     """
     scratch.qvel[reading.dofs] = np.nan
     reading.write(sample, scratch)
-    coordinates, rates = scratch.qpos[reading.qpos].copy(), scratch.qvel[reading.dofs].copy()
-    rated = bool(np.isfinite(rates).all())
+    return scratch.qpos[reading.qpos].copy(), scratch.qvel[reading.dofs].copy()
 
-    def write(belief: Belief) -> None:
-        belief.data.qpos[reading.qpos] = coordinates
-        if rated:
-            belief.data.qvel[reading.dofs] = rates
 
-    return write
+def write_joint(belief: Belief, reading: Reading, coordinates: FloatArray, rates: FloatArray) -> None:
+    """Write coordinates and rates by a sample of a joint into an estimate of its time; rates that are NaN stay."""
+    belief.data.qpos[reading.qpos] = coordinates
+    if np.isfinite(rates).all():
+        belief.data.qvel[reading.dofs] = rates
