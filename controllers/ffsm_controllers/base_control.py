@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation, actuators_by_name
-from ffsm_mj.controller_protocol import Command, Fault, FloatArray, IntArray, Observation, ScenarioFaults, System
+from ffsm_mj.controller_protocol import Command, Fault, FloatArray, IntArray, Observation, ScenarioFaults, Stateful, System
 
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
@@ -24,7 +24,7 @@ class Stiffness:
     kd: float
 
 
-class BaseControl:
+class BaseControl(Stateful):
     """A wrench on the base that is asked of thrusters and wheels: the force of the thrusters, the torque of the wheels.
 
     Where there are no wheels the thrusters turn the base too.
@@ -32,6 +32,14 @@ class BaseControl:
     Attributes:
         error: Distance in m and angle in rad of the base from where the phase began, at the last tick.
     """
+
+    @dataclass
+    class State:
+        """Where the phase began: position in m, (3,), and quaternion, (4,); and the errors at the last tick."""
+
+        position: FloatArray
+        orientation: FloatArray
+        error: tuple[float, float]
 
     def __init__(
         self,
@@ -64,6 +72,7 @@ class BaseControl:
         self._by_thrusters = ThrusterAllocation(system, self.thrusters)
         self._by_wheels = WheelAllocation(system, self.wheels)
         self._twist, self._turn = np.empty(6), np.empty(3)
+        self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self.error = (0.0, 0.0)
 
     @property
@@ -73,8 +82,8 @@ class BaseControl:
 
     def start(self, observation: Observation) -> None:
         """Take the base's pose as the reference."""
-        self._position = observation.data.xpos[self._root].copy()
-        self._orientation = observation.data.xquat[self._root].copy()
+        self._position[:] = observation.data.xpos[self._root]
+        self._orientation[:] = observation.data.xquat[self._root]
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive wheels and thrusters."""

@@ -8,11 +8,12 @@ momentum are all allocated the same way; what an on-off thruster makes of its sh
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from ffsm_controllers.base_control import BaseControl, Stiffness
 from ffsm_controllers.pd import Gain
-from ffsm_mj.controller_protocol import Command, ControllerContext, IntArray, Observation, Signal, StrictModel
+from ffsm_mj.controller_protocol import Command, ControllerContext, IntArray, Observation, Signal, Stateful, StrictModel
 
 
 class BaseGains(StrictModel):
@@ -44,8 +45,14 @@ class BasePdConfig(BaseActuation):
     kind: Literal["base_pd"]
 
 
-class BasePd:
+class BasePd(Stateful):
     """PD wrench on the base, allocated."""
+
+    @dataclass
+    class State:
+        """State of the control of the base."""
+
+        base: BaseControl.State
 
     Config: ClassVar[type[BaseActuation]] = BasePdConfig
     telemetry_signals: ClassVar[tuple[Signal, ...]] = (

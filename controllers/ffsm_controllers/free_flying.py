@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import mujoco
@@ -42,6 +43,12 @@ class FreeFlyingConfig(BaseActuation):
 
 class FreeFlying(BasePd):
     """PD wrench on the base, allocated; joint PD on the arm."""
+
+    @dataclass
+    class State(BasePd.State):
+        """With that of the control of the arm."""
+
+        arm: Pd.State | None
 
     Config: ClassVar[type[BaseActuation]] = FreeFlyingConfig
 

@@ -7,6 +7,7 @@ it presses on what it meets on the way. With ``force_N`` alone each finger is pu
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     Signal,
+    Stateful,
     System,
 )
 
@@ -63,8 +65,15 @@ class GripperConfig(ServoConfig):
         return self
 
 
-class Gripper:
+class Gripper(Stateful):
     """Fingers that open, close, or press."""
+
+    @dataclass
+    class State:
+        """Gains of the phase, (n, n)."""
+
+        stiffness: FloatArray
+        damping: FloatArray
 
     Config = GripperConfig
     telemetry_signals: ClassVar[tuple[Signal, ...]] = ()
@@ -80,7 +89,8 @@ class Gripper:
         self._end: FloatArray | None = None
         if config.action is not None:
             self._end = _end(config, system, self._joints.names)
-        self._most = np.full(len(self._joints.names), np.inf)
+        n = len(self._joints.names)
+        self._most, self._stiffness, self._damping = np.full(n, np.inf), np.zeros((n, n)), np.zeros((n, n))
         if config.force_N is not None:
             self._most = abs(config.force_N) * _levers(config, system, self._joints.names)
             if config.action is None:
@@ -96,7 +106,7 @@ class Gripper:
         data = observation.data
         if self._end is not None:
             mass = self._servo.reduced_mass(data, data.qpos[self._joints.qpos])
-            self._stiffness, self._damping = self._servo.stiffness * mass, self._servo.damping * mass
+            self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the fingers."""

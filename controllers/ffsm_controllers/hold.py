@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from ffsm_mj.controller_protocol import (
     IntArray,
     Observation,
     ScenarioFaults,
+    Stateful,
 )
 
 
@@ -30,11 +32,20 @@ class HoldConfig(ServoConfig):
     """Position of each joint, rad or m; left out: those at the start of the phase."""
 
 
-class Hold:
+class Hold(Stateful):
     """Joint PD whose constant gains give a stated bandwidth where it holds.
 
     Stiffness and damping are symmetric and positive, so that energy and stiffness bound the motion whatever its size.
     """
+
+    @dataclass
+    class State:
+        """Where the joints are held, rad or m, (n,), the gains there, (n, n), and errors so far."""
+
+        reference: FloatArray
+        stiffness: FloatArray
+        damping: FloatArray
+        errors: JointErrors.State
 
     Config = HoldConfig
 
@@ -54,6 +65,8 @@ class Hold:
                 raise ScenarioFaults([Fault(message, ("positions",))])
             refuse_outside_range(system, names, config.positions, ("positions",))
             self._fixed = np.array(config.positions)
+        n = len(names)
+        self._reference, self._stiffness, self._damping = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
         self._errors = JointErrors(system, names, "hold", "largest distance of a joint from where it is held")
         self.telemetry_signals = self._errors.signals
 
@@ -65,9 +78,9 @@ class Hold:
     def start(self, observation: Observation) -> None:
         """Take the reference, and the gains there."""
         data = observation.data
-        self._reference = data.qpos[self._joints.qpos] if self._fixed is None else self._fixed
+        self._reference[:] = data.qpos[self._joints.qpos] if self._fixed is None else self._fixed
         mass = self._servo.reduced_mass(data, self._reference)
-        self._stiffness, self._damping = self._servo.stiffness * mass, self._servo.damping * mass
+        self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the joints towards the reference."""

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.controller_protocol import ControllerReport, FloatArray, Signal, System
+from ffsm_mj.controller_protocol import ControllerReport, FloatArray, Signal, Stateful, System
 
 _UNITS = {"hinge": "rad", "slide": "m"}
 
 
-class JointErrors:
+class JointErrors(Stateful):
     """Largest errors at the last tick and so far.
 
     Attributes:
         signals: Columns: one for hinges and one for slides, where there are any.
         values: Largest errors at the last tick, in the order of the signals.
     """
+
+    @dataclass
+    class State:
+        """Largest errors at the last tick and so far, rad and m."""
+
+        values: list[float]
+        largest: list[float]
 
     def __init__(self, system: System, joints: Sequence[str], prefix: str, meaning: str) -> None:
         """Sort the joints.

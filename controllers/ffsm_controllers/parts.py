@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,9 @@ from ffsm_mj.controller_protocol import (
     ControllerReport,
     Finishes,
     Observation,
+    Stateful,
     Summarises,
+    with_state,
 )
 
 
@@ -35,7 +38,7 @@ class Part:
     command: Command
 
 
-class Parts:
+class Parts(Stateful):
     """Control laws side by side, as one control law.
 
     The parts are evaluated in the order of the scenario; those whose class has ``after_others = True`` come last, since they
@@ -46,6 +49,12 @@ class Parts:
         telemetry_signals: Signals of all parts, with the name of the part before their own.
     """
 
+    @dataclass
+    class State:
+        """States of the laws by the name of the part."""
+
+        laws: dict[str, Any]
+
     def __init__(self, laws: Mapping[str, tuple[str, Controller]], actuators: Sequence[str]) -> None:
         """Collect the parts.
 
@@ -55,6 +64,7 @@ class Parts:
         """
         self._actuators = tuple(actuators)
         self.parts = tuple(Part(name, kind, law, Command.off(len(actuators))) for name, (kind, law) in laws.items())
+        self._laws = {part.name: with_state(part.law, f"part {part.name!r} ({part.kind})") for part in self.parts}
         self._order = sorted(self.parts, key=lambda part: bool(getattr(part.law, "after_others", False)))
         self.telemetry_signals = tuple(
             replace(signal, name=f"{part.name}_{signal.name}", description=f"{signal.description}, part {part.name!r}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     Signal,
+    Stateful,
     StrictModel,
     driven_joints,
 )
@@ -40,8 +42,14 @@ class PdConfig(StrictModel):
     """Reference configuration in rad or m, or ``hold``: the configuration at the start of the phase."""
 
 
-class Pd:
+class Pd(Stateful):
     """Joint PD."""
+
+    @dataclass
+    class State:
+        """Configuration to go to, rad or m, (n,)."""
+
+        reference: FloatArray
 
     Config = PdConfig
     telemetry_signals: ClassVar[tuple[Signal, ...]] = ()
@@ -60,8 +68,7 @@ class Pd:
 
     def start(self, observation: Observation) -> None:
         """Take the reference."""
-        held = observation.data.qpos[self._joints.qpos]
-        self._reference = held.copy() if self._fixed is None else self._fixed
+        self._reference[:] = observation.data.qpos[self._joints.qpos] if self._fixed is None else self._fixed
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the joints towards the reference."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from pydantic import PositiveFloat
 
 from ffsm_controllers.endings import TIME_TOLERANCE_S, Trigger
-from ffsm_mj.controller_protocol import Controller, Observation, StrictModel, System, Task
+from ffsm_mj.controller_protocol import Controller, Observation, Stateful, StrictModel, System, Task
 
 
 class SettledConfig(StrictModel):
@@ -23,8 +24,14 @@ class SettledConfig(StrictModel):
     """For so long, s: the phase ends at the first control tick at or after that."""
 
 
-class SettlingMonitor(Trigger):
+class SettlingMonitor(Stateful, Trigger):
     """Watches the tip through a phase."""
+
+    @dataclass
+    class State:
+        """Time since which the tip is near and slow, s; None: it is not."""
+
+        since_s: float | None
 
     def __init__(self, bounds: SettledConfig, system: System, task: Task) -> None:
         """Know the bounds and whose tip it is."""

@@ -19,6 +19,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     StackMomentum,
+    Stateful,
     System,
     Task,
     driven_joints,
@@ -107,8 +108,14 @@ def _driven_dofs(system: System) -> IntArray:
         raise ValueError(f"joint_rate: {error.faults[0].message}") from error
 
 
-class StopMonitor(Trigger):
+class StopMonitor(Stateful, Trigger):
     """Watches a quantity through a phase, at control ticks and impacts."""
+
+    @dataclass
+    class State:
+        """Time since which the condition holds, s; None: it does not."""
+
+        since_s: float | None
 
     def __init__(
         self,

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ffsm_controllers.detumble.config import DetumbleArm
-from ffsm_mj.controller_protocol import DrivenJoints, FloatArray, MinimumJerk
+from ffsm_mj.controller_protocol import DrivenJoints, FloatArray, MinimumJerk, Stateful
 
 _RANK = 1e-8
 
 
-class ArmMotion:
+class ArmMotion(Stateful):
     """Reference of the arm's joints, tracked with critical damping: qdd = qdd_d - 2 w ed - w^2 e."""
+
+    @dataclass
+    class State:
+        """When the phase began, and positions and rates of the joints there, (2, n)."""
+
+        start_s: float
+        begin: FloatArray
 
     def __init__(self, config: DetumbleArm, joints: DrivenJoints, part: slice) -> None:
         """Bind to the joints.
@@ -25,7 +33,8 @@ class ArmMotion:
         """
         self._config, self._w = config, config.bandwidth_rad_s
         self._qpos, self._dofs = joints.qpos[part], joints.dofs[part]
-        self._start_s = 0.0
+        self._start_s, self._begin = 0.0, np.zeros((2, len(self._dofs)))
+        self._path: MinimumJerk | None = None
 
     @property
     def null_space(self) -> bool:
@@ -34,10 +43,19 @@ class ArmMotion:
 
     def start(self, time_s: float, data: Any) -> None:
         """Take the reference, or lay the path, from a state."""
-        at, config = data.qpos[self._qpos].copy(), self._config
-        self._start_s, self._held, self._path = time_s, at, None
+        self._start_s, self._begin[:] = time_s, (data.qpos[self._qpos], data.qvel[self._dofs])
+        self._lay()
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        super().set_state(state)
+        self._lay()
+
+    def _lay(self) -> None:
+        """Lay the path, if there is one, from where the phase began."""
+        (at, rates), config = self._begin, self._config
         if config.positions is not None and config.over_s is not None:
-            self._path = MinimumJerk([0.0, config.over_s], np.vstack((at, config.positions)), data.qvel[self._dofs])
+            self._path = MinimumJerk([0.0, config.over_s], np.vstack((at, config.positions)), rates)
 
     def has_arrived(self, time_s: float) -> bool:
         """Whether its reference is at rest."""
@@ -65,4 +83,4 @@ class ArmMotion:
         if self._path is not None:
             return self._path.at(time_s - self._start_s)
         nothing = np.zeros(len(self._dofs))
-        return self._held, nothing, nothing
+        return self._begin[0], nothing, nothing

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import mujoco
@@ -39,6 +40,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     Signal,
     StackMomentum,
+    Stateful,
     cross,
 )
 from ffsm_mj.task_model import JointModel
@@ -47,8 +49,16 @@ _ABSORBED = 0.5
 """Share of the least wheel torque that thrusters make the wheels give up while they unload them."""
 
 
-class Detumble:
+class Detumble(Stateful):
     """Angular momentum of the stack to zero except that of the wheels."""
+
+    @dataclass
+    class State:
+        """Motion of the arm, what the law has come to, and whether thrusters unload wheels."""
+
+        arm: ArmMotion.State | None
+        outcome: DetumbleOutcome.State
+        dumping: bool
 
     Config = DetumbleConfig
     after_others = True

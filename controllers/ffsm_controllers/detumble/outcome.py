@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from ffsm_controllers.detumble.config import DetumbleConfig
 from ffsm_controllers.detumble.latch import GraspLoad
 from ffsm_controllers.detumble.wheels import WheelShare
-from ffsm_mj.controller_protocol import ControllerReport, FloatArray
+from ffsm_mj.controller_protocol import ControllerReport, FloatArray, Stateful
 
 
-class DetumbleOutcome:
+class DetumbleOutcome(Stateful):
     """Accumulates what the law reports.
 
     Attributes:
         values: Momentum without the wheels, momentum of the wheels, share of the demand, at the last tick.
         is_below: Whether the first of them is below its tolerance.
     """
+
+    @dataclass
+    class State:
+        """Values of the last tick, momentum at the first one, saturation, load and shares so far."""
+
+        values: tuple[float, ...]
+        is_below: bool
+        first: float | None
+        saturated_s: float | None
+        full: tuple[str, ...]
+        left: float
+        fired: bool
+        alone: float
+        least_share: float
 
     def __init__(self, config: DetumbleConfig, wheels: Sequence[str]) -> None:
         """Know the tolerance, and the names of the wheels."""

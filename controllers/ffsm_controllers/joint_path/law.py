@@ -7,6 +7,7 @@ momentum do.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -31,13 +32,22 @@ from ffsm_mj.controller_protocol import (
     MinimumJerk,
     Observation,
     ScenarioFaults,
+    Stateful,
 )
 
 _EXCEEDS, _INSTEAD = "the path exceeds a limit", "allow it more time, or other waypoints"
 
 
-class JointPath:
+class JointPath(Stateful):
     """Joints through waypoints."""
+
+    @dataclass
+    class State:
+        """When the path begins, positions and rates there, (2, n), and errors so far."""
+
+        start_s: float
+        begin: FloatArray
+        errors: JointErrors.State
 
     Config = JointPathConfig
     after_others = True
@@ -57,6 +67,7 @@ class JointPath:
         self._times = [waypoint.at_s for waypoint in config.waypoints]
         self._limits = PathLimits(context, self._model, bounds)
         self._mj, self._unit = context.system.mj, unit_moments(context.system.mj)
+        self._start_s, self._begin, self._faults = 0.0, np.zeros((2, len(names))), list[str]()
         self._errors = JointErrors(context.system, names, "path", "largest distance of a joint from its path")
         self.telemetry_signals = self._errors.signals
 
@@ -66,28 +77,35 @@ class JointPath:
         return self._model.joints.actuators
 
     def start(self, observation: Observation) -> None:
-        """Lay the path from here.
-
-        Raises:
-            ControllerError: It exceeds a limit.
-        """
+        """Lay the path from here."""
+        data, joints = observation.data, self._model.joints
         self._start_s = observation.time_s
-        if faults := self._lay(observation.data):
-            raise ControllerError(f"{_EXCEEDS} ({'; '.join(faults)}); {_INSTEAD}")
+        self._begin[:] = data.qpos[joints.qpos], data.qvel[joints.dofs]
+        self._path = self._path_from(*self._begin)
+        self._faults = self._limits.faults(self._path, data)
 
     def start_faults(self, data: Any) -> Sequence[Fault]:
         """Limits that the path from a state exceeds."""
-        return [Fault(f"{_EXCEEDS}: {fault}; {_INSTEAD}", ("waypoints",)) for fault in self._lay(data)]
-
-    def _lay(self, data: Any) -> list[str]:
-        """Lay the path from a state, and return sentences for the limits that it exceeds."""
         joints = self._model.joints
-        positions = np.vstack((data.qpos[joints.qpos], self._waypoints))
-        self._path = MinimumJerk([0.0, *self._times], positions, data.qvel[joints.dofs])
-        return self._limits.faults(self._path, data)
+        faults = self._limits.faults(self._path_from(data.qpos[joints.qpos], data.qvel[joints.dofs]), data)
+        return [Fault(f"{_EXCEEDS}: {fault}; {_INSTEAD}", ("waypoints",)) for fault in faults]
+
+    def _path_from(self, positions: FloatArray, rates: FloatArray) -> MinimumJerk:
+        return MinimumJerk([0.0, *self._times], np.vstack((positions, self._waypoints)), rates)
+
+    def set_state(self, state: Any) -> None:
+        """Go on along the path of a state, which keeps its limits."""
+        super().set_state(state)
+        self._path, self._faults = self._path_from(*self._begin), []
 
     def control(self, observation: Observation, command: Command) -> None:
-        """Drive the joints along the path."""
+        """Drive the joints along the path.
+
+        Raises:
+            ControllerError: The path exceeds a limit.
+        """
+        if self._faults:
+            raise ControllerError(f"{_EXCEEDS} ({'; '.join(self._faults)}); {_INSTEAD}")
         data, model, servo = observation.data, self._model, self._servo
         positions, rates, accelerations = self._path.at(observation.time_s - self._start_s)
         model.update(data)

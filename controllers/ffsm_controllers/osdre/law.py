@@ -6,6 +6,7 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import mujoco
@@ -30,6 +31,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     Signal,
+    Stateful,
     StrictModel,
     driven_joints,
     mass_matrix,
@@ -70,12 +72,20 @@ _GAIN = Signal(
 )
 
 
-class Osdre:
+class Osdre(Stateful):
     """OSDRE law. Numbers of the last tick are in ``telemetry``.
 
     Attributes:
         telemetry_signals: What it reports; how the Riccati equation was solved depends on the number of outputs.
     """
+
+    @dataclass
+    class State:
+        """Extremes of the Riccati equation so far, (3,), the report of the last tick, and the last solutions."""
+
+        extremes: FloatArray
+        report: FloatArray
+        riccati: dict[str, Any] | None
 
     Config = OsdreConfig
 
@@ -110,9 +120,11 @@ class Osdre:
         self.telemetry_signals = (_ERROR, _RESIDUAL, *((_FALLBACK,) if self._planar else (_DOUBLINGS, _CORRECTIONS)), _GAIN)
         # Greatest residual of the Riccati equation, most doublings or 1 for a fallback, sum of corrections or fallbacks
         self._extremes = np.zeros(3)
+        self._report = np.full(len(self.telemetry_signals), np.nan)
+        self._riccati = planar_riccati(Q) if self._planar else None
 
     def start(self, observation: Observation) -> None:
-        """Build the law around the plant's data. It has no memory, and its Riccati solver starts cold."""
+        """Build the law around the plant's data; its Riccati solver starts cold."""
         data, site, axes = observation.data, self._task.tip_site, self._task.axes
         target, driven = self._task.target_m.tolist(), np.vstack((self._driven, self._driven_R))
         kinematics = TipKinematics(self._model, data, site, axes)
@@ -124,9 +136,11 @@ class Osdre:
             moving = self._inverse_R, self._whole_stack, self._extremes, damping
             self._law = MovingLaw(self._moving, data, riccati, *moving)
         elif self._planar:
-            self._law = PlanarLaw(kinematics, data, planar_riccati(self._Q), *bound)
+            self._riccati = planar_riccati(self._Q)
+            self._law = PlanarLaw(kinematics, data, self._riccati, *bound)
         else:
             self._law = BlockLaw(kinematics, data, Doubling(self._Q), *bound)
+        self._report = self._law.report
 
     def control(self, observation: Observation, command: Command) -> None:  # noqa: ARG002
         """Command u = -R^-1 B^T K [y - y_d; ydot], paper (32).
@@ -165,7 +179,7 @@ class Osdre:
 
     def telemetry(self) -> FloatArray:
         """Error, Riccati residual, how it was reached, smallest gain of the last tick."""
-        return self._law.report
+        return self._report
 
     def summary(self) -> ControllerReport:
         """What the Riccati equation took, and its greatest residual, relative."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ffsm_controllers.playback.columns import effort_record
@@ -15,16 +16,26 @@ from ffsm_mj.controller_protocol import (
     IntArray,
     Observation,
     Signal,
+    Stateful,
 )
 from ffsm_mj.tolerances import SCHEDULED_S
 
 
-class Playback:
+class Playback(Stateful):
     """Recorded efforts, whatever the robot does.
 
     An effort of exactly zero is played as off: a motor on a torque-speed line delivers nothing at any speed only where it is
     off. Logs do not tell the two apart.
     """
+
+    @dataclass
+    class State:
+        """Time 0 of the record, the last sample that was played, samples that never were, and the greatest delay, s."""
+
+        start_s: float
+        sample: int
+        skipped: int
+        late_s: float
 
     Config = PlaybackConfig
     telemetry_signals: ClassVar[tuple[Signal, ...]] = ()

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.controller_protocol import System
+from ffsm_mj.controller_protocol import FloatArray, Stateful, System
 from ffsm_mj.task_model import JointModel
 
 _TRIALS = 4
 
 
-class BaseRotation:
+class BaseRotation(Stateful):
     """Rotation of the base about the world axes that its joints let it turn about, at the state of the last ``update``.
 
     Attributes:
@@ -25,6 +26,13 @@ class BaseRotation:
         rates: Angular velocity, rad/s, (size,).
         angle: Rotation vector from the attitude at the start, rad, (size,).
     """
+
+    @dataclass
+    class State:
+        """Attitude at the start, a quaternion, and the angular velocity of the last update."""
+
+        reference: FloatArray
+        rates: FloatArray
 
     def __init__(self, system: System, joints: JointModel) -> None:
         """Bind to the base of the robot and the driven joints."""

@@ -18,6 +18,7 @@ robot.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -86,6 +87,14 @@ class ImpedanceConfig(DampedConfig):
 
 class Impedance(TaskLaw):
     """Cartesian impedance. While the object of the site to follow is held, the law only damps the joints."""
+
+    @dataclass
+    class State(TaskLaw.State):
+        """With the sizes of force and torque at the last tick, and the number of ticks, and of those at a bound."""
+
+        sizes: tuple[float, float]
+        limited: int
+        ticks: int
 
     Config = ImpedanceConfig
 

@@ -14,6 +14,7 @@ control: a survey, IFAC Proceedings 41(2).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -53,6 +54,12 @@ class LqrConfig(TaskLawConfig):
 
 class Lqr(TaskLaw):
     """Linear quadratic regulator."""
+
+    @dataclass
+    class State(TaskLaw.State):
+        """With the gain, (n, 2 p); None: that of the next tick."""
+
+        gain: FloatArray | None
 
     Config = LqrConfig
 

@@ -19,6 +19,7 @@ robot subject to a force impulse, IEEE Trans. Robot. Autom. 15(3).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -71,6 +72,13 @@ class RnsConfig(DampedConfig):
 
 class Rns(TaskLaw):
     """Reaction null space."""
+
+    @dataclass
+    class State(TaskLaw.State):
+        """With the rotation of the base and its largest rate, rad/s."""
+
+        base: BaseRotation.State
+        largest_rate: float
 
     Config = RnsConfig
 

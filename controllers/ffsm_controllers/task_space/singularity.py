@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
-from ffsm_mj.controller_protocol import ControllerReport, FloatArray
+from ffsm_mj.controller_protocol import ControllerReport, FloatArray, Stateful
 
 
 def _of_inertia(least: float, largest: float) -> str:
@@ -13,8 +14,16 @@ def _of_inertia(least: float, largest: float) -> str:
     return f"effective inertia up to {inertia} (kg or kg m^2; singular_mass_kg {largest:g})"
 
 
-class SingularityMonitor:
+class SingularityMonitor(Stateful):
     """Counts the control ticks at which a direction that the arm can move its site in has too little mobility."""
+
+    @dataclass
+    class State:
+        """Number of ticks near a singularity, the first of them, s, and the least mobility."""
+
+        ticks: int
+        first_s: float
+        least: float
 
     def __init__(
         self, directions: int, largest: float, period_s: float, describe: Callable[[float, float], str] = _of_inertia

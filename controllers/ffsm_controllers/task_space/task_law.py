@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -24,6 +25,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     Signal,
+    Stateful,
 )
 from ffsm_mj.task_model import TaskModel
 
@@ -37,7 +39,7 @@ _SHARE = Signal(
 )
 
 
-class TaskLaw:
+class TaskLaw(Stateful):
     """Part of a law on the task's output: position of the tip along the axes of the task, and its attitude if asked for.
 
     Attributes:
@@ -47,6 +49,15 @@ class TaskLaw:
         directions: Number of directions in which the output can be moved.
         after_others: Other parts command before it.
     """
+
+    @dataclass
+    class State:
+        """Attitude to reach, (3, 3), what it reports of the last tick, and how near to singularities it came."""
+
+        frame: FloatArray
+        report: tuple[float, ...]
+        least_share: float
+        monitor: SingularityMonitor.State | None
 
     after_others = True
 
@@ -71,6 +82,7 @@ class TaskLaw:
         site = context.task.tip_site
         joints = config.joints if config.joints is not None else joints_that_move(context, system.mj.site(site).name)
         self.model = TaskModel(context, joints, (), attitude=attitude is not None)
+        self._frame = self.model.target_frame
         self.positions = len(context.task.axes)
         rows = (*context.task.axes, *((3, 4, 5) if attitude is not None else ()))
         robot = range(system.robot.dofs.start, system.robot.dofs.stop)
@@ -103,13 +115,12 @@ class TaskLaw:
         """Take the reference."""
         if self._attitude is None:
             return
-        frame = np.empty(9)
+        frame = self._frame.reshape(9)
         if self._attitude.target is not None:
             quaternion = np.array(self._attitude.target)
             mujoco.mju_quat2Mat(frame, quaternion / np.linalg.norm(quaternion))
         else:
             frame[:] = observation.data.site_xmat[self.site]
-        self.model.target_frame = frame.reshape(3, 3)
 
     @property
     def site(self) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     Signal,
+    Stateful,
     System,
 )
 from ffsm_mj.task_model import TaskModel
@@ -53,11 +55,21 @@ _ARM = (
 )
 
 
-class Track:
+class Track(Stateful):
     """A site of the robot follows a site of an object.
 
     While that very object is held there is nothing to follow: the law only damps the joints.
     """
+
+    @dataclass
+    class State:
+        """Control of the base, what it reports of the last tick, and how near to singularities and bounds it came."""
+
+        base: BaseControl.State | None
+        singularity: SingularityMonitor.State
+        report: tuple[float, ...]
+        largest: float
+        least_share: float
 
     Config = TrackConfig
     after_others = True
