@@ -23,6 +23,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.errors import FfsmError
 
 FORMAT = "ffsm-state 1"
@@ -30,8 +31,10 @@ FORMAT = "ffsm-state 1"
 _KINDS = "fiub"
 """Kinds of NumPy's types that arrays of a state may have: numbers."""
 _SCALARS = (bool, int, float, str, type(None))
-_IN_PLACE = frozenset(("FloatArray", "IntArray", "BoolArray"))
+_IN_PLACE = {"FloatArray": FloatArray, "IntArray": IntArray, "BoolArray": BoolArray}
 """Annotations of arrays of a fixed shape: others hold views of them, so that they are written in place."""
+_PLAIN = {"float": float, "int": int, "bool": bool, "str": str}
+"""Annotations of single values, which are checked."""
 _PAIR = "get_state() and set_state(state)"
 
 
@@ -79,9 +82,14 @@ class Stateful:
 
 
 def _attributes(kind: type[Any], part: Any) -> list[tuple[str, str, str]]:
-    """Fields of the state of a part: name, attribute, and annotation."""
+    """Fields of the state of a part: name, attribute, and annotation, be it evaluated or not."""
+    known = _IN_PLACE | _PLAIN
     return [
-        (each.name, f"_{each.name}" if hasattr(part, f"_{each.name}") else each.name, str(each.type))
+        (
+            each.name,
+            f"_{each.name}" if hasattr(part, f"_{each.name}") else each.name,
+            next((name for name, annotation in known.items() if each.type in (name, annotation)), ""),
+        )
         for each in fields(kind.State)
     ]
 
@@ -169,13 +177,9 @@ def _written(present: Any, told: Any, kind: str, where: str) -> Any:
     if kind in _IN_PLACE:
         present[...] = fitting(told, present.shape, where)
         return present
-    if kind in ("float", "int", "bool", "str") and not isinstance(told, (float, int) if kind == "float" else _type(kind)):
+    if kind in _PLAIN and not isinstance(told, (float, int) if kind == "float" else _PLAIN[kind]):
         raise StateError(f"state of {where}: needs {kind}, but has {type(told).__name__}")
     return _taken(present, told)
-
-
-def _type(kind: str) -> type[Any]:
-    return {"int": int, "bool": bool, "str": str}[kind]
 
 
 def _taken(present: Any, told: Any) -> Any:
@@ -370,6 +374,9 @@ def _contents_in(value: Any, seen: set[int]) -> tuple[Any, ...]:
 
 
 def _belongs_to_simulation(kind: type[Any]) -> bool:
-    """Whether what an object of a class remembers is not the part's: configurations, models, MuJoCo's data."""
-    above = {each.__module__.partition(".")[0] for each in kind.__mro__ if each.__module__ != "builtins"}
+    """Whether what an object of a class remembers is not the part's: configurations, models, MuJoCo's data.
+
+    A law inside another one is a part of that, though its class may derive from :class:`Stateful`.
+    """
+    above = {each.__module__.partition(".")[0] for each in kind.__mro__ if each not in (object, Stateful)}
     return bool(above & {"ffsm_mj", "mujoco", "pydantic", "logging"})

@@ -117,12 +117,16 @@ class Outcome:
         uninterrupted: What the law tells after the tick of the state.
         anew: The same of a law made anew and restored.
         back: The same of the first law, taken back from the last tick.
+        idle: What a law tells that is restored without a start, as one whose phase is over.
+        begun: What the first law tells of all ticks, and tells when it is taken back to before its start and started.
         noticed: Fields, as ``Class.field``, without which the restored law tells something else.
     """
 
     uninterrupted: list[str]
     anew: list[str]
     back: list[str]
+    idle: str
+    begun: tuple[list[str], list[str]]
     noticed: set[str]
 
 
@@ -130,9 +134,13 @@ def outcome(case: Case) -> Outcome:
     """Run a law, save it at a tick, and restore it: with its state, and with each field left as a new law has it."""
     loop = OpenLoop(case)
     law, other = loop.law(), loop.law()
+    new = through_bytes(law)
     law.start(loop.at(0))
-    loop.follow(law, range(SAVED))
+    first = loop.follow(law, range(SAVED))
     saved = through_bytes(law)
+    other.set_state(saved)
+    idle = _told(other)
+    other.set_state(new)
     uninterrupted = loop.follow(law, range(SAVED, TICKS))
     other.start(loop.at(SAVED, phase_start_s=START_S + SAVED * loop.period_s))
     fresh, anew = through_bytes(other), loop.restored(other, saved)
@@ -141,7 +149,9 @@ def outcome(case: Case) -> Outcome:
     for path, owners in fields_of(other if not case.trigger else other._trigger, saved):
         if loop.restored(other, with_entry(saved, path, entry(fresh, path))) != uninterrupted:
             noticed |= owners
-    return Outcome(uninterrupted, anew, back, noticed)
+    law.set_state(new)
+    law.start(loop.at(0))
+    return Outcome(uninterrupted, anew, back, idle, (first, loop.follow(law, range(SAVED))), noticed)
 
 
 def _told(law: Any) -> str:

@@ -82,22 +82,22 @@ def documented(number):
     """What a script of the page leaves, run as it stands."""
     page = (Path(__file__).parents[2] / "docs" / "own-controller.md").read_text()
     scripts = re.findall(r"```py\n(.*?)```", page, flags=re.DOTALL)
-    assert len(scripts) == 3
+    assert len(scripts) == 4
     names = {}
     exec(compile(scripts[number], "own-controller.md", "exec", dont_inherit=True), names)
     assert names["run"].outcome == "completed", names["run"].message
-    return names["run"]
+    return names
 
 
 def test_the_documented_script_runs():
     """The damped joint slows down."""
-    rate = documented(0).qvel[:, 4]
+    rate = documented(0)["run"].qvel[:, 4]
     assert abs(rate[-1]) < 0.5 * abs(rate[0])
 
 
 def test_the_documented_law_of_the_task_runs(capsys):
     """The distance falls as (1 + w t) exp(-w t); torques held for 1 ms make an error of first order, 4e-4 m in 5 s."""
-    run = documented(1)
+    run = documented(1)["run"]
     distance = run.tip_error()
     for time_s, exact in ((2.0, 3.836438), (5.0, 1.925855)):
         assert distance[np.searchsorted(run.time, time_s - 1e-9)] == pytest.approx(exact, abs=8e-4)
@@ -106,7 +106,7 @@ def test_the_documented_law_of_the_task_runs(capsys):
 
 def test_the_documented_law_around_another_runs():
     """After a quarter of a second it commands a quarter of what its inner law would."""
-    run = documented(2)
+    run = documented(2)["run"]
     motors = [f"actuators.robot_motor_{i}_command_N_m" for i in (1, 2, 3)]
     quarter = np.array([run[key][250] for key in motors])
     initial = {"joints": {}, "rates": {}}

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.controller_protocol import StateError
+from ffsm_mj.controller_protocol import StateError, with_state
 from tests.controllers.detumbling import JETS, POSE, RATES, spacecraft
 from tests.controllers.restored import Case, OpenLoop, declared, outcome, through_bytes, with_entry
 from tests.controllers.task_laws import LAWS, SPATIAL, W, planar, spatial
 from tests.controllers.test_gripper import SLIDES
 from tests.controllers.test_moving_targets import MOVE
+from tests.controllers.test_script_laws import documented
 from tests.controllers.test_track import ARM as SEVEN
 from tests.controllers.test_track import following
 from tests.controllers.test_track import scene as tracking
@@ -148,6 +149,14 @@ def test_goes_on_bit_for_bit(name, outcomes):
     assert outcomes[name].back == outcomes[name].uninterrupted
 
 
+@pytest.mark.parametrize("name", CASES)
+def test_a_state_fits_a_law_that_has_not_been_started(name, outcomes):
+    """And the state of such a law one that has been: as it is taken back to before its phase."""
+    assert outcomes[name].idle == outcomes[name].uninterrupted[0]
+    once, again = outcomes[name].begun
+    assert again == once
+
+
 def test_every_field_of_every_state_is_needed(outcomes):
     noticed = set().union(*(each.noticed for each in outcomes.values()))
     assert declared("ffsm_controllers") - declared("ffsm_controllers.estimators") - noticed == set()
@@ -180,6 +189,28 @@ def test_a_part_that_remembers_without_the_pair_is_refused_by_name(tmp_path):
     loop.follow(law, range(1))
     with pytest.raises(StateError, match=r"part 'mine' \(counts\) remembers '_calls'"):
         law.get_state()
+
+
+def test_a_law_around_another_one_does_not_hide_what_that_remembers():
+    loop = OpenLoop(arm(HOLD))
+    outer = type("Outer", (), {})()
+    outer.inner = loop.law()
+    part = with_state(outer, "the control law 'outer'")
+    part.get_state()
+    outer.inner.start(loop.at(0))
+    with pytest.raises(StateError, match="the control law 'outer' remembers 'inner'"):
+        part.get_state()
+
+
+def test_the_documented_law_is_restored(tmp_path):
+    """Its annotations are no texts; its integral is that of all ticks."""
+    case = craft(tmp_path, {"controller": {"kind": "integral"}}, controllers={"integral": documented(3)["Integral"]})
+    found = outcome(case)
+    assert found.anew == found.back == found.uninterrupted
+    assert found.noticed == {"Integral.reference", "Integral.integral", "Integral.last_s"}
+    law = OpenLoop(case).law()
+    with pytest.raises(StateError, match=r"Integral.integral: needs an array of shape"):
+        law.set_state(with_entry(through_bytes(law), ("integral",), np.zeros(9)))
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     ScenarioFaults,
     Signal,
+    Stateful,
     StrictModel,
 )
 
@@ -28,8 +30,14 @@ class MyLawConfig(StrictModel):
     """N m s/rad."""
 
 
-class MyLaw:
+class MyLaw(Stateful):
     """u = -gain * rate of the joint."""
+
+    @dataclass
+    class State:
+        """Attributes that the law keeps from one call to the next: saved and restored with a simulation."""
+
+        fastest: float
 
     Config = MyLawConfig
     telemetry_signals: ClassVar[tuple[Signal, ...]] = (
