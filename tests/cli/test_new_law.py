@@ -57,7 +57,7 @@ def test_a_new_law_passes_its_own_test(tmp_path, capfd):
     assert all(name in said for name in names)
     text = "".join((home / name).read_text() for name in names)
     assert "my_law" not in text.lower().replace("-", "_")
-    assert "class JointBrake:" in text
+    assert "class JointBrake(Stateful):" in text
     environment = as_installed(home, "joint_brake")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "0", str(home)]
     done = subprocess.run(command, env=environment, cwd=home, capture_output=True, text=True, check=False)
