@@ -134,8 +134,9 @@ def record(record_type: type) -> Iterator[tuple[str, str, str, str]]:
     """Fields of an event."""
     found, hints = meanings(record_type), get_type_hints(record_type)
     for field in fields(record_type):
-        meaning = found[field.name].text.replace("``", "`")
-        yield f"`{field.name}`", type_name(hints[field.name]), unit_of(field.name), meaning
+        meaning = found[field.name]
+        unit, text = meaning.unit or unit_of(field.name), meaning.text.replace("``", "`")
+        yield f"`{field.name}`", type_name(hints[field.name]), unit, text
 
 
 def type_name(hint: object) -> str:

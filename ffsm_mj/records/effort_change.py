@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.record import ByName, Values, logged, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 
 
 @record
 class EffortChange:
     """Efforts change between control ticks; velocities do not."""
 
-    time_s: float = logged("Simulation time.")
-    step: int = logged("Index of the integration step, from 0.")
-    cause: str = logged(
+    time_s: float = declared("Simulation time.")
+    step: int = declared("Index of the integration step, from 0.")
+    cause: str = declared(
         "``command arrives`` after its delay, or ``late tick``: the control law was called late.",
         column="command arrives, or late tick",
     )
-    qpos: Values = logged(QPOS)
-    qvel_before: ByName = logged(QVEL)
-    qvel_after: ByName = logged(QVEL_UNCHANGED)
-    efforts_after: ByName = logged("Effort by actuator from now on.", default_factory=dict)
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL)
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared("Effort by actuator from now on.", default_factory=dict)
 
 
 EFFORT_CHANGE = RecordKind(

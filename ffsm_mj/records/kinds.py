@@ -15,7 +15,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import ControllerReport
-from ffsm_mj.records.record import ONE_VALUE, columns, lengths, meanings
+from ffsm_mj.records.record import ONE_VALUE, columns_of, lengths_of, meanings
 from ffsm_mj.records.signals import Layout
 
 _TAKEN = frozenset(
@@ -119,13 +119,13 @@ class RecordKind:
 
     @property
     def columns(self) -> Mapping[str, tuple[str, str]]:
-        """Unit and text of the columns of its table, see :func:`.record.columns`."""
-        return columns(self.record)
+        """Unit and text of the columns of its table, see :func:`.record.columns_of`; the time is the first one."""
+        return dict(sorted(columns_of(self.record).items(), key=lambda each: each[0] != "time_s"))
 
     @property
     def lengths(self) -> Mapping[str, int]:
-        """How many values its fields hold, see :func:`.record.lengths`."""
-        return lengths(self.record)
+        """How many values its fields hold, see :func:`.record.lengths_of`."""
+        return lengths_of(self.record)
 
 
 def register(kind: RecordKind) -> None:
@@ -198,7 +198,7 @@ def _faults(kind: RecordKind) -> Iterator[str]:
     told, hints = meanings(kind.record), get_type_hints(kind.record)
     for name in (each.name for each in fields(kind.record)):
         if name not in told:
-            yield f"the field {name} is not declared by logged()"
+            yield f"the field {name} has no meaning, see ffsm_mj.records.record.declared"
             return
         hint, meaning = hints[name], told[name]
         if not _storable(hint):
@@ -207,6 +207,8 @@ def _faults(kind: RecordKind) -> Iterator[str]:
             yield f"{name} has components, but one value"
         if meaning.entries and get_origin(hint) is not Mapping:
             yield f"{name} has entries, but is no mapping"
+        if meaning.column and not meaning.components and hint not in (*ONE_VALUE, tuple[str, ...]):
+            yield f"a table cannot show {name} in one column"
         if meaning.after and meaning.after not in told.keys() - {name}:
             yield f"there is no field {meaning.after} for {name} to come after"
     if kind.plural and not kind.columns:

@@ -15,7 +15,7 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, ForceSour
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED, STEP
 from ffsm_mj.records.kinds import Mark, RecordKind
-from ffsm_mj.records.record import ByName, Values, logged, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Signal
 from ffsm_mj.records.wrench import Wrench
 
@@ -35,15 +35,15 @@ class SpringConfig(StrictModel):
 class SpringRecord:
     """The spring begins or ceases to push."""
 
-    time_s: float = logged("Simulation time.")
-    step: int = logged(STEP)
-    pushing: int = logged("1 from here on, or 0.")
-    point_m: Values = logged("A witness point.", column=None, components="xyz")
-    normal: Values = logged("Unit normal.", column=None, components="xyz")
-    qpos: Values = logged(QPOS)
-    qvel_before: ByName = logged(QVEL)
-    qvel_after: ByName = logged(QVEL_UNCHANGED)
-    efforts_after: ByName = logged("Effort by actuator after the event.", default_factory=dict)
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    pushing: int = declared("1 from here on, or 0.")
+    point_m: Values = declared("A witness point.", column=None, components="xyz")
+    normal: Values = declared("Unit normal.", column=None, components="xyz")
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL)
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared("Effort by actuator after the event.", default_factory=dict)
 
 
 SPRING = RecordKind(

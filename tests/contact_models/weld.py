@@ -21,7 +21,7 @@ from ffsm_mj.model.part import part
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import QPOS, QVEL_AFTER, QVEL_BEFORE, STEP
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.record import ByName, Values, logged, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Signal
 
 _FAR = 1e3
@@ -40,14 +40,14 @@ class WeldConfig(StrictModel):
 class WeldRecord:
     """The object is held from here on, or is released."""
 
-    time_s: float = logged("Simulation time.")
-    step: int = logged(STEP)
-    held: int = logged("1 from here on, or 0.")
-    loss_J: float = logged("Energy lost.")
-    qpos: Values = logged(QPOS)
-    qvel_before: ByName = logged(QVEL_BEFORE)
-    qvel_after: ByName = logged(QVEL_AFTER)
-    efforts_after: ByName = logged("Effort by actuator after the event.", default_factory=dict)
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    held: int = declared("1 from here on, or 0.")
+    loss_J: float = declared("Energy lost.")
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(QVEL_AFTER)
+    efforts_after: ByName = declared("Effort by actuator after the event.", default_factory=dict)
 
 
 WELD = RecordKind(

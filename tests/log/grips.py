@@ -15,7 +15,7 @@ from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.kinds import Mark, RecordKind
-from ffsm_mj.records.record import ByName, Values, logged, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import momentum_keys
 
 
@@ -23,12 +23,12 @@ from ffsm_mj.records.signals import momentum_keys
 class Grip:
     """Two geoms grip each other."""
 
-    time_s: float = logged("Time at which the grip starts or ends.", column="when")
-    geoms: tuple[str, ...] = logged("The two geoms.", column="a geom", components="ab")
-    point_m: Values = logged("Position in world axes.", column="where", components="xyz")
-    holds: int = logged("1 if the grip starts, 0 if it ends.", column="whether")
-    wrench_N: ByName = logged("Force and moment by body.", entries={"ball": 2})
-    words: Mapping[str, str] = logged("Texts by name.")
+    time_s: float = declared("Time at which the grip starts or ends.", column="when")
+    geoms: tuple[str, ...] = declared("The two geoms.", column="a geom", components="ab")
+    point_m: Values = declared("Position in world axes.", column="where", components="xyz")
+    holds: int = declared("1 if the grip starts, 0 if it ends.", column="whether")
+    wrench_N: ByName = declared("Force and moment by body.", entries={"ball": 2})
+    words: Mapping[str, str] = declared("Texts by name.")
 
 
 def marks(grip):

@@ -17,7 +17,7 @@ from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import register
-from ffsm_mj.records.record import logged
+from ffsm_mj.records.record import declared
 from tests.hostile.log_mutations import log, records
 from tests.log.grips import FIRST, GRIP, LAST, recorded
 
@@ -75,8 +75,8 @@ def test_a_kind_of_the_same_name_with_other_fields_is_unknown(plain_run, tmp_pat
 
     @dataclass(frozen=True)
     class Grip:
-        time_s: float = logged("Time.")
-        force_N: float = logged("Force.")
+        time_s: float = declared("Time.")
+        force_N: float = declared("Force.")
 
     monkeypatch.setattr(register_of_kinds, "_KNOWN", dict(known))
     register(replace(GRIP, record=Grip))

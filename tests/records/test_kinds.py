@@ -10,17 +10,17 @@ import pytest
 
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import RecordKind, field_of, kind_of, kinds, kinds_of, register
-from ffsm_mj.records.record import ByName, Values, logged, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 
 
 @record
 class Push:
     """A record for tests."""
 
-    time_s: float = logged("Time.")
-    by: str = logged("Who pushes.")
-    point_m: Values = logged("Where.", components="xyz")
-    forces_N: ByName = logged("Forces.", entries={"total": 1})
+    time_s: float = declared("Time.")
+    by: str = declared("Who pushes.")
+    point_m: Values = declared("Where.", components="xyz")
+    forces_N: ByName = declared("Forces.", entries={"total": 1})
 
 
 KIND = RecordKind(
@@ -63,7 +63,7 @@ def made(**declared: tuple[Any, Any]) -> type:
     return record(type("Made", (), {"__annotations__": {name: hint for name, (hint, _) in declared.items()}, **fields}))
 
 
-TIME = (float, logged("Time."))
+TIME = (float, declared("Time."))
 
 
 class Plain:
@@ -90,14 +90,15 @@ def test_reserved_names_and_names_of_other_kinds_are_refused(changed, words):
 @pytest.mark.parametrize(
     ("declared", "words"),
     [
-        ({"deep": (tuple[Values, ...], logged("Deep."))}, "a log cannot hold a tuple"),
-        ({"speed_m_s": (float, None)}, "the field speed_m_s is not declared by logged"),
-        ({"speed_m_s": (float, logged("Speed.", components="xyz"))}, "speed_m_s has components, but one value"),
-        ({"speed_m_s": (float, logged("Speed.", entries={"total": 1}))}, "speed_m_s has entries, but is no mapping"),
-        ({"speed_m_s": (float, logged("Speed.", after="mass_kg"))}, "no field mass_kg for speed_m_s to come after"),
-        ({"speed_m_s": (float, logged("Speed.", after="speed_m_s"))}, "no field speed_m_s for speed_m_s"),
-        ({"words": (Mapping[str, str], logged("Words."))}, None),
-        ({"speed_m_s": (float, logged("Speed.", column=None))}, None),
+        ({"deep": (tuple[Values, ...], declared("Deep."))}, "a log cannot hold a tuple"),
+        ({"speed_m_s": (float, None)}, "the field speed_m_s has no meaning"),
+        ({"speed_m_s": (float, declared("Speed.", components="xyz"))}, "speed_m_s has components, but one value"),
+        ({"speed_m_s": (float, declared("Speed.", entries={"total": 1}))}, "speed_m_s has entries, but is no mapping"),
+        ({"speed_m_s": (float, declared("Speed.", after="mass_kg"))}, "no field mass_kg for speed_m_s to come after"),
+        ({"speed_m_s": (float, declared("Speed.", after="speed_m_s"))}, "no field speed_m_s for speed_m_s"),
+        ({"speeds": (ByName, declared("Speeds.", column="speeds"))}, "a table cannot show speeds in one column"),
+        ({"words": (Mapping[str, str], declared("Words."))}, None),
+        ({"speed_m_s": (float, declared("Speed.", column=None))}, None),
     ],
 )
 def test_an_inconsistent_declaration_is_refused(declared, words):
@@ -111,7 +112,7 @@ def test_an_inconsistent_declaration_is_refused(declared, words):
 
 def test_a_table_has_columns():
     with pytest.raises(ValueError, match="the table pulls has no columns"):
-        register(replace(KIND, name="pull", plural="pulls", record=made(qpos=(Values, logged("Configuration.")))))
+        register(replace(KIND, name="pull", plural="pulls", record=made(qpos=(Values, declared("Configuration.")))))
 
 
 def test_the_default_summary_has_all_fields():

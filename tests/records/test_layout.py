@@ -11,8 +11,12 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_origin, get_type_hints
 
+from ffsm_mj.analysis.contact_intervals import ContactInterval
+from ffsm_mj.analysis.grasp_intervals import GraspInterval
+from ffsm_mj.analysis.momentum_table import MomentumRow
 from ffsm_mj.contact_models import registry  # registers the kinds
 from ffsm_mj.records.kinds import RecordKind, kinds
+from ffsm_mj.records.record import columns_of
 
 FILE = Path(__file__).with_name("layout.json")
 
@@ -38,13 +42,17 @@ def layout() -> str:
         )
         if found
     }
+    parts |= {f"table {row.__name__}": list(columns_of(row)) for row in (ContactInterval, GraspInterval, MomentumRow)}
     return "{\n" + ",\n".join(f'"{name}": {json.dumps(found)}' for name, found in parts.items()) + "\n}\n"
 
 
 def test_layout_of_built_in_records():
     assert json.loads(layout()) == json.loads(FILE.read_text())
     assert list(json.loads(FILE.read_text())) == list(json.loads(layout()))
-    assert {name.split()[0] for name in json.loads(layout())} == {kind.name for kind in registry.BUILT_IN_RECORDS}
+    assert {name.split()[0] for name in json.loads(layout())} == {
+        "table",
+        *(kind.name for kind in registry.BUILT_IN_RECORDS),
+    }
 
 
 if __name__ == "__main__":

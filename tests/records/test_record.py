@@ -9,7 +9,7 @@ from dataclasses import fields, is_dataclass
 import pytest
 
 from ffsm_mj.contact_models.registry import BUILT_IN_RECORDS
-from ffsm_mj.records.record import ByName, Meaning, Values, columns, lengths, logged, meanings, record, table_order
+from ffsm_mj.records.record import ByName, Meaning, Values, columns_of, declared, lengths_of, meanings, record, table_order
 
 PLACE = Meaning("Where, in world axes.", column="place, world frame", components="xyz")
 
@@ -18,53 +18,60 @@ PLACE = Meaning("Where, in world axes.", column="place, world frame", components
 class Push:
     """A record for tests."""
 
-    number: int = logged("Number of the push.")
-    time_s: float = logged("Time of the push.")
-    step: int = logged("Step.", column=None)
-    geoms: tuple[str, ...] = logged("Two geoms.", components="ab")
-    place_m: Values = logged(PLACE)
-    normal: Values = logged("Unit normal.", components="xyz")
-    slip_m_s: Values = logged("Slip.", components="xy")
-    qpos: Values = logged("Configuration.")
-    momentum: ByName = logged("P and L.", entries={"total": 6, "robot": 3})
-    word: str = logged("``hard`` or ``soft``.", default="hard", after="number")
-    origin_m: Values = logged(PLACE, after="place_m", default=(0.0, 0.0, 0.0))
+    number: int = declared("Number of the push.")
+    time_s: float = declared("Time of the push.")
+    step: int = declared("Step.", column=None)
+    geoms: tuple[str, ...] = declared("Two geoms.", components="ab")
+    place_m: Values = declared(PLACE)
+    normal: Values = declared("Unit normal.", components="xyz")
+    slip_m_s: Values = declared("Slip.", components="xy")
+    force: Values = declared("Force.", unit="N", components="xyz")
+    names: tuple[str, ...] = declared("Names.", column="names, joined")
+    qpos: Values = declared("Configuration.")
+    momentum: ByName = declared("P and L.", entries={"total": 6, "robot": 3})
+    word: str = declared("``hard`` or ``soft``.", default="hard", after="number")
+    origin_m: Values = declared(PLACE, after="place_m", default=(0.0, 0.0, 0.0))
+    goal_m: Values = declared(PLACE, column=None, default=(0.0, 0.0, 0.0))
 
 
 def test_columns_follow_from_the_fields():
-    """The time first, then in the order of the fields; late ones where they belong; letters before the unit."""
-    assert columns(Push) == {
-        "time_s": ("s", "time of the push"),
+    """In their order, late ones where they belong; the letters of components before the unit."""
+    assert columns_of(Push) == {
         "number": ("", "number of the push"),
         "word": ("", "hard or soft"),
+        "time_s": ("s", "time of the push"),
         "geoms_{ab}": ("", "two geoms"),
         "place_{xyz}_m": ("m", "place, world frame"),
         "origin_{xyz}_m": ("m", "place, world frame"),
         "normal_{xyz}": ("", "unit normal"),
         "slip_{xy}_m_s": ("m/s", "slip"),
+        "force_{xyz}": ("N", "force"),
+        "names": ("", "names, joined"),
     }
-    assert list(columns(Push))[:5] == ["time_s", "number", "word", "geoms_{ab}", "place_{xyz}_m"]
+    assert list(columns_of(Push))[:5] == ["number", "word", "time_s", "geoms_{ab}", "place_{xyz}_m"]
     assert table_order(Push)[:3] == ("number", "word", "time_s")
 
 
 def test_lengths_follow_from_the_fields():
-    assert lengths(Push) == {
+    assert lengths_of(Push) == {
         "geoms": 2,
         "place_m": 3,
         "normal": 3,
         "slip_m_s": 2,
+        "force": 3,
         "origin_m": 3,
+        "goal_m": 3,
         "momentum.total": 6,
         "momentum.robot": 3,
     }
 
 
 def test_a_record_is_a_frozen_dataclass_with_the_defaults_of_its_fields():
-    push = Push(1, 0.5, 3, ("a", "b"), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0), (), {})
+    push = Push(1, 0.5, 3, ("a", "b"), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0), (1.0, 0.0, 0.0), ("a",), (), {})
     assert (is_dataclass(push), push.word, push.origin_m) == (True, "hard", (0.0, 0.0, 0.0))
     with pytest.raises(AttributeError):
         push.number = 2
-    with pytest.raises(TypeError, match="missing 9 required"):
+    with pytest.raises(TypeError, match="missing 11 required"):
         Push()
 
 
@@ -73,10 +80,10 @@ def test_records_extend_others():
     class Shove(Push):
         """A push with a force."""
 
-        force_N: float = logged("Force.", default=0.0)
+        force_N: float = declared("Force.", default=0.0)
 
     assert list(meanings(Shove)) == [*meanings(Push), "force_N"]
-    assert columns(Shove) == columns(Push) | {"force_N": ("N", "force")}
+    assert columns_of(Shove) == columns_of(Push) | {"force_N": ("N", "force")}
 
 
 @pytest.mark.parametrize("kind", BUILT_IN_RECORDS, ids=lambda kind: kind.name)

@@ -14,85 +14,85 @@ from ffsm_mj.records.events import (
     THETA,
 )
 from ffsm_mj.records.kinds import Mark, RecordKind
-from ffsm_mj.records.record import ByName, Values, logged, record
+from ffsm_mj.records.record import ByName, Values, declared, record
 
 
 @record
 class LimitImpactRecord:
     """A joint hits a limit; it shares ``event`` and the states with all contacts and limits of the same impact."""
 
-    event: int = logged(
+    event: int = declared(
         "Number of the impact, from 0, counted with those of geoms.",
         column="number of the impact, from 0; contacts and limits at one instant share it",
     )
-    time_s: float = logged("Time of the impact.", column="simulation time")
-    step: int = logged(IMPACT_STEP)
-    joint: str = logged("Full name of the joint.")
-    side: str = logged("``lower`` or ``upper``.", column="lower or upper limit")
-    unit: str = logged(
+    time_s: float = declared("Time of the impact.", column="simulation time")
+    step: int = declared(IMPACT_STEP)
+    joint: str = declared("Full name of the joint.")
+    side: str = declared("``lower`` or ``upper``.", column="lower or upper limit")
+    unit: str = declared(
         "Unit of the coordinate: ``rad`` (impulse in N m s, rates in rad/s) or ``m`` (impulse in N s, rates in m/s).",
         column="unit of the joint's coordinate, rad or m: rates are per second, the impulse is in N m s or N s",
     )
-    value: float = logged("Coordinate of the joint at the event.", column="coordinate at the event, rad or m")
-    limit: float = logged("Value of the limit.", column="value of the limit, rad or m")
-    law: str = logged("Impact law of the result.", column="impact law that gave the result")
-    status: str = logged(
+    value: float = declared("Coordinate of the joint at the event.", column="coordinate at the event, rad or m")
+    limit: float = declared("Value of the limit.", column="value of the limit, rad or m")
+    law: str = declared("Impact law of the result.", column="impact law that gave the result")
+    status: str = declared(
         "Status of the solution: ``ok``, ``energy_guard``, ``jammed`` or ``wedged``, as for contacts.",
         column="status of the solution: ok, energy_guard, jammed or wedged",
     )
-    theta: float = logged(THETA)
-    restitution: float = logged("Coefficient of restitution of the joint's limits.")
-    restitution_used: float = logged(
+    theta: float = declared(THETA)
+    restitution: float = declared("Coefficient of restitution of the joint's limits.")
+    restitution_used: float = declared(
         "Coefficient that was applied: 0 if the joint comes to rest at the limit.",
         column="coefficient of restitution that was used: 0 if the joint comes to rest",
     )
-    dropped_gap: float = logged(
+    dropped_gap: float = declared(
         "If the joint comes to rest, the greatest gap of the bounces that were skipped; else 0.",
         column="if the joint comes to rest: highest gap of the omitted flights, rad or m",
     )
-    dropped_flights_s: float = logged(
+    dropped_flights_s: float = declared(
         "Total duration of the skipped bounces; else 0.", column="total duration of the omitted flights"
     )
-    approach_rate: float = logged(
+    approach_rate: float = declared(
         "Rate towards the limit before the impact.", column="rate towards the limit before the impact, rad/s or m/s"
     )
-    separation_rate: float = logged(
+    separation_rate: float = declared(
         "Rate away from the limit after the impact.", column="rate away from the limit after the impact, rad/s or m/s"
     )
-    impulse: float = logged(
+    impulse: float = declared(
         "Impulse on the joint, away from the limit, >= 0.", column="impulse on the joint, away from the limit, N m s or N s"
     )
-    work_J: float = logged("Work of the impulse.")
-    gap: float = logged(
+    work_J: float = declared("Work of the impulse.")
+    gap: float = declared(
         "Distance from the limit at the event; zero within the tolerance of the root finder.",
         column="distance from the limit at the event, rad or m",
     )
-    point_m: Values = logged(
+    point_m: Values = declared(
         "Anchor of the joint in world axes.", column="anchor of the joint, world frame", components="xyz"
     )
-    axis: Values = logged(
+    axis: Values = declared(
         "Unit vector along the joint's axis in world axes, in the sense of the impulse.",
         column="axis of the joint in the sense of the impulse, world frame",
         components="xyz",
     )
-    qpos: Values = logged("Configuration, unchanged by the impact.")
-    qvel_before: ByName = logged(QVEL_BEFORE)
-    qvel_after: ByName = logged(QVEL_AFTER)
-    energy_before_J: ByName = logged(ENERGY_BEFORE)
-    energy_after_J: ByName = logged(ENERGY_AFTER)
-    momentum_before: ByName = logged(MOMENTUM_BEFORE)
-    momentum_after: ByName = logged(MOMENTUM_AFTER)
-    energy_change_J: float = logged(
+    qpos: Values = declared("Configuration, unchanged by the impact.")
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(QVEL_AFTER)
+    energy_before_J: ByName = declared(ENERGY_BEFORE)
+    energy_after_J: ByName = declared(ENERGY_AFTER)
+    momentum_before: ByName = declared(MOMENTUM_BEFORE)
+    momentum_after: ByName = declared(MOMENTUM_AFTER)
+    energy_change_J: float = declared(
         "Change of the total kinetic energy in the impact.", column="kinetic energy gained by the whole system in the impact"
     )
-    linear_momentum_change_N_s: float = logged(
+    linear_momentum_change_N_s: float = declared(
         "Norm of the change of the total linear momentum.", column="norm of the change of the whole system's linear momentum"
     )
-    angular_momentum_change_N_m_s: float = logged(
+    angular_momentum_change_N_m_s: float = declared(
         "Norm of the change of the total angular momentum about the world origin.",
         column="norm of the change of the whole system's angular momentum about the origin",
     )
-    efforts_after: ByName = logged("Effort by actuator from the impact on.", default_factory=dict)
+    efforts_after: ByName = declared("Effort by actuator from the impact on.", default_factory=dict)
 
 
 def force_unit(unit: str) -> str:

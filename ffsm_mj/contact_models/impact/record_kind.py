@@ -7,7 +7,7 @@ from typing import Any
 
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields, field_of
-from ffsm_mj.records.record import ByName, columns, table_order
+from ffsm_mj.records.record import ByName, columns_of, table_order
 
 
 def _sentence(record: ImpactRecord) -> str:
@@ -55,7 +55,7 @@ def summary_of(record: Any) -> dict[str, Any]:
     """Entry of an impact in a summary: the columns of its table but the gap, and the velocities by joint."""
     rates = {name: _by_joint(getattr(record, name)) for name in ("qvel_before", "qvel_after")}
     cls: type = type(record)
-    values, shown = all_fields(record) | rates, {field_of(column)[0] for column in columns(cls)} - {"gap", "gap_m"}
+    values, shown = all_fields(record) | rates, {field_of(column)[0] for column in columns_of(cls)} - {"gap", "gap_m"}
     return {name: values[name] for name in table_order(cls) if name in rates or name in shown}
 
 
