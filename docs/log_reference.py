@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import get_args, get_origin, get_type_hints
@@ -15,6 +14,7 @@ from ffsm_mj.log.marks import SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import kinds
+from ffsm_mj.records.record import meanings
 from ffsm_mj.records.signals import GROUPS, unit_of
 
 HEAD = """# Log reference
@@ -131,20 +131,12 @@ def samples() -> dict[str, list[tuple[str, str, str]]]:
 
 
 def record(record_type: type) -> Iterator[tuple[str, str, str, str]]:
-    """Fields of an event, their meaning from its docstring and those of the classes that it extends."""
-    told = [each.__doc__ or "" for each in reversed(record_type.__mro__)]
-    texts = [text.split("Attributes:")[1] for text in told if "Attributes:" in text]
-    meaning = dict(pair for text in texts for pair in re.findall(r"^ {8}(\w+): (.*)$", text, flags=re.MULTILINE))
-    hints = get_type_hints(record_type)
+    """Fields of an event."""
+    found, hints = meanings(record_type), get_type_hints(record_type)
     for field in fields(record_type):
-        yield (
-            f"`{field.name}`",
-            type_name(hints[field.name]),
-            unit_of(field.name),
-            meaning.pop(field.name).replace("``", "`"),
-        )
-    if meaning:
-        raise ValueError(f"{record_type.__name__} has no field {', '.join(meaning)}")
+        meaning = found[field.name]
+        unit, text = meaning.unit or unit_of(field.name), meaning.text.replace("``", "`")
+        yield f"`{field.name}`", type_name(hints[field.name]), unit, text
 
 
 def type_name(hint: object) -> str:

@@ -33,7 +33,7 @@ API = {
     "Impacts": ("`ffsm_mj.contact_models.impact`, usable alone on any MuJoCo model.", "ffsm_mj.contact_models.impact"),
     "Control laws": ("The interface of control laws.", "ffsm_mj.controller_protocol"),
     "Contact models": ("The interface of contact models.", "ffsm_mj.contact_models.interface"),
-    "Records": ("Records of events.", "ffsm_mj.records.events", "ffsm_mj.records.kinds"),
+    "Records": ("Records of events.", "ffsm_mj.records.events", "ffsm_mj.records.record", "ffsm_mj.records.kinds"),
     "Log replay": ("Recompute a run from the states in its log.", "ffsm_mj.replay"),
     "pytest": ("Fixtures and assertions for tests on logged data.", "ffsm_mj.pytest_plugin"),
     "Errors": ("Exceptions.", "ffsm_mj.errors"),

@@ -84,8 +84,7 @@ def baseline_folder(baseline) -> Path:
 def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))
-    known = dict(kinds._known())
-    monkeypatch.setattr(kinds, "_known", lambda: known)
+    monkeypatch.setattr(kinds, "_KNOWN", dict(kinds._KNOWN))
     for contact_model in (Spring, Weld):
         contact_models.register(contact_model)
 

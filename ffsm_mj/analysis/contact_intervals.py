@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,50 +19,41 @@ from ffsm_mj.contact_models.persistent.record import (
     ContactRecord,
 )
 from ffsm_mj.records.events import Event
+from ffsm_mj.records.record import declared, record
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, identifier
 
-COLUMNS = {
-    "rule": ("", "name of the contact rule"),
-    "pairs": ("", "names of its pairs that were closed in the interval"),
-    "start_s": ("s", "time at which the first pair closes"),
-    "end_s": ("s", "time at which the last one opens; NaN if one is closed at the end of the log"),
-    "impulse_N_s": ("N s", "integral of the contact force over the interval"),
-    "peak_force_N": ("N", "greatest contact force of the samples and events in the interval"),
-    "peak_force_s": ("s", "time of the greatest force"),
-    "sliding_s": ("s", "time in the interval for which a pair slides under friction"),
-    "slip_m": ("m", "slip distance under friction over the interval"),
-    "peak_friction_use": ("", "greatest share of the friction limit that the samples in the interval use"),
-}
 
-
-@dataclass(frozen=True)
+@record
 class ContactInterval:
-    """Interval in which at least one pair of a contact rule is closed.
+    """Interval in which at least one pair of a contact rule is closed."""
 
-    Attributes:
-        rule: Name of the contact rule.
-        pairs: Names of its pairs that were closed in the interval, in the order of their closing.
-        start_s: Time at which the first pair closed: that of its first impact.
-        end_s: Time at which the last one opened; None if one is closed at the end of the log.
-        impulse_N_s: Integral of the contact force over the interval.
-        peak_force_N: Greatest contact force of the samples and events in the interval.
-        peak_force_s: Time of the greatest force.
-        sliding_s: Time in the interval for which a pair slides under friction; 0 without friction.
-        slip_m: Slip distance under friction over the interval.
-        peak_friction_use: Greatest share of the friction limit that the samples in the interval use; 1 if they slide.
-    """
-
-    rule: str
-    pairs: tuple[str, ...]
-    start_s: float
-    end_s: float | None
-    impulse_N_s: float
-    peak_force_N: float
-    peak_force_s: float
-    sliding_s: float = 0.0
-    slip_m: float = 0.0
-    peak_friction_use: float = 0.0
+    rule: str = declared("Name of the contact rule.")
+    pairs: tuple[str, ...] = declared(
+        "Names of its pairs that were closed in the interval, in the order of their closing.",
+        column="names of its pairs that were closed in the interval",
+    )
+    start_s: float = declared(
+        "Time at which the first pair closed: that of its first impact.", column="time at which the first pair closes"
+    )
+    end_s: float | None = declared(
+        "Time at which the last one opened; None if one is closed at the end of the log.",
+        column="time at which the last one opens; NaN if one is closed at the end of the log",
+    )
+    impulse_N_s: float = declared("Integral of the contact force over the interval.")
+    peak_force_N: float = declared("Greatest contact force of the samples and events in the interval.")
+    peak_force_s: float = declared("Time of the greatest force.")
+    sliding_s: float = declared(
+        "Time in the interval for which a pair slides under friction; 0 without friction.",
+        column="time in the interval for which a pair slides under friction",
+        default=0.0,
+    )
+    slip_m: float = declared("Slip distance under friction over the interval.", default=0.0)
+    peak_friction_use: float = declared(
+        "Greatest share of the friction limit that the samples in the interval use; 1 if they slide.",
+        column="greatest share of the friction limit that the samples in the interval use",
+        default=0.0,
+    )
 
 
 class _Slip:

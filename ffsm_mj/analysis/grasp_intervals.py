@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,45 +11,35 @@ from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.load_columns import load_columns_of
+from ffsm_mj.records.record import Values, declared, record
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 
-COLUMNS = {
-    "grasp": ("", "name of the grasp"),
-    "time_s": ("s", "time of the capture"),
-    "release_s": ("s", "time of the release, or at which another grasp takes over; NaN if closed at the end of the log"),
-    "loss_J": ("J", "kinetic energy lost at the capture"),
-    "impulse_{xyz}": ("N s", "impulse on the object at the capture, world frame"),
-    "peak_force_N": ("N", "greatest force on the object in the interval, of the samples and right after events"),
-    "peak_torque_N_m": ("N m", "greatest torque on the object about its site in the interval, likewise"),
-    "peak_s": ("s", "time of the greatest force"),
-}
 
-
-@dataclass(frozen=True)
+@record
 class GraspInterval:
-    """Interval in which an object was grasped.
+    """Interval in which an object was grasped."""
 
-    Attributes:
-        grasp: Name of the grasp.
-        time_s: Time of the capture.
-        release_s: Time of the release, or at which another grasp of the same two sites takes over; None if the grasp is
-            closed at the end of the log.
-        loss_J: Kinetic energy lost at the capture.
-        impulse: Impulse on the object at the capture, world axes, N s.
-        peak_force_N: Greatest force on the object in the interval, of the samples and right after events.
-        peak_torque_N_m: Greatest torque on the object about its site, likewise.
-        peak_s: Time of the greatest force.
-    """
-
-    grasp: str
-    time_s: float
-    release_s: float | None
-    loss_J: float
-    impulse: tuple[float, ...]
-    peak_force_N: float
-    peak_torque_N_m: float
-    peak_s: float
+    grasp: str = declared("Name of the grasp.")
+    time_s: float = declared("Time of the capture.")
+    release_s: float | None = declared(
+        "Time of the release, or at which another grasp of the same two sites takes over; None if the grasp is closed at "
+        "the end of the log.",
+        column="time of the release, or at which another grasp takes over; NaN if closed at the end of the log",
+    )
+    loss_J: float = declared("Kinetic energy lost at the capture.")
+    impulse: Values = declared(
+        "Impulse on the object at the capture, world axes.",
+        column="impulse on the object at the capture, world frame",
+        unit="N s",
+        components="xyz",
+    )
+    peak_force_N: float = declared("Greatest force on the object in the interval, of the samples and right after events.")
+    peak_torque_N_m: float = declared(
+        "Greatest torque on the object about its site, likewise.",
+        column="greatest torque on the object about its site in the interval, likewise",
+    )
+    peak_s: float = declared("Time of the greatest force.")
 
 
 class _OpenGrasp:

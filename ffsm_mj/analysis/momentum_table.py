@@ -2,28 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
-COLUMNS = {
-    "kind": ("", "total, outside, subsystem, body, or actuator: wheel, external or joint"),
-    "name": ("", "name of the subsystem, body or actuator"),
-    "before_{xyz}_N_m_s": ("N m s", "angular momentum at the first sample; NaN for actuators"),
-    "after_{xyz}_N_m_s": ("N m s", "angular momentum at the last sample; NaN for actuators"),
-    "change_{xyz}_N_m_s": ("N m s", "difference; of actuators what a wheel stores and what a thruster brings"),
-}
+from ffsm_mj.records.record import Values, declared, record
+
 _NONE = (float("nan"),) * 3
 
 
-@dataclass(frozen=True)
+@record
 class MomentumRow:
-    """A row of the table: vectors in world axes about the centre of mass of everything that moves, N m s."""
+    """A row of the table: vectors in world axes about the centre of mass of everything that moves."""
 
-    kind: str
-    name: str
-    before_N_m_s: tuple[float, ...]
-    after_N_m_s: tuple[float, ...]
-    change_N_m_s: tuple[float, ...]
+    kind: str = declared("Total, outside, subsystem, body, or actuator: wheel, external or joint.")
+    name: str = declared("Name of the subsystem, body or actuator.")
+    before_N_m_s: Values = declared("Angular momentum at the first sample; NaN for actuators.", components="xyz")
+    after_N_m_s: Values = declared("Angular momentum at the last sample; NaN for actuators.", components="xyz")
+    change_N_m_s: Values = declared(
+        "Difference; of actuators what a wheel stores and what a thruster brings.", components="xyz"
+    )
 
 
 def momentum_rows(found: dict[str, Any] | None) -> list[MomentumRow]:

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.analysis.contact_intervals import COLUMNS as _CONTACT_COLUMNS
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import digest
-from ffsm_mj.analysis.grasp_intervals import COLUMNS as _CAPTURE_COLUMNS
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.analysis.momentum_table import COLUMNS as _MOMENTUM_COLUMNS
-from ffsm_mj.analysis.momentum_table import momentum_rows
+from ffsm_mj.analysis.momentum_table import MomentumRow, momentum_rows
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
+from ffsm_mj.records.record import columns_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, evaluate_checks
@@ -93,7 +91,7 @@ def table_names(log: RunLog) -> tuple[str, ...]:
 
 def momentum_table(found: dict[str, Any] | None) -> Table:
     """The table of ``angular_momentum`` of ``summary.json``; without rows if it is unknown."""
-    return _of_columns(MOMENTUM_TABLE, _MOMENTUM_COLUMNS, momentum_rows(found))
+    return _of_columns(MOMENTUM_TABLE, columns_of(MomentumRow), momentum_rows(found))
 
 
 def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:
@@ -107,9 +105,13 @@ def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> T
     if name == "checks":
         return _of_columns(name, _LAW_COLUMNS, evaluate_checks(log, tolerance))
     if name == "contacts":
-        return _of_columns(name, _CONTACT_COLUMNS, [_ended(contact) for contact in digest(log).contacts.intervals()])
+        return _of_columns(
+            name, columns_of(ContactInterval), [_ended(contact) for contact in digest(log).contacts.intervals()]
+        )
     if name == "captures" and CAPTURE in log.kinds:
-        return _of_columns(name, _CAPTURE_COLUMNS, [_released(capture) for capture in digest(log).grasps.intervals()])
+        return _of_columns(
+            name, columns_of(GraspInterval), [_released(capture) for capture in digest(log).grasps.intervals()]
+        )
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))

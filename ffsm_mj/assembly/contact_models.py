@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ffsm_mj.analysis.built_in_kinds import LIMITS
 from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -12,11 +11,12 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
+from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
-from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS
+from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
@@ -94,7 +94,7 @@ def record_kinds(
     limits = any(isinstance(each, JointLimit) for each in constraints)
     kinds = [
         *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
-        *(LIMITS if limits else ()),
+        *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),
         *((EFFORT_CHANGE,) if delayed_control else ()),
         *(KINDS if scenario.captures else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),

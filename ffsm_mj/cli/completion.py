@@ -106,7 +106,7 @@ def completion(options: argparse.Namespace, output: Output) -> int:
 
 def _script(shell: str) -> str:
     """Completion script for ``bash``, ``zsh`` or ``fish``; it lists what the installed version ships."""
-    from ffsm_mj.analysis.built_in_kinds import BUILT_IN
+    from ffsm_mj.contact_models.registry import BUILT_IN_RECORDS
 
     whole = parser()
     for command, option in _options(whole):
@@ -115,7 +115,7 @@ def _script(shell: str) -> str:
         scenarios=" ".join(scenario_names()),
         campaigns=" ".join(CAMPAIGNS.names()),
         studies=" ".join(STUDIES.names()),
-        tables=" ".join([*_TABLES, *(kind.plural for kind in BUILT_IN if kind.name != "outcome")]),
+        tables=" ".join([*_TABLES, *(kind.plural for kind in BUILT_IN_RECORDS if kind.name != "outcome")]),
     )
     return shtab.complete(whole, shell=shell, preamble=preamble).rstrip()
 

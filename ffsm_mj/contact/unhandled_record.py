@@ -18,13 +18,6 @@ UNHANDLED_CONTACT = RecordKind(
     when="when an unhandled overlap ends",
     time=lambda record: record.end_s,  # its greatest depth is known only then
     sentence=_sentence,
-    columns={
-        "geoms_{ab}": ("", "the two geoms"),
-        "start_s": ("s", "first step at which they overlapped"),
-        "end_s": ("s", "last step at which they overlapped"),
-        "max_depth_m": ("m", "greatest depth of the overlap"),
-    },
-    lengths={"geoms": 2},
     warning=lambda _: True,
     in_every_run=True,
 )

@@ -1,20 +1,46 @@
-"""Contact models that a scenario may declare: registered ones, and those of installed packages."""
+"""Contact models that a scenario may declare, registered ones and those of installed packages, and the built-in records.
+
+Importing this module registers the kinds of records of every run and of the built-in contact models, in the order of logs
+and summaries; those of another contact model are registered with it.
+"""
 
 from __future__ import annotations
 
 from importlib.metadata import entry_points
 
+from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
+from ffsm_mj.contact_models.grasp.record_kinds import KINDS as GRASP_KINDS
+from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
+from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.interface import ContactModel, EventSource, ForceSource
+from ffsm_mj.contact_models.persistent.record import (
+    CONTACT_BEGINS,
+    CONTACT_CHANGES,
+    CONTACT_ENDS,
+    FRICTION_KINDS,
+    LIMIT_KINDS,
+)
 from ffsm_mj.errors import described, unknown_name
 from ffsm_mj.records import kinds
+from ffsm_mj.records.effort_change import EFFORT_CHANGE
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
 GROUP = "ffsm_mj.contact_models"
 BUILT_IN_KINDS = ("impact", "contact", "capture")
 """Kinds of the built-in contact models, which no other may have."""
 
+BUILT_IN_RECORDS = (
+    *(IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME),
+    *(*FRICTION_KINDS, LIMIT_IMPACT, *LIMIT_KINDS, EFFORT_CHANGE, *GRASP_KINDS),
+)
+"""Kinds of records of every run, then those of friction, joint limits, delays and grasps."""
+
 _REGISTERED: dict[str, type[ContactModel]] = {}
 _BROKEN: dict[str, str] = {}
+
+for _kind in BUILT_IN_RECORDS:
+    kinds.register(_kind)
 
 
 def register(contact_model: type[ContactModel]) -> type[ContactModel]:

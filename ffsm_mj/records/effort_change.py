@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
+from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.record import ByName, Values, declared, record
 
 
-@dataclass(frozen=True)
+@record
 class EffortChange:
-    """Efforts change between control ticks; velocities do not.
+    """Efforts change between control ticks; velocities do not."""
 
-    Attributes:
-        time_s: Simulation time.
-        step: Index of the integration step, from 0.
-        cause: ``command arrives`` after its delay, or ``late tick``: the control law was called late.
-        qpos: Configuration, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity, by joint.
-        qvel_after: Equal to ``qvel_before``.
-        efforts_after: Effort by actuator from now on.
-    """
-
-    time_s: float
-    step: int
-    cause: str
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    time_s: float = declared("Simulation time.")
+    step: int = declared("Index of the integration step, from 0.")
+    cause: str = declared(
+        "``command arrives`` after its delay, or ``late tick``: the control law was called late.",
+        column="command arrives, or late tick",
+    )
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL)
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared("Effort by actuator from now on.", default_factory=dict)
 
 
 EFFORT_CHANGE = RecordKind(
@@ -39,10 +31,5 @@ EFFORT_CHANGE = RecordKind(
     time=lambda record: record.time_s,
     sentence=lambda record: record.cause,
     summarised=False,
-    columns={
-        "time_s": ("s", "simulation time"),
-        "step": ("", "index of the integration step, from 0"),
-        "cause": ("", "command arrives, or late tick"),
-    },
     own_numbers=True,
 )

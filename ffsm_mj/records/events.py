@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, ClassVar, Protocol
+
+from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
 
 ControllerReport = Mapping[str, float | int | str]
 """Report of a control law on a phase: finite numbers and texts by name."""
@@ -51,187 +52,230 @@ class RunEnded(Exception):
         super().__init__(self.message)
 
 
-@dataclass(frozen=True)
+STEP = Meaning("Index of the integration step, from 0.", column=None)
+QPOS = Meaning("Configuration, in the order of the sample's ``q_`` fields.")
+QVEL = Meaning("Generalised velocity, by joint.")
+QVEL_UNCHANGED = Meaning("Equal to ``qvel_before``.")
+QVEL_BEFORE = Meaning("Generalised velocity before, by joint.")
+QVEL_AFTER = Meaning("Generalised velocity after, by joint.")
+ENERGY_BEFORE = Meaning("Kinetic energy before, by subsystem: total, robot, objects.", entries={"total": 1})
+ENERGY_AFTER = Meaning("Kinetic energy after, by subsystem.", entries={"total": 1})
+
+IMPACT_STEP = Meaning("Integration step of the impact, from 0.", column=None)
+THETA = Meaning(
+    "Factor on the restitution applied by the energy guard; 1 if it was not needed.",
+    column="factor by which the energy guard reduced the restitution; 1 if it was not needed",
+)
+MOMENTUM_BEFORE = Meaning(
+    "P and L about the world origin before, six numbers, in N s and N m s, of the total.", entries={"total": 6}
+)
+MOMENTUM_AFTER = Meaning("P and L about the world origin after.", entries={"total": 6})
+
+
+@record
 class ImpactRecord:
-    """One contact of an impact; contacts at one instant share ``event`` and the states before and after.
+    """One contact of an impact; contacts at one instant share ``event`` and the states before and after."""
 
-    Attributes:
-        event: Number of the impact, from 0.
-        time_s: Time of the impact.
-        step: Integration step of the impact, from 0.
-        pair: Name of the pair of geoms.
-        geoms: Geoms a and b.
-        robot_geom: Geom a if it is of the robot and b of an object, floating or fixed; else empty.
-        object_geom: Geom b if it is of an object, floating or fixed, and a of the robot; else empty.
-        point_m: Contact point, the midpoint of the witness points, in world axes.
-        normal: Unit normal in world axes, from a to b.
-        manifold: ``point``, ``edge`` or ``face``.
-        law: Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).
-        status: ``ok``; ``energy_guard``: restitution reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies
-            squeezed without clearance, no elastic solution exists and energy was lost; ``wedged``: one self-locking contact.
-        restitution: Coefficient of restitution of the pair.
-        restitution_used: Coefficient that was applied: 0 if the contact comes to rest and becomes persistent.
-        dropped_gap_m: If the contact comes to rest, the greatest gap of the bounces that were skipped; else 0.
-        dropped_flights_s: Total duration of the skipped bounces, by which the contact rests too early; else 0.
-        approach_speed_m_s: Speed of approach along the normal before the impact.
-        separation_speed_m_s: Speed of separation along the normal after the impact.
-        impulse_N_s: Normal impulse on b.
-        angular_impulse_N_m_s: Its moment in world axes about the centre of mass of the robot or object that b belongs to, or
-            about the origin of its model's frame if that is fixed.
-        mu: Coefficient of friction of the pair.
-        theta: Factor on the restitution applied by the energy guard; 1 if it was not needed.
-        tangential_impulse_N_s: Friction impulse on b in world axes, tangential. Without friction it is zero, as are
-            all fields below except the normal work, which is then that of the impulse alone.
-        slip_before_m_s: Tangential velocity of b relative to a at the point before the impact, in world axes; not computed
-            (zero) if no contact of the impact has friction.
-        slip_after_m_s: Tangential velocity after the impact.
-        path: Contact modes in order: ``slip``, ``stick``, ``reverse slip``; empty without friction.
-        normal_work_J: Work of the normal impulse; for one contact the integral of its speed over its impulse.
-        friction_work_J: Work of friction; <= 0 for one contact. For several, its split from normal work is a convention.
-        compression_work_J: Work of the normal impulse until the end of compression, <= 0 for one contact with friction.
-        rule: Name of the contact rule of the pair.
-        gap_m: Distance of the geoms at the event; zero within the tolerance of the root finder.
-        qpos: Configuration, unchanged by the impact, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity before, by joint.
-        qvel_after: Generalised velocity after, by joint.
-        energy_before_J: Kinetic energy before, by subsystem: total, robot, objects.
-        energy_after_J: Kinetic energy after, by subsystem.
-        momentum_before: P and L about the world origin before, six numbers, in N s and N m s, of the total.
-        momentum_after: P and L about the world origin after.
-        energy_change_J: Change of the total kinetic energy.
-        linear_momentum_change_N_s: Norm of the change of the total linear momentum: rounding, or impulses of fixed bodies.
-        angular_momentum_change_N_m_s: Norm of the change of the total angular momentum about the world origin; likewise.
-        efforts_after: Effort by actuator from the impact on, as the controller decided then; efforts are off during it.
-    """
+    event: int = declared(
+        "Number of the impact, from 0.", column="number of the impact, from 0; contacts at one instant share it"
+    )
+    time_s: float = declared("Time of the impact.", column="simulation time")
+    step: int = declared(IMPACT_STEP)
+    pair: str = declared("Name of the pair of geoms.", column="name of the pair of geoms that touch")
+    geoms: tuple[str, ...] = declared(
+        "Geoms a and b.", column="geom of the pair; the normal points from a to b", components="ab"
+    )
+    robot_geom: str = declared(
+        "Geom a if it is of the robot and b of an object, floating or fixed; else empty.",
+        column="geom a if the robot touches an object, else empty",
+    )
+    object_geom: str = declared(
+        "Geom b if it is of an object, floating or fixed, and a of the robot; else empty.",
+        column="geom b if the robot touches an object, else empty",
+    )
+    point_m: Values = declared(
+        "Contact point, the midpoint of the witness points, in world axes.",
+        column="contact point, world frame",
+        components="xyz",
+        after="dropped_flights_s",
+    )
+    normal: Values = declared(
+        "Unit normal in world axes, from a to b.",
+        column="normal from a to b, world frame",
+        components="xyz",
+        after="point_m",
+    )
+    manifold: str = declared("``point``, ``edge`` or ``face``.")
+    law: str = declared(
+        "Impact law of the result; with friction ``stronge`` (one contact), ``coulomb`` or ``poisson`` (several).",
+        column="impact law that gave the result",
+    )
+    status: str = declared(
+        "``ok``; ``energy_guard``: restitution reduced by ``theta`` to prevent a gain of energy; ``jammed``: bodies "
+        "squeezed without clearance, no elastic solution exists and energy was lost; ``wedged``: one self-locking contact.",
+        column="status of the solution: ok, energy_guard, jammed or wedged",
+    )
+    restitution: float = declared("Coefficient of restitution of the pair.")
+    restitution_used: float = declared(
+        "Coefficient that was applied: 0 if the contact comes to rest and becomes persistent.",
+        column="coefficient of restitution that was used: 0 if the contact comes to rest",
+    )
+    dropped_gap_m: float = declared(
+        "If the contact comes to rest, the greatest gap of the bounces that were skipped; else 0.",
+        column="if the contact comes to rest: highest gap of the omitted flights",
+    )
+    dropped_flights_s: float = declared(
+        "Total duration of the skipped bounces, by which the contact rests too early; else 0.",
+        column="total duration of the omitted flights",
+    )
+    approach_speed_m_s: float = declared(
+        "Speed of approach along the normal before the impact.", column="approach speed along the normal before the impact"
+    )
+    separation_speed_m_s: float = declared(
+        "Speed of separation along the normal after the impact.", column="separation speed along the normal after the impact"
+    )
+    impulse_N_s: float = declared("Normal impulse on b.", column="impulse on b along the normal")
+    angular_impulse_N_m_s: Values = declared(
+        "Its moment in world axes about the centre of mass of the robot or object that b belongs to, or about the"
+        " origin of its model's frame if that is fixed.",
+        column="angular impulse on b, with friction, about the centre of mass of its robot or object; if fixed, its "
+        "model's origin",
+        components="xyz",
+    )
+    mu: float = declared("Coefficient of friction of the pair.")
+    normal_work_J: float = declared(
+        "Work of the normal impulse; for one contact the integral of its speed over its impulse.",
+        column="work of the normal impulse",
+    )
+    gap_m: float = declared(
+        "Distance of the geoms at the event; zero within the tolerance of the root finder.",
+        column="signed distance at the event",
+    )
+    qpos: Values = declared("Configuration, unchanged by the impact, in the order of the sample's ``q_`` fields.")
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(QVEL_AFTER)
+    energy_before_J: ByName = declared(ENERGY_BEFORE)
+    energy_after_J: ByName = declared(ENERGY_AFTER)
+    momentum_before: ByName = declared(MOMENTUM_BEFORE)
+    momentum_after: ByName = declared(MOMENTUM_AFTER)
+    energy_change_J: float = declared(
+        "Change of the total kinetic energy.", column="kinetic energy gained by the whole system"
+    )
+    linear_momentum_change_N_s: float = declared(
+        "Norm of the change of the total linear momentum: rounding, or impulses of fixed bodies.",
+        column="norm of the change of the whole system's linear momentum",
+    )
+    angular_momentum_change_N_m_s: float = declared(
+        "Norm of the change of the total angular momentum about the world origin; likewise.",
+        column="norm of the change of the whole system's angular momentum about the origin",
+    )
+    theta: float = declared(THETA, after="status", default=1.0)
+    tangential_impulse_N_s: Values = declared(
+        "Friction impulse on b in world axes, tangential. Without friction it is zero, as are all fields below "
+        "except the normal work, which is then that of the impulse alone.",
+        column="friction impulse on b, world frame",
+        components="xyz",
+        after="mu",
+        default=(0.0, 0.0, 0.0),
+    )
+    slip_before_m_s: Values = declared(
+        "Tangential velocity of b relative to a at the point before the impact, in world axes; not computed "
+        "(zero) if no contact of the impact has friction.",
+        column="tangential velocity of b relative to a before, world frame; zero without friction",
+        components="xyz",
+        after="tangential_impulse_N_s",
+        default=(0.0, 0.0, 0.0),
+    )
+    slip_after_m_s: Values = declared(
+        "Tangential velocity after the impact.",
+        column="tangential velocity of b relative to a after, world frame; zero without friction",
+        components="xyz",
+        after="slip_before_m_s",
+        default=(0.0, 0.0, 0.0),
+    )
+    path: str = declared(
+        "Contact modes in order: ``slip``, ``stick``, ``reverse slip``; empty without friction.",
+        column="sequence of slip, stick and reverse slip during the impact",
+        after="slip_after_m_s",
+        default="",
+    )
+    friction_work_J: float = declared(
+        "Work of friction; <= 0 for one contact. For several, its split from normal work is a convention.",
+        column="work of the friction impulse",
+        after="normal_work_J",
+        default=0.0,
+    )
+    compression_work_J: float = declared(
+        "Work of the normal impulse until the end of compression, <= 0 for one contact with friction.",
+        column="work of the normal impulse until the end of compression; contacts with friction only",
+        after="friction_work_J",
+        default=0.0,
+    )
+    rule: str = declared(
+        "Name of the contact rule of the pair.", column="name of its contact rule", after="pair", default=""
+    )
+    efforts_after: ByName = declared(
+        "Effort by actuator from the impact on, as the controller decided then; efforts are off during it.",
+        default_factory=dict,
+    )
 
-    event: int
-    time_s: float
-    step: int
-    pair: str
-    geoms: tuple[str, ...]
-    robot_geom: str
-    object_geom: str
-    point_m: tuple[float, ...]
-    normal: tuple[float, ...]
-    manifold: str
-    law: str
-    status: str
-    restitution: float
-    restitution_used: float
-    dropped_gap_m: float
-    dropped_flights_s: float
-    approach_speed_m_s: float
-    separation_speed_m_s: float
-    impulse_N_s: float
-    angular_impulse_N_m_s: tuple[float, ...]
-    mu: float
-    normal_work_J: float
-    gap_m: float
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    energy_before_J: Mapping[str, tuple[float, ...]]
-    energy_after_J: Mapping[str, tuple[float, ...]]
-    momentum_before: Mapping[str, tuple[float, ...]]
-    momentum_after: Mapping[str, tuple[float, ...]]
-    energy_change_J: float
-    linear_momentum_change_N_s: float
-    angular_momentum_change_N_m_s: float
-    theta: float = 1.0
-    tangential_impulse_N_s: tuple[float, ...] = (0.0, 0.0, 0.0)
-    slip_before_m_s: tuple[float, ...] = (0.0, 0.0, 0.0)
-    slip_after_m_s: tuple[float, ...] = (0.0, 0.0, 0.0)
-    path: str = ""
-    friction_work_J: float = 0.0
-    compression_work_J: float = 0.0
-    rule: str = ""
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
-
-@dataclass(frozen=True)
+@record
 class PhaseRecord:
-    """A phase begins.
+    """A phase begins."""
 
-    Attributes:
-        index: Position of the phase in the scenario, from 0.
-        name: Name of the phase.
-        controller: Kind of its controller.
-        start_s: Time at which it begins.
-        reason: ``start``, ``time``, ``settled``, ``finished``, or the record that ended the previous phase, e.g. ``impact``.
-    """
-
-    index: int
-    name: str
-    controller: str
-    start_s: float
-    reason: str
+    index: int = declared("Position of the phase in the scenario, from 0.", column="position in the scenario, from 0")
+    name: str = declared("Name of the phase.")
+    controller: str = declared("Kind of its controller.")
+    start_s: float = declared("Time at which it begins.", column="when it begins")
+    reason: str = declared(
+        "``start``, ``time``, ``settled``, ``finished``, or the record that ended the previous phase, e.g. ``impact``.",
+        column="why it begins",
+    )
 
 
-@dataclass(frozen=True)
+@record
 class UnhandledContactRecord:
-    """Overlap of two geoms that are neither of a contact rule nor ignored; no contact force acted.
+    """Overlap of two geoms that are neither of a contact rule nor ignored; no contact force acted."""
 
-    Attributes:
-        geoms: The two geoms.
-        start_s: First step at which they overlapped.
-        end_s: Last step at which they overlapped.
-        max_depth_m: Greatest depth of the overlap.
-    """
-
-    geoms: tuple[str, ...]
-    start_s: float
-    end_s: float
-    max_depth_m: float
+    geoms: tuple[str, ...] = declared("The two geoms.", components="ab")
+    start_s: float = declared("First step at which they overlapped.")
+    end_s: float = declared("Last step at which they overlapped.")
+    max_depth_m: float = declared("Greatest depth of the overlap.")
 
 
-@dataclass(frozen=True)
+@record
 class InternalErrorRecord:
-    """An exception that ended the run: a bug of ffsm-mj or of a plug-in, not a property of the motion.
+    """An exception that ended the run: a bug of ffsm-mj or of a plug-in, not a property of the motion."""
 
-    Attributes:
-        time_s: Simulation time at the last event or step end before it.
-        step: Integration step in which it was raised, from 0.
-        error: Type and text of the exception, on one line.
-        where: File, line and function that raised it.
-        traceback: Python's traceback, with paths relative to where packages are installed.
-    """
-
-    time_s: float
-    step: int
-    error: str
-    where: str
-    traceback: str
+    time_s: float = declared("Simulation time at the last event or step end before it.")
+    step: int = declared("Integration step in which it was raised, from 0.", column="integration step, from 0")
+    error: str = declared("Type and text of the exception, on one line.", column="type and text of the exception")
+    where: str = declared("File, line and function that raised it.")
+    traceback: str = declared(
+        "Python's traceback, with paths relative to where packages are installed.", column="Python's traceback"
+    )
 
 
-@dataclass(frozen=True)
+@record
 class OutcomeRecord:
-    """Outcome of the run, and its computational cost.
+    """Outcome of the run, and its computational cost."""
 
-    Attributes:
-        outcome: One of the outcomes, ``completed`` for a regular end.
-        message: Details of the outcome.
-        end_s: Simulation time at the end.
-        steps: Integration steps of the grid, those of ``time_step_s``.
-        wall_s: Wall time of the simulation; 0 if SOURCE_DATE_EPOCH is set.
-        controller_ticks: Number of control ticks.
-        reports: Reports of the control laws by phase, for all phases that began; JSON in the log.
-        versions: Versions of the packages that affect results.
-        sub_steps: Number of integration steps with ``accuracy``; 0 without.
-        smallest_step_s: Shortest integration step with ``accuracy``; 0 without.
-        law_wall_s: Wall time of all calls of control laws and estimator; 0 if SOURCE_DATE_EPOCH is set.
-    """
-
-    outcome: str
-    message: str
-    end_s: float
-    steps: int
-    wall_s: float
-    controller_ticks: int
-    reports: Mapping[str, ControllerReport] = field(default_factory=dict)
-    versions: Mapping[str, str] = field(default_factory=dict)
-    sub_steps: int = 0
-    smallest_step_s: float = 0.0
-    law_wall_s: float = 0.0
+    outcome: str = declared("One of the outcomes, ``completed`` for a regular end.")
+    message: str = declared("Details of the outcome.")
+    end_s: float = declared("Simulation time at the end.")
+    steps: int = declared("Integration steps of the grid, those of ``time_step_s``.")
+    wall_s: float = declared("Wall time of the simulation; 0 if SOURCE_DATE_EPOCH is set.")
+    controller_ticks: int = declared("Number of control ticks.")
+    reports: Mapping[str, ControllerReport] = declared(
+        "Reports of the control laws by phase, for all phases that began; JSON in the log.", default_factory=dict
+    )
+    versions: Mapping[str, str] = declared("Versions of the packages that affect results.", default_factory=dict)
+    sub_steps: int = declared("Number of integration steps with ``accuracy``; 0 without.", default=0)
+    smallest_step_s: float = declared("Shortest integration step with ``accuracy``; 0 without.", default=0.0)
+    law_wall_s: float = declared(
+        "Wall time of all calls of control laws and estimator; 0 if SOURCE_DATE_EPOCH is set.", default=0.0
+    )
 
 
 class Event(Protocol):

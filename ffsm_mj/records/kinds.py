@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
-from functools import cache
-from importlib import import_module
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import ControllerReport
+from ffsm_mj.records.record import ONE_VALUE, columns_of, lengths_of, meanings
 from ffsm_mj.records.signals import Layout
 
 _TAKEN = frozenset(
@@ -29,8 +28,8 @@ _TAKEN = frozenset(
     )
 )
 """Plurals that have another meaning."""
-_ONE = (float, int, str)
 _LETTERS = re.compile(r"_\{(\w+)\}")
+_KNOWN: dict[str, RecordKind] = {}
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,8 @@ class RecordKind:
     """Description of one kind of record; all functions but ``arrows`` take a record.
 
     Attributes:
-        record: Its class: a frozen dataclass whose fields are numbers and text, tuples of either, mappings from names to
-            text or to tuples of numbers; its docstring describes each field, names end in their unit.
+        record: Its class, declared as :mod:`.record` says; its fields are numbers and text, tuples of either, mappings from
+            names to text or to tuples of numbers.
         name: ``impact``: its topic is ``/ffsm/impact``, its schema ``ffsm.Impact``.
         plural: ``impacts``: its list in ``summary.json`` and on a run, its table; empty if a run has only one.
         when: When a record is written, as text.
@@ -81,9 +80,6 @@ class RecordKind:
         sentence: One line that describes the event.
         summary: Its entry in ``summary.json``.
         summarised: Whether ``summary.json`` lists each record.
-        columns: Unit and meaning of the columns of its table. ``impulse_N_s`` is the field of that name, ``point_{xyz}_m``
-            one column for each value of the field ``point_m``.
-        lengths: How many values a field holds, ``point_m``, or the entry of a mapping, ``energy_before_J.total``.
         marks: Marks to draw; None for none.
         arrows: Arrows that viewers draw from the columns of the contact model of the records; None for none. A contact model
             with several kinds of records declares its arrows with one of them.
@@ -103,8 +99,6 @@ class RecordKind:
     sentence: Callable[[Any], str]
     summary: Callable[[Any], dict[str, Any]] = all_fields
     summarised: bool = True
-    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    lengths: Mapping[str, int] = field(default_factory=dict)
     marks: Callable[[Any], Sequence[Mark]] | None = None
     arrows: Callable[[Layout], Iterable[ArrowColumns]] | None = None
     state: Callable[[Any], str] | None = None
@@ -123,17 +117,15 @@ class RecordKind:
         """The name of its schema in a log."""
         return "ffsm." + "".join(word.capitalize() for word in self.name.split("_"))
 
+    @property
+    def columns(self) -> Mapping[str, tuple[str, str]]:
+        """Unit and text of the columns of its table, see :func:`.record.columns_of`; the time is the first one."""
+        return dict(sorted(columns_of(self.record).items(), key=lambda each: each[0] != "time_s"))
 
-@cache
-def _known() -> dict[str, RecordKind]:
-    """All kinds by name: the built-in ones, then those that :func:`register` adds.
-
-    The built-in ones are listed in a room that knows all contact models, far above this one, so it is imported at run time.
-    """
-    known: dict[str, RecordKind] = {}
-    for kind in import_module("ffsm_mj.analysis.built_in_kinds").BUILT_IN:
-        _add(known, kind)
-    return known
+    @property
+    def lengths(self) -> Mapping[str, int]:
+        """How many values its fields hold, see :func:`.record.lengths_of`."""
+        return lengths_of(self.record)
 
 
 def register(kind: RecordKind) -> None:
@@ -142,25 +134,21 @@ def register(kind: RecordKind) -> None:
     Raises:
         ValueError: Its name, plural or class belongs to another kind, or the kind is inconsistent.
     """
-    _add(_known(), kind)
-
-
-def _add(known: dict[str, RecordKind], kind: RecordKind) -> None:
-    if known.get(kind.name) == kind:
+    if _KNOWN.get(kind.name) == kind:
         return
-    for other in known.values():
+    for other in _KNOWN.values():
         if kind.name == other.name or kind.record is other.record or (kind.plural and kind.plural == other.plural):
             raise ValueError(f"the kind {kind.name} ({kind.plural}) of {kind.record.__name__} is {other.name} already")
     if kind.name == "sample" or kind.plural in _TAKEN:
         raise ValueError(f"the kind {kind.name} ({kind.plural}): the name is reserved")
     for fault in _faults(kind):
         raise ValueError(f"the kind {kind.name}: {fault}")
-    known[kind.name] = kind
+    _KNOWN[kind.name] = kind
 
 
 def kinds() -> tuple[RecordKind, ...]:
     """All kinds in the order of registration: impacts first."""
-    return tuple(_known().values())
+    return tuple(_KNOWN.values())
 
 
 def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
@@ -169,7 +157,7 @@ def kinds_of(names: Sequence[str]) -> tuple[RecordKind, ...]:
     Raises:
         KeyError: No such kind.
     """
-    every = (name for name, kind in _known().items() if kind.in_every_run)
+    every = (name for name, kind in _KNOWN.items() if kind.in_every_run)
     return tuple(map(kind_named, dict.fromkeys((*every, *names))))
 
 
@@ -179,10 +167,9 @@ def kind_named(name: str) -> RecordKind:
     Raises:
         KeyError: No such kind.
     """
-    known = _known()
-    if name not in known:
-        raise KeyError(unknown_name("kind of record", name, known))
-    return known[name]
+    if name not in _KNOWN:
+        raise KeyError(unknown_name("kind of record", name, _KNOWN))
+    return _KNOWN[name]
 
 
 def kind_of(record: Any) -> RecordKind:
@@ -191,10 +178,10 @@ def kind_of(record: Any) -> RecordKind:
     Raises:
         TypeError: Its class is not registered.
     """
-    for kind in _known().values():
+    for kind in _KNOWN.values():
         if kind.record is type(record):
             return kind
-    raise TypeError(f"{type(record).__name__} is not a kind of record; there are {', '.join(_known())}")
+    raise TypeError(f"{type(record).__name__} is not a kind of record; there are {', '.join(_KNOWN)}")
 
 
 def field_of(column: str) -> tuple[str, str]:
@@ -208,30 +195,31 @@ def _faults(kind: RecordKind) -> Iterator[str]:
     if not is_dataclass(kind.record):
         yield f"{kind.record.__name__} is not a dataclass"
         return
+    told, hints = meanings(kind.record), get_type_hints(kind.record)
+    for name in (each.name for each in fields(kind.record)):
+        if name not in told:
+            yield f"the field {name} has no meaning, see ffsm_mj.records.record.declared"
+            return
+        hint, meaning = hints[name], told[name]
+        if not _storable(hint):
+            yield f"a log cannot hold a {hint} ({name})"
+        if meaning.components and get_origin(hint) is not tuple:
+            yield f"{name} has components, but one value"
+        if meaning.entries and get_origin(hint) is not Mapping:
+            yield f"{name} has entries, but is no mapping"
+        if meaning.column and not meaning.components and hint not in (*ONE_VALUE, tuple[str, ...]):
+            yield f"a table cannot show {name} in one column"
+        if meaning.after and meaning.after not in told.keys() - {name}:
+            yield f"there is no field {meaning.after} for {name} to come after"
     if kind.plural and not kind.columns:
         yield f"the table {kind.plural} has no columns"
-    hints = get_type_hints(kind.record)
-    yield from (
-        f"a log cannot hold a {hints[each.name]} ({each.name})"
-        for each in fields(kind.record)
-        if not _storable(hints[each.name])
-    )
-    yield from (f"there is no field {name} to have a length" for name in kind.lengths if name.partition(".")[0] not in hints)
-    for column in kind.columns:
-        name, letters = field_of(column)
-        if name not in hints:
-            yield f"there is no field {name} for the column {column}"
-        elif letters and kind.lengths.get(name) != len(letters):
-            yield f"the column {column} shows {len(letters)} values, lengths does not say that {name} has as many"
-        elif not letters and hints[name] not in _ONE:
-            yield f"the column {column} shows one value, {name} has several"
 
 
 def _storable(hint: Any) -> bool:
     """Whether a field is a number or text, a tuple of either, or a mapping from names to text or to tuples of numbers."""
     parts = get_args(hint)
     if get_origin(hint) is tuple:
-        return len(parts) == 2 and parts[0] in _ONE and parts[1] is ...
-    return hint in _ONE or (
+        return len(parts) == 2 and parts[0] in ONE_VALUE and parts[1] is ...
+    return hint in ONE_VALUE or (
         get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, ControllerReport, tuple[float, ...])
     )

@@ -20,13 +20,6 @@ PHASE = RecordKind(
     time=lambda record: record.start_s,
     sentence=lambda record: f"phase {record.name} ({record.controller}) begins: {record.reason}",
     summary=_phase,
-    columns={
-        "index": ("", "position in the scenario, from 0"),
-        "name": ("", "name of the phase"),
-        "controller": ("", "kind of its controller"),
-        "start_s": ("s", "when it begins"),
-        "reason": ("", "why it begins"),
-    },
     state=lambda record: record.name,
     in_every_run=True,
 )
@@ -39,13 +32,6 @@ INTERNAL_ERROR = RecordKind(
     time=lambda record: record.time_s,
     sentence=lambda record: f"internal error: {record.error} ({record.where})",
     summarised=False,  # outcome and message of the summary say the same
-    columns={
-        "time_s": ("s", "simulation time at the last event or step end before it"),
-        "step": ("", "integration step, from 0"),
-        "error": ("", "type and text of the exception"),
-        "where": ("", "file, line and function that raised it"),
-        "traceback": ("", "Python's traceback"),
-    },
     warning=lambda _: True,
     in_every_run=True,
 )

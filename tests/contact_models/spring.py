@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -15,7 +13,9 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED, STEP
 from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Signal
 from ffsm_mj.records.wrench import Wrench
 
@@ -31,19 +31,19 @@ class SpringConfig(StrictModel):
     """Force per depth of overlap, N/m."""
 
 
-@dataclass(frozen=True)
+@record
 class SpringRecord:
     """The spring begins or ceases to push."""
 
-    time_s: float
-    step: int
-    pushing: int
-    point_m: tuple[float, ...]
-    normal: tuple[float, ...]
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    pushing: int = declared("1 from here on, or 0.")
+    point_m: Values = declared("A witness point.", column=None, components="xyz")
+    normal: Values = declared("Unit normal.", column=None, components="xyz")
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL)
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared("Effort by actuator after the event.", default_factory=dict)
 
 
 SPRING = RecordKind(
@@ -53,8 +53,6 @@ SPRING = RecordKind(
     when="when it begins or ceases to push",
     time=lambda record: record.time_s,
     sentence=lambda record: f"the spring {'begins' if record.pushing else 'ceases'} to push",
-    columns={"time_s": ("s", "simulation time"), "pushing": ("", "1 from here on, or 0")},
-    lengths={"point_m": 3, "normal": 3},
     marks=lambda record: [Mark(record.point_m, record.normal, 0.1, "spring")],
 )
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Literal
 
 import mujoco
@@ -21,7 +19,9 @@ from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_ma
 from ffsm_mj.model.fixed import place
 from ffsm_mj.model.part import part
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.events import QPOS, QVEL_AFTER, QVEL_BEFORE, STEP
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Signal
 
 _FAR = 1e3
@@ -36,18 +36,18 @@ class WeldConfig(StrictModel):
     """Grip at the first touch, without a request."""
 
 
-@dataclass(frozen=True)
+@record
 class WeldRecord:
     """The object is held from here on, or is released."""
 
-    time_s: float
-    step: int
-    held: int
-    loss_J: float
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    held: int = declared("1 from here on, or 0.")
+    loss_J: float = declared("Energy lost.")
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(QVEL_AFTER)
+    efforts_after: ByName = declared("Effort by actuator after the event.", default_factory=dict)
 
 
 WELD = RecordKind(
@@ -57,7 +57,6 @@ WELD = RecordKind(
     when="when the object is held or released",
     time=lambda record: record.time_s,
     sentence=lambda record: f"the object is {'held' if record.held else 'released'}",
-    columns={"time_s": ("s", "simulation time"), "held": ("", "1 from here on, or 0"), "loss_J": ("J", "energy lost")},
 )
 
 

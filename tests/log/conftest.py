@@ -14,8 +14,7 @@ from tests.scenes import two_balls
 @pytest.fixture
 def grips(monkeypatch):
     """The kind of record of grips, registered for one test."""
-    known = dict(register_of_kinds._known())
-    monkeypatch.setattr(register_of_kinds, "_known", lambda: known)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", dict(register_of_kinds._KNOWN))
     register(GRIP)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,28 +15,20 @@ from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import momentum_keys
 
 
-@dataclass(frozen=True)
+@record
 class Grip:
-    """Two geoms grip each other.
+    """Two geoms grip each other."""
 
-    Attributes:
-        time_s: Time at which the grip starts or ends.
-        geoms: The two geoms.
-        point_m: Position in world axes.
-        holds: 1 if the grip starts, 0 if it ends.
-        wrench_N: Force and moment by body.
-        words: Texts by name.
-    """
-
-    time_s: float
-    geoms: tuple[str, ...]
-    point_m: tuple[float, ...]
-    holds: int
-    wrench_N: Mapping[str, tuple[float, ...]]
-    words: Mapping[str, str]
+    time_s: float = declared("Time at which the grip starts or ends.", column="when")
+    geoms: tuple[str, ...] = declared("The two geoms.", column="a geom", components="ab")
+    point_m: Values = declared("Position in world axes.", column="where", components="xyz")
+    holds: int = declared("1 if the grip starts, 0 if it ends.", column="whether")
+    wrench_N: ByName = declared("Force and moment by body.", entries={"ball": 2})
+    words: Mapping[str, str] = declared("Texts by name.")
 
 
 def marks(grip):
@@ -60,13 +52,6 @@ GRIP = RecordKind(
     time=lambda grip: grip.time_s,
     sentence=lambda grip: f"grip of {' and '.join(grip.geoms)}, holds {grip.holds}",
     summary=lambda grip: {"time_s": grip.time_s, "geoms": list(grip.geoms), "holds": grip.holds},
-    columns={
-        "time_s": ("s", "when"),
-        "geoms_{ab}": ("", "a geom"),
-        "point_{xyz}_m": ("m", "where"),
-        "holds": ("", "whether"),
-    },
-    lengths={"geoms": 2, "point_m": 3, "wrench_N.ball": 2},
     marks=lambda grip: list(marks(grip)),
     state=lambda grip: "held" if grip.holds else "free",
     warning=lambda grip: not grip.holds,

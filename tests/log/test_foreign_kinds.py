@@ -17,16 +17,17 @@ from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap.record_format import decode_record, encode_record
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import register
+from ffsm_mj.records.record import declared
 from tests.hostile.log_mutations import log, records
 from tests.log.grips import FIRST, GRIP, LAST, recorded
 
 
 def test_a_log_with_an_unknown_kind_of_record_is_read_with_a_note(plain_run, tmp_path, capsys, monkeypatch):
-    known = dict(register_of_kinds._known())
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
+    known = dict(register_of_kinds._KNOWN)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", dict(known))
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known=known: known)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", known)
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
     assert (read.impacts, read.damage, "grips" in read.records) == (plain_run.impacts, "", False)
@@ -42,11 +43,11 @@ def test_a_log_with_an_unknown_kind_of_record_is_read_with_a_note(plain_run, tmp
 @pytest.mark.parametrize("broken", [False, True])
 def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch, broken):
     """In a process that reads a log without a run; a package that cannot be imported is ignored."""
-    known = dict(register_of_kinds._known())
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
+    known = dict(register_of_kinds._KNOWN)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", dict(known))
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known=known: known)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", known)
     monkeypatch.setattr(contact_models, "_REGISTERED", {})
     package = tmp_path / "package"
     (package / "grips-1.0.dist-info").mkdir(parents=True)
@@ -67,18 +68,18 @@ def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch
 
 def test_a_kind_of_the_same_name_with_other_fields_is_unknown(plain_run, tmp_path, monkeypatch):
     """Another version of a contact model, or another model: its values would be misinterpreted."""
-    known = dict(register_of_kinds._known())
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
+    known = dict(register_of_kinds._KNOWN)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", dict(known))
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
 
     @dataclass(frozen=True)
     class Grip:
-        time_s: float
-        force_N: float
+        time_s: float = declared("Time.")
+        force_N: float = declared("Force.")
 
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known=dict(known): known)
-    register(replace(GRIP, record=Grip, columns={"force_N": ("N", "force")}, lengths={}))
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", dict(known))
+    register(replace(GRIP, record=Grip))
     read = ffsm_mj.load_run(tmp_path / "out")
     assert read.note == "/ffsm/grip: not read, no such kind of record is known here"
     assert "grips" not in read.summary()

@@ -83,7 +83,7 @@ def test_a_record_has_a_topic_a_text_and_marks_in_the_log(plain_run, tmp_path):
 @pytest.mark.usefixtures("grips")
 def test_arrows_that_a_kind_declares_are_drawn_alike_in_every_view(plain_run, tmp_path, monkeypatch):
     """Along the momentum, ending at the target, 0.4 m to 1.5 m long at scale 1; a torque of zero is not drawn."""
-    monkeypatch.setitem(register_of_kinds._known(), "grip", replace(GRIP, arrows=arrows))
+    monkeypatch.setitem(register_of_kinds._KNOWN, "grip", replace(GRIP, arrows=arrows))
     _, read = recorded(plain_run, tmp_path / "out", FIRST, LAST)
     row = 20
     force, end = read.momentum("robot")[row, :3], np.array([read["state.q_target_x_m"][row], 0.0, 0.0])

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import RecordKind, field_of, kind_of, kinds, kinds_of, register
+from ffsm_mj.records.record import ByName, Values, declared, record
 
 
-@dataclass(frozen=True)
+@record
 class Push:
     """A record for tests."""
 
-    time_s: float
-    by: str
-    point_m: tuple[float, ...]
-    forces_N: Mapping[str, tuple[float, ...]]
+    time_s: float = declared("Time.")
+    by: str = declared("Who pushes.")
+    point_m: Values = declared("Where.", components="xyz")
+    forces_N: ByName = declared("Forces.", entries={"total": 1})
 
 
 KIND = RecordKind(
@@ -28,14 +30,12 @@ KIND = RecordKind(
     when="at every push",
     time=lambda push: push.time_s,
     sentence=lambda push: f"a push by {push.by}",
-    columns={"time_s": ("s", "when"), "point_{xyz}_m": ("m", "where")},
-    lengths={"point_m": 3, "forces_N.total": 1},
 )
 
 
 @pytest.fixture(autouse=True)
 def _registered_for_one_test(monkeypatch):
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known={}: known)
+    monkeypatch.setattr(register_of_kinds, "_KNOWN", {})
     register(KIND)
 
 
@@ -57,12 +57,13 @@ def test_registering_a_kind_again_has_no_effect():
     assert kinds() == (KIND,)
 
 
-@dataclass(frozen=True)
-class Pull:
-    """A second record class."""
+def made(**declared: tuple[Any, Any]) -> type:
+    """A record with some fields, each with its type and its declaration."""
+    fields = {name: how for name, (_, how) in declared.items() if how is not None}
+    return record(type("Made", (), {"__annotations__": {name: hint for name, (hint, _) in declared.items()}, **fields}))
 
-    time_s: float
-    deep: tuple[tuple[float, ...], ...] = ()
+
+TIME = (float, declared("Time."))
 
 
 class Plain:
@@ -78,7 +79,6 @@ class Plain:
         ({"name": "sample", "plural": "pulls", "record": Plain}, "the name is reserved"),
         ({"name": "pull", "plural": "tip", "record": Plain}, "the name is reserved"),
         ({"name": "pull", "plural": "pulls", "record": Plain}, "Plain is not a dataclass"),
-        ({"name": "pull", "plural": "pulls", "record": Pull}, "a log cannot hold a tuple"),
     ],
 )
 def test_reserved_names_and_names_of_other_kinds_are_refused(changed, words):
@@ -88,19 +88,31 @@ def test_reserved_names_and_names_of_other_kinds_are_refused(changed, words):
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("declared", "words"),
     [
-        ({"columns": {"speed_m_s": ("m/s", "none")}}, "no field speed_m_s for the column"),
-        ({"columns": {"point_m": ("m", "three")}}, "point_m has several"),
-        ({"columns": {"point_{xy}_m": ("m", "two")}}, "lengths does not say"),
-        ({"columns": {}}, "the table pushes has no columns"),
-        ({"lengths": {"point_m": 3, "normal": 3}}, "no field normal"),
+        ({"deep": (tuple[Values, ...], declared("Deep."))}, "a log cannot hold a tuple"),
+        ({"speed_m_s": (float, None)}, "the field speed_m_s has no meaning"),
+        ({"speed_m_s": (float, declared("Speed.", components="xyz"))}, "speed_m_s has components, but one value"),
+        ({"speed_m_s": (float, declared("Speed.", entries={"total": 1}))}, "speed_m_s has entries, but is no mapping"),
+        ({"speed_m_s": (float, declared("Speed.", after="mass_kg"))}, "no field mass_kg for speed_m_s to come after"),
+        ({"speed_m_s": (float, declared("Speed.", after="speed_m_s"))}, "no field speed_m_s for speed_m_s"),
+        ({"speeds": (ByName, declared("Speeds.", column="speeds"))}, "a table cannot show speeds in one column"),
+        ({"words": (Mapping[str, str], declared("Words."))}, None),
+        ({"speed_m_s": (float, declared("Speed.", column=None))}, None),
     ],
 )
-def test_an_inconsistent_kind_is_refused(monkeypatch, changed, words):
-    monkeypatch.setattr(register_of_kinds, "_known", lambda known={}: known)
+def test_an_inconsistent_declaration_is_refused(declared, words):
+    if words is None:
+        register(replace(KIND, name="pull", plural="pulls", record=made(time_s=TIME, **declared)))
+        return
     with pytest.raises(ValueError, match=words):
-        register(replace(KIND, **changed))
+        register(replace(KIND, name="pull", plural="pulls", record=made(time_s=TIME, **declared)))
+    assert kinds() == (KIND,)
+
+
+def test_a_table_has_columns():
+    with pytest.raises(ValueError, match="the table pulls has no columns"):
+        register(replace(KIND, name="pull", plural="pulls", record=made(qpos=(Values, declared("Configuration.")))))
 
 
 def test_the_default_summary_has_all_fields():

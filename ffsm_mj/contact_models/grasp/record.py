@@ -2,191 +2,182 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from ffsm_mj.records.events import (
+    ENERGY_AFTER,
+    ENERGY_BEFORE,
+    QPOS,
+    QVEL,
+    QVEL_AFTER,
+    QVEL_BEFORE,
+    QVEL_UNCHANGED,
+    STEP,
+)
+from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
+
+_EVENT = Meaning("Event number, counted over grasps and persistent contacts from 0.")
+_GRASP = Meaning("Name of the grasp.")
+_OBJECT_SITE = Meaning(
+    "Position of the object's site, world axes.", column="the object's site, world frame", components="xyz"
+)
+_QPOS = Meaning("Configuration, the same before and after, in the order of the sample's ``q_`` fields.")
+_EFFORTS = Meaning("Effort by actuator after the event.")
 
 
-@dataclass(frozen=True)
+@record
 class CaptureRecord:
-    """A grasp closes on its object.
+    """A grasp closes on its object."""
 
-    Attributes:
-        event: Event number, counted over grasps and persistent contacts from 0.
-        grasp: Name of the grasp.
-        time_s: Time of the capture.
-        step: Index of the integration step, from 0.
-        robot_site: Site of the robot.
-        object_site: Site of the object.
-        point_m: Position of the object's site, world axes.
-        position_m: Distance of the sites.
-        angle_rad: Angle between their frames.
-        speed_m_s: Relative speed of the two bodies at the object's site, before.
-        rate_rad_s: Relative angular speed, before.
-        joint: Relative motion that the latch leaves free: ``rigid`` (none), ``ball``, ``hinge``, ``slide``, ``cylindrical``.
-        axis: Unit vector of its axis in the frame of the robot's site; zeros for kinds without one.
-        axis_angle_rad: Angle between this axis and the same axis of the object's site; 0 for kinds without one.
-        replaces: Name of the closed grasp of the same two sites that ends with this one; empty if there is none.
-        place: Its place in the order in which the closed grasps closed, from 1. The object of the first one of the robot is
-            attached as a child body of the link; further ones are held by rows.
-        held_position_m: Origin of the object's base in the frame of the grasping link: of an attached object where the
-            latch's joints are at 0, of a further grasp at its closing.
-        held_quaternion: Orientation of the object's base in that frame, w, x, y, z; likewise.
-        rank: Number of relative motions that were possible before and that the latch stops: a rigid one 3 in a plane, 6 in
-            space, fewer where it closes a loop that cannot move so.
-        mobility: Degrees of freedom that are left, with all closed grasps.
-        least_ratio: Smallest singular value that counts over the largest, of the rows that the impulse stops; a small one
-            says that the mechanism is nearly singular.
-        impulse_N_s: Impulse on the object, world axes.
-        angular_impulse_N_m_s: Angular impulse on the object about the object's site, world axes.
-        loss_J: Kinetic energy lost, from the formula of the plastic impulse.
-        energy_before_J: Kinetic energy before, by subsystem: total, robot, objects.
-        energy_after_J: Kinetic energy after, by subsystem.
-        momentum_before: Total P and L about the world origin before, six numbers, in N s and N m s.
-        momentum_after: The same after.
-        energy_change_J: Kinetic energy after minus before, computed from the two states.
-        linear_momentum_change_N_s: Norm of the change of total linear momentum: zero up to rounding.
-        angular_momentum_change_N_m_s: Norm of the change of total angular momentum about the world origin; likewise.
-        qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity before, by joint.
-        qvel_after: Generalised velocity after, by joint.
-        efforts_after: Effort by actuator after the capture, set by the controller at that time.
-    """
+    event: int = declared(_EVENT)
+    grasp: str = declared(_GRASP)
+    time_s: float = declared("Time of the capture.", column="simulation time")
+    step: int = declared(STEP)
+    robot_site: str = declared("Site of the robot.")
+    object_site: str = declared("Site of the object.")
+    point_m: Values = declared(_OBJECT_SITE)
+    position_m: float = declared("Distance of the sites.")
+    angle_rad: float = declared("Angle between their frames.")
+    speed_m_s: float = declared(
+        "Relative speed of the two bodies at the object's site, before.",
+        column="relative speed of the two bodies at the object's site",
+    )
+    rate_rad_s: float = declared("Relative angular speed, before.", column="relative angular speed")
+    joint: str = declared(
+        "Relative motion that the latch leaves free: ``rigid`` (none), ``ball``, ``hinge``, ``slide``, ``cylindrical``."
+    )
+    axis: Values = declared(
+        "Unit vector of its axis in the frame of the robot's site; zeros for kinds without one.",
+        column="unit vector of its axis in the frame of the robot's site; zeros without an axis",
+        components="xyz",
+    )
+    axis_angle_rad: float = declared(
+        "Angle between this axis and the same axis of the object's site; 0 for kinds without one.",
+        column="angle between this axis and the same axis of the object's site",
+    )
+    replaces: str = declared(
+        "Name of the closed grasp of the same two sites that ends with this one; empty if there is none."
+    )
+    place: int = declared(
+        "Its place in the order in which the closed grasps closed, from 1. The object of the first one of the "
+        "robot is attached as a child body of the link; further ones are held by rows.",
+        column="place in the order in which the closed grasps closed, from 1",
+    )
+    held_position_m: Values = declared(
+        "Origin of the object's base in the frame of the grasping link: of an attached object where the latch's "
+        "joints are at 0, of a further grasp at its closing.",
+        column=None,
+        components="xyz",
+    )
+    held_quaternion: Values = declared(
+        "Orientation of the object's base in that frame, w, x, y, z; likewise.", column=None, components="wxyz"
+    )
+    rank: int = declared(
+        "Number of relative motions that were possible before and that the latch stops: a rigid one 3 in a plane,"
+        " 6 in space, fewer where it closes a loop that cannot move so.",
+        column="number of relative motions that were possible before and that the latch stops",
+    )
+    mobility: int = declared("Degrees of freedom that are left, with all closed grasps.")
+    least_ratio: float = declared(
+        "Smallest singular value that counts over the largest, of the rows that the impulse stops; a small one "
+        "says that the mechanism is nearly singular.",
+        column="smallest singular value that counts over the largest, of the rows that the impulse stops",
+    )
+    impulse_N_s: Values = declared(
+        "Impulse on the object, world axes.", column="impulse on the object, world frame", components="xyz"
+    )
+    angular_impulse_N_m_s: Values = declared(
+        "Angular impulse on the object about the object's site, world axes.",
+        column="angular impulse on the object about the object's site, world frame",
+        components="xyz",
+    )
+    loss_J: float = declared("Kinetic energy lost, from the formula of the plastic impulse.")
+    energy_before_J: ByName = declared(ENERGY_BEFORE)
+    energy_after_J: ByName = declared(ENERGY_AFTER)
+    momentum_before: ByName = declared(
+        "Total P and L about the world origin before, six numbers, in N s and N m s.", entries={"total": 6}
+    )
+    momentum_after: ByName = declared("The same after.", entries={"total": 6})
+    energy_change_J: float = declared(
+        "Kinetic energy after minus before, computed from the two states.",
+        column="kinetic energy gained by the whole system, from the two states",
+    )
+    linear_momentum_change_N_s: float = declared(
+        "Norm of the change of total linear momentum: zero up to rounding.",
+        column="norm of the change of the whole system's linear momentum",
+    )
+    angular_momentum_change_N_m_s: float = declared(
+        "Norm of the change of total angular momentum about the world origin; likewise.",
+        column="norm of the change of its angular momentum about the origin",
+    )
+    qpos: Values = declared(_QPOS)
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(QVEL_AFTER)
+    efforts_after: ByName = declared(
+        "Effort by actuator after the capture, set by the controller at that time.", default_factory=dict
+    )
 
-    event: int
-    grasp: str
-    time_s: float
-    step: int
-    robot_site: str
-    object_site: str
-    point_m: tuple[float, ...]
-    position_m: float
-    angle_rad: float
-    speed_m_s: float
-    rate_rad_s: float
-    joint: str
-    axis: tuple[float, ...]
-    axis_angle_rad: float
-    replaces: str
-    place: int
-    held_position_m: tuple[float, ...]
-    held_quaternion: tuple[float, ...]
-    rank: int
-    mobility: int
-    least_ratio: float
-    impulse_N_s: tuple[float, ...]
-    angular_impulse_N_m_s: tuple[float, ...]
-    loss_J: float
-    energy_before_J: Mapping[str, tuple[float, ...]]
-    energy_after_J: Mapping[str, tuple[float, ...]]
-    momentum_before: Mapping[str, tuple[float, ...]]
-    momentum_after: Mapping[str, tuple[float, ...]]
-    energy_change_J: float
-    linear_momentum_change_N_s: float
-    angular_momentum_change_N_m_s: float
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
-
-@dataclass(frozen=True)
+@record
 class ReleaseRecord:
-    """A grasp releases its object, on request or because its load limit is reached; no velocity changes.
+    """A grasp releases its object, on request or because its load limit is reached; no velocity changes."""
 
-    Attributes:
-        event: Event number, counted over grasps and persistent contacts from 0.
-        grasp: Name of the grasp.
-        time_s: Time of the release.
-        step: Index of the integration step, from 0.
-        point_m: Position of the object's site, world axes.
-        reason: ``request`` or ``load_limit``.
-        force_N: Force on the object right before, if its limit is reached; 0 for a request.
-        torque_N_m: Torque on the object about its site right before, likewise.
-        qpos: Configuration, the same before and after, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity before, by joint.
-        qvel_after: Generalised velocity after, by joint.
-        efforts_after: Effort by actuator after the release, set by the controller at that time.
-    """
-
-    event: int
-    grasp: str
-    time_s: float
-    step: int
-    point_m: tuple[float, ...]
-    reason: str
-    force_N: float
-    torque_N_m: float
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    event: int = declared(_EVENT)
+    grasp: str = declared(_GRASP)
+    time_s: float = declared("Time of the release.", column="simulation time")
+    step: int = declared(STEP)
+    point_m: Values = declared(_OBJECT_SITE)
+    reason: str = declared("``request`` or ``load_limit``.")
+    force_N: float = declared(
+        "Force on the object right before, if its limit is reached; 0 for a request.",
+        column="force on the object right before, if a limit is reached; 0 for a request",
+    )
+    torque_N_m: float = declared("Torque on the object about its site right before, likewise.")
+    qpos: Values = declared(_QPOS)
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(QVEL_AFTER)
+    efforts_after: ByName = declared(
+        "Effort by actuator after the release, set by the controller at that time.", default_factory=dict
+    )
 
 
-@dataclass(frozen=True)
+@record
 class ArmingRecord:
-    """A grasp is armed: it may close from now on.
+    """A grasp is armed: it may close from now on."""
 
-    Attributes:
-        event: Event number, counted over grasps and persistent contacts from 0.
-        grasp: Name of the grasp.
-        time_s: Time of arming.
-        step: Index of the integration step, from 0.
-        qpos: Configuration, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity, by joint.
-        qvel_after: Equal to ``qvel_before``.
-        efforts_after: Effort by actuator after the event.
-    """
-
-    event: int
-    grasp: str
-    time_s: float
-    step: int
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    event: int = declared(_EVENT)
+    grasp: str = declared(_GRASP)
+    time_s: float = declared("Time of arming.", column="simulation time")
+    step: int = declared(STEP)
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL)
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
 
 
-@dataclass(frozen=True)
+@record
 class NearMissRecord:
-    """A grasp is disarmed without ever having satisfied its bounds.
+    """A grasp is disarmed without ever having satisfied its bounds."""
 
-    Attributes:
-        event: Event number, counted over grasps and persistent contacts from 0.
-        grasp: Name of the grasp.
-        time_s: Time of disarming.
-        step: Index of the integration step, from 0.
-        least_ratio: Minimum over the armed time, within steps too, of the largest ratio of a value to its bound.
-        least_s: Time of that minimum; of minima that are equal to rounding, of the first.
-        position_m: Distance of the sites at that time.
-        angle_rad: Angle between their frames at that time.
-        speed_m_s: Relative speed at the object's site at that time.
-        rate_rad_s: Relative angular speed at that time.
-        bounds: Bounds of the grasp, by the name of the bounded value.
-        failed: Name of the value with the largest ratio to its bound at that time.
-        failed_value: That value, in the unit of its name.
-        failed_bound: Its bound.
-        qpos: Configuration when it was disarmed, in the order of the sample's ``q_`` fields.
-        qvel_before: Generalised velocity at that time, by joint.
-        qvel_after: Equal to ``qvel_before``.
-        efforts_after: Effort by actuator after the event.
-    """
-
-    event: int
-    grasp: str
-    time_s: float
-    step: int
-    least_ratio: float
-    least_s: float
-    position_m: float
-    angle_rad: float
-    speed_m_s: float
-    rate_rad_s: float
-    bounds: Mapping[str, tuple[float, ...]]
-    failed: str
-    failed_value: float
-    failed_bound: float
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    event: int = declared(_EVENT)
+    grasp: str = declared(_GRASP)
+    time_s: float = declared("Time of disarming.")
+    step: int = declared(STEP)
+    least_ratio: float = declared(
+        "Minimum over the armed time, within steps too, of the largest ratio of a value to its bound.",
+        column="minimum while armed of the largest ratio of a value to its bound",
+    )
+    least_s: float = declared("Time of that minimum; of minima that are equal to rounding, of the first.")
+    position_m: float = declared("Distance of the sites at that time.")
+    angle_rad: float = declared("Angle between their frames at that time.")
+    speed_m_s: float = declared(
+        "Relative speed at the object's site at that time.",
+        column="relative speed of the two bodies at the object's site at that time",
+    )
+    rate_rad_s: float = declared("Relative angular speed at that time.")
+    bounds: ByName = declared("Bounds of the grasp, by the name of the bounded value.")
+    failed: str = declared("Name of the value with the largest ratio to its bound at that time.")
+    failed_value: float = declared("That value, in the unit of its name.")
+    failed_bound: float = declared("Its bound.", column="its bound, in the unit of its name")
+    qpos: Values = declared("Configuration when it was disarmed, in the order of the sample's ``q_`` fields.")
+    qvel_before: ByName = declared("Generalised velocity at that time, by joint.")
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)

@@ -1,4 +1,4 @@
-"""Kinds of the event records of grasps: their columns, sentences and marks."""
+"""Kinds of the event records of grasps: their sentences and marks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
 from ffsm_mj.records.load_columns import load_arrows
+from ffsm_mj.records.signals import unit_of
 
 NEARLY_SINGULAR = 1e-6
 """Ratio of the smallest singular value that counts to the largest below which a mechanism is nearly singular."""
@@ -51,7 +52,7 @@ def _missed(record: NearMissRecord) -> str:
 
 
 def _beyond(record: NearMissRecord, name: str) -> str:
-    unit = _SITES[name][0]
+    unit = unit_of(name)
     return f"{_SHORT[name]} {getattr(record, name):.4g} {unit}, bound {record.bounds[name][0]:.4g} {unit}"
 
 
@@ -59,16 +60,6 @@ def _of_near_miss(record: NearMissRecord) -> dict[str, Any]:
     return {name: value for name, value in all_fields(record).items() if name in NEAR_MISS.columns}
 
 
-_GRASP = {
-    "event": ("", "event number, counted over grasps and persistent contacts from 0"),
-    "grasp": ("", "name of the grasp"),
-}
-_SITES = {
-    "position_m": ("m", "distance of the sites"),
-    "angle_rad": ("rad", "angle between their frames"),
-    "speed_m_s": ("m/s", "relative speed of the two bodies at the object's site"),
-    "rate_rad_s": ("rad/s", "relative angular speed"),
-}
 _SHORT = {
     "position_m": "distance",
     "angle_rad": "angle",
@@ -84,40 +75,6 @@ CAPTURE = RecordKind(
     time=lambda record: record.time_s,
     sentence=_captured,
     summarised=False,  # the summary lists grasp intervals instead
-    columns={
-        "time_s": ("s", "simulation time"),
-        **_GRASP,
-        "robot_site": ("", "site of the robot"),
-        "object_site": ("", "site of the object"),
-        "point_{xyz}_m": ("m", "the object's site, world frame"),
-        **_SITES,
-        "joint": ("", "relative motion that the latch leaves free: rigid (none), ball, hinge, slide, cylindrical"),
-        "axis_{xyz}": ("", "unit vector of its axis in the frame of the robot's site; zeros without an axis"),
-        "axis_angle_rad": ("rad", "angle between this axis and the same axis of the object's site"),
-        "replaces": ("", "name of the closed grasp of the same two sites that ends with this one; empty if there is none"),
-        "place": ("", "place in the order in which the closed grasps closed, from 1"),
-        "rank": ("", "number of relative motions that were possible before and that the latch stops"),
-        "mobility": ("", "degrees of freedom that are left, with all closed grasps"),
-        "least_ratio": ("", "smallest singular value that counts over the largest, of the rows that the impulse stops"),
-        "impulse_{xyz}_N_s": ("N s", "impulse on the object, world frame"),
-        "angular_impulse_{xyz}_N_m_s": ("N m s", "angular impulse on the object about the object's site, world frame"),
-        "loss_J": ("J", "kinetic energy lost, from the formula of the plastic impulse"),
-        "energy_change_J": ("J", "kinetic energy gained by the whole system, from the two states"),
-        "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
-        "angular_momentum_change_N_m_s": ("N m s", "norm of the change of its angular momentum about the origin"),
-    },
-    lengths={
-        "point_m": 3,
-        "axis": 3,
-        "impulse_N_s": 3,
-        "angular_impulse_N_m_s": 3,
-        "held_position_m": 3,
-        "held_quaternion": 4,
-        "energy_before_J.total": 1,
-        "energy_after_J.total": 1,
-        "momentum_before.total": 6,
-        "momentum_after.total": 6,
-    },
     marks=_capture_marks,
     warning=_singular,
     arrows=load_arrows,
@@ -131,15 +88,6 @@ RELEASE = RecordKind(
     time=lambda record: record.time_s,
     sentence=_released,
     summarised=False,
-    columns={
-        "time_s": ("s", "simulation time"),
-        **_GRASP,
-        "point_{xyz}_m": ("m", "the object's site, world frame"),
-        "reason": ("", "request or load_limit"),
-        "force_N": ("N", "force on the object right before, if a limit is reached; 0 for a request"),
-        "torque_N_m": ("N m", "torque on the object about its site right before, likewise"),
-    },
-    lengths={"point_m": 3},
     marks=lambda record: [Mark(record.point_m, text=f"{record.grasp} releases", name=record.grasp)],
 )
 
@@ -151,16 +99,6 @@ NEAR_MISS = RecordKind(
     time=lambda record: record.time_s,
     sentence=_missed,
     summary=_of_near_miss,
-    columns={
-        "time_s": ("s", "time of disarming"),
-        **_GRASP,
-        "least_ratio": ("", "minimum while armed of the largest ratio of a value to its bound"),
-        "least_s": ("s", "time of that minimum; of minima that are equal to rounding, of the first"),
-        **{name: (unit, f"{meaning} at that time") for name, (unit, meaning) in _SITES.items()},
-        "failed": ("", "name of the value with the largest ratio to its bound at that time"),
-        "failed_value": ("", "that value, in the unit of its name"),
-        "failed_bound": ("", "its bound, in the unit of its name"),
-    },
     warning=lambda _: True,
 )
 
@@ -172,7 +110,6 @@ ARMING = RecordKind(
     time=lambda record: record.time_s,
     sentence=lambda record: f"arming {record.grasp}",
     summarised=False,
-    columns={"time_s": ("s", "simulation time"), **_GRASP},
 )
 
 KINDS = (CAPTURE, RELEASE, NEAR_MISS, ARMING)

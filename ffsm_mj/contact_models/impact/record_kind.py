@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.kinds import Mark, RecordKind, all_fields, field_of
+from ffsm_mj.records.record import ByName, columns_of, table_order
 
 
 def _sentence(record: ImpactRecord) -> str:
@@ -51,87 +51,26 @@ def _marks(record: ImpactRecord) -> list[Mark]:
     return [normal, Mark(record.point_m, along, size, f"{size:.4g} N s friction", record.pair)]
 
 
-def _summary(record: ImpactRecord) -> dict[str, Any]:
-    return {
-        "event": record.event,
-        "time_s": record.time_s,
-        "pair": record.pair,
-        "rule": record.rule,
-        "geoms": list(record.geoms),
-        **({"robot_geom": record.robot_geom, "object_geom": record.object_geom} if record.robot_geom else {}),
-        "point_m": list(record.point_m),
-        "normal": list(record.normal),
-        "manifold": record.manifold,
-        "law": record.law,
-        "status": record.status,
-        "theta": record.theta,
-        "restitution": record.restitution,
-        "restitution_used": record.restitution_used,
-        "dropped_gap_m": record.dropped_gap_m,
-        "dropped_flights_s": record.dropped_flights_s,
-        "approach_speed_m_s": record.approach_speed_m_s,
-        "separation_speed_m_s": record.separation_speed_m_s,
-        "impulse_N_s": record.impulse_N_s,
-        "angular_impulse_N_m_s": list(record.angular_impulse_N_m_s),
-        "mu": record.mu,
-        "tangential_impulse_N_s": list(record.tangential_impulse_N_s),
-        "slip_before_m_s": list(record.slip_before_m_s),
-        "slip_after_m_s": list(record.slip_after_m_s),
-        "path": record.path,
-        "normal_work_J": record.normal_work_J,
-        "friction_work_J": record.friction_work_J,
-        "compression_work_J": record.compression_work_J,
-        "qvel_before": by_joint(record.qvel_before),
-        "qvel_after": by_joint(record.qvel_after),
-        "energy_change_J": record.energy_change_J,
-        "linear_momentum_change_N_s": record.linear_momentum_change_N_s,
-        "angular_momentum_change_N_m_s": record.angular_momentum_change_N_m_s,
-    }
+def summary_of(record: Any) -> dict[str, Any]:
+    """Entry of an impact in a summary: the columns of its table but the gap, and the velocities by joint."""
+    rates = {name: _by_joint(getattr(record, name)) for name in ("qvel_before", "qvel_after")}
+    cls: type = type(record)
+    values, shown = all_fields(record) | rates, {field_of(column)[0] for column in columns_of(cls)} - {"gap", "gap_m"}
+    return {name: values[name] for name in table_order(cls) if name in rates or name in shown}
 
 
-def by_joint(qvel: Mapping[str, tuple[float, ...]]) -> dict[str, float | list[float]]:
-    """Generalised velocities by joint for a summary: a number for a joint with one degree of freedom."""
+def _by_joint(qvel: ByName) -> dict[str, float | list[float]]:
+    """Generalised velocities by joint: a number for a joint with one degree of freedom."""
     return {joint: v[0] if len(v) == 1 else list(v) for joint, v in qvel.items()}
 
 
-_COLUMNS = {
-    "time_s": ("s", "simulation time"),
-    "event": ("", "number of the impact, from 0; contacts at one instant share it"),
-    "pair": ("", "name of the pair of geoms that touch"),
-    "rule": ("", "name of its contact rule"),
-    "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
-    "robot_geom": ("", "geom a if the robot touches an object, else empty"),
-    "object_geom": ("", "geom b if the robot touches an object, else empty"),
-    "manifold": ("", "point, edge or face"),
-    "law": ("", "impact law that gave the result"),
-    "status": ("", "status of the solution: ok, energy_guard, jammed or wedged"),
-    "theta": ("", "factor by which the energy guard reduced the restitution; 1 if it was not needed"),
-    "restitution": ("", "coefficient of restitution of the pair"),
-    "restitution_used": ("", "coefficient of restitution that was used: 0 if the contact comes to rest"),
-    "dropped_gap_m": ("m", "if the contact comes to rest: highest gap of the omitted flights"),
-    "dropped_flights_s": ("s", "total duration of the omitted flights"),
-    "point_{xyz}_m": ("m", "contact point, world frame"),
-    "normal_{xyz}": ("", "normal from a to b, world frame"),
-    "approach_speed_m_s": ("m/s", "approach speed along the normal before the impact"),
-    "separation_speed_m_s": ("m/s", "separation speed along the normal after the impact"),
-    "impulse_N_s": ("N s", "impulse on b along the normal"),
-    "angular_impulse_{xyz}_N_m_s": (
-        "N m s",
-        "angular impulse on b, with friction, about the centre of mass of its robot or object; if fixed, its model's origin",
-    ),
-    "mu": ("", "coefficient of friction of the pair"),
-    "tangential_impulse_{xyz}_N_s": ("N s", "friction impulse on b, world frame"),
-    "slip_before_{xyz}_m_s": ("m/s", "tangential velocity of b relative to a before, world frame; zero without friction"),
-    "slip_after_{xyz}_m_s": ("m/s", "tangential velocity of b relative to a after, world frame; zero without friction"),
-    "path": ("", "sequence of slip, stick and reverse slip during the impact"),
-    "normal_work_J": ("J", "work of the normal impulse"),
-    "friction_work_J": ("J", "work of the friction impulse"),
-    "compression_work_J": ("J", "work of the normal impulse until the end of compression; contacts with friction only"),
-    "gap_m": ("m", "signed distance at the event"),
-    "energy_change_J": ("J", "kinetic energy gained by the whole system"),
-    "linear_momentum_change_N_s": ("N s", "norm of the change of the whole system's linear momentum"),
-    "angular_momentum_change_N_m_s": ("N m s", "norm of the change of the whole system's angular momentum about the origin"),
-}
+def _summary(record: ImpactRecord) -> dict[str, Any]:
+    """The place of the contact comes before the solution, the geoms of robot and object if there are such."""
+    found = summary_of(record)
+    first = ("event", "time_s", "pair", "rule", "geoms", "robot_geom", "object_geom", "point_m", "normal")
+    without = () if record.robot_geom else ("robot_geom", "object_geom")
+    return {name: found[name] for name in (*first, *found) if name not in without}
+
 
 IMPACT = RecordKind(
     record=ImpactRecord,
@@ -141,20 +80,6 @@ IMPACT = RecordKind(
     time=lambda record: record.time_s,
     sentence=_sentence,
     summary=_summary,
-    columns=_COLUMNS,
-    lengths={
-        "geoms": 2,
-        "point_m": 3,
-        "normal": 3,
-        "angular_impulse_N_m_s": 3,
-        "tangential_impulse_N_s": 3,
-        "slip_before_m_s": 3,
-        "slip_after_m_s": 3,
-        "energy_before_J.total": 1,
-        "energy_after_J.total": 1,
-        "momentum_before.total": 6,
-        "momentum_after.total": 6,
-    },
     marks=_marks,
     warning=_warns,
     in_every_run=True,

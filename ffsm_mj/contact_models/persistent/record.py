@@ -2,144 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from ffsm_mj.contact_models.impact.limit_record import force_unit
 from ffsm_mj.records.arrows import ArrowColumns
+from ffsm_mj.records.events import QVEL_BEFORE, STEP
 from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
 from ffsm_mj.records.signals import Layout
 
-_COLUMNS = {
-    "time_s": ("s", "simulation time"),
-    "event": ("", "event number, counted over persistent contacts and grasps from 0"),
-    "pair": ("", "name of the pair of geoms"),
-    "rule": ("", "name of its contact rule"),
-    "geoms_{ab}": ("", "geom of the pair; the normal points from a to b"),
-    "mode": ("", "contact features after the event"),
-    "points": ("", "number of contact points after the event"),
-    "point_{xyz}_m": ("m", "centre of pressure, world frame"),
-    "normal_{xyz}": ("", "mean normal from a to b, world frame"),
-    "force_before_N": ("N", "resultant force just before"),
-    "force_after_N": ("N", "resultant force just after"),
-    "impulse_N_s": ("N s", "integral of the contact force of the rule since t = 0"),
-    "friction": ("", "friction mode after the event; empty without friction or force"),
-}
-_FRICTION_COLUMNS = {
-    "friction_N": ("N", "friction force just after"),
-    "friction_use": ("", "share of the friction limit, mu times the normal force, that is used just after"),
-    "slip_speed_m_s": ("m/s", "largest slip speed just after"),
-    "slip_m": ("m", "slip distance of the rule since t = 0"),
-}
-_LENGTHS = {"geoms": 2, "point_m": 3, "normal": 3}
-_LIMIT_COLUMNS = {
-    "time_s": ("s", "simulation time"),
-    "event": ("", "event number, counted over persistent contacts and grasps from 0"),
-    "joint": ("", "full name of the joint"),
-    "side": ("", "lower or upper limit"),
-    "unit": ("", "unit of the joint's coordinate, rad or m: forces are torques in N m, or in N"),
-    "value": ("", "coordinate at the event, rad or m"),
-    "limit": ("", "value of the limit, rad or m"),
-    "state": ("", "pressed, touching (without force) or free, after the event"),
-    "force_before": ("", "force or torque of the limit just before, N or N m"),
-    "force_after": ("", "force or torque of the limit just after, N or N m"),
-    "impulse": ("", "integral of the force of this joint's limits since t = 0, N s or N m s"),
-    "point_{xyz}_m": ("m", "anchor of the joint, world frame"),
-    "axis_{xyz}": ("", "axis of the joint in the sense of the force, world frame"),
-}
+_QVEL_AFTER = Meaning("Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.")
+_EFFORTS = Meaning("Effort by actuator at the event; the controller is not evaluated.")
 
 
-@dataclass(frozen=True)
+@record
 class ContactRecord:
     """An event of a pair in persistent contact.
 
     A pair is wedged if forces inside the friction cones hold it without any load: the load at which it slips then depends on
     the past.
-
-    Attributes:
-        event: Event number, counted over persistent contacts and grasps from 0; pairs that change together share it.
-        time_s: Simulation time.
-        step: Index of the integration step, from 0.
-        pair: Name of the pair of geoms.
-        rule: Name of its contact rule.
-        geoms: Its geoms a and b.
-        mode: Contact features after the event, such as ``sphere on face``; empty if the pair is open.
-        points: Number of contact points after the event.
-        point_m: Centre of pressure in world axes; mean of the contact points if none carries force.
-        normal: Mean unit normal in world axes, from a to b.
-        force_before_N: Resultant force just before, N; 0 if there was none.
-        force_after_N: Resultant force just after, under the efforts up to the event, N.
-        impulse_N_s: Time integral of the contact force of the rule since t = 0, N s.
-        closed_pairs: Names of all pairs in persistent contact after the event, of all rules.
-        qpos: Configuration.
-        qvel_before: Generalised velocity before, by joint.
-        qvel_after: Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.
-        efforts_after: Effort by actuator at the event; the controller is not evaluated.
-        friction: Friction mode after the event: ``sticking``, ``sticking, wedged`` or ``sliding``; empty without friction.
     """
 
-    event: int
-    time_s: float
-    step: int
-    pair: str
-    rule: str
-    geoms: tuple[str, ...]
-    mode: str
-    points: int
-    point_m: tuple[float, ...]
-    normal: tuple[float, ...]
-    force_before_N: float
-    force_after_N: float
-    impulse_N_s: float
-    closed_pairs: tuple[str, ...]
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    friction: str = ""
+    event: int = declared(
+        "Event number, counted over persistent contacts and grasps from 0; pairs that change together share it.",
+        column="event number, counted over persistent contacts and grasps from 0",
+    )
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    pair: str = declared("Name of the pair of geoms.")
+    rule: str = declared("Name of its contact rule.")
+    geoms: tuple[str, ...] = declared(
+        "Its geoms a and b.", column="geom of the pair; the normal points from a to b", components="ab"
+    )
+    mode: str = declared(
+        "Contact features after the event, such as ``sphere on face``; empty if the pair is open.",
+        column="contact features after the event",
+    )
+    points: int = declared("Number of contact points after the event.")
+    point_m: Values = declared(
+        "Centre of pressure in world axes; mean of the contact points if none carries force.",
+        column="centre of pressure, world frame",
+        components="xyz",
+    )
+    normal: Values = declared(
+        "Mean unit normal in world axes, from a to b.", column="mean normal from a to b, world frame", components="xyz"
+    )
+    force_before_N: float = declared(
+        "Resultant force just before, N; 0 if there was none.", column="resultant force just before"
+    )
+    force_after_N: float = declared(
+        "Resultant force just after, under the efforts up to the event, N.", column="resultant force just after"
+    )
+    impulse_N_s: float = declared(
+        "Time integral of the contact force of the rule since t = 0, N s.",
+        column="integral of the contact force of the rule since t = 0",
+    )
+    closed_pairs: tuple[str, ...] = declared("Names of all pairs in persistent contact after the event, of all rules.")
+    qpos: Values = declared("Configuration.")
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(_QVEL_AFTER)
+    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
+    friction: str = declared(
+        "Friction mode after the event: ``sticking``, ``sticking, wedged`` or ``sliding``; empty without friction.",
+        column="friction mode after the event; empty without friction or force",
+        default="",
+    )
 
 
-@dataclass(frozen=True)
+@record
 class ContactBegins(ContactRecord):
-    """A pair enters persistent contact; fields as in :class:`ContactRecord`."""
+    """A pair enters persistent contact."""
 
 
-@dataclass(frozen=True)
+@record
 class ContactEnds(ContactRecord):
-    """A pair opens; fields as in :class:`ContactRecord`."""
+    """A pair opens."""
 
 
-@dataclass(frozen=True)
+@record
 class ContactChanges(ContactRecord):
-    """A closed pair changes features or friction modes, or starts to carry force; fields as in :class:`ContactRecord`."""
+    """A closed pair changes features or friction modes, or starts to carry force."""
 
 
-@dataclass(frozen=True)
+@record
 class FrictionRecord(ContactRecord):
-    """A pair with friction slips or sticks.
+    """A pair with friction slips or sticks."""
 
-    Attributes:
-        friction_N: Friction force just after, N.
-        friction_use: Share of the friction limit, mu times the normal force, that is used just after, in [0, 1].
-        slip_speed_m_s: Largest slip speed just after, m/s.
-        slip_m: Slip distance of the rule since t = 0, m: time integral of its largest slip speed.
-    """
+    friction_N: float = declared("Friction force just after, N.", column="friction force just after", default=0.0)
+    friction_use: float = declared(
+        "Share of the friction limit, mu times the normal force, that is used just after, in [0, 1].",
+        column="share of the friction limit, mu times the normal force, that is used just after",
+        default=0.0,
+    )
+    slip_speed_m_s: float = declared(
+        "Largest slip speed just after, m/s.", column="largest slip speed just after", default=0.0
+    )
+    slip_m: float = declared(
+        "Slip distance of the rule since t = 0, m: time integral of its largest slip speed.",
+        column="slip distance of the rule since t = 0",
+        default=0.0,
+    )
 
-    friction_N: float = 0.0
-    friction_use: float = 0.0
-    slip_speed_m_s: float = 0.0
-    slip_m: float = 0.0
 
-
-@dataclass(frozen=True)
+@record
 class ContactSlips(FrictionRecord):
-    """A pair with friction that sticks begins to slide; fields as in :class:`FrictionRecord`."""
+    """A pair with friction that sticks begins to slide."""
 
 
-@dataclass(frozen=True)
+@record
 class ContactSticks(FrictionRecord):
-    """All points of a pair with friction that slides begin to stick; fields as in :class:`FrictionRecord`."""
+    """All points of a pair with friction that slides begin to stick."""
 
 
 def _marks(record: Any) -> list[Mark]:
@@ -198,8 +171,6 @@ def _kind(
         time=lambda record: record.time_s,
         sentence=sentence,
         summarised=False,  # the summary lists contact intervals instead
-        columns=_COLUMNS | (_FRICTION_COLUMNS if issubclass(record, FrictionRecord) else {}),
-        lengths=_LENGTHS,
         marks=_marks,
         arrows=arrows,
         in_every_run=in_every_run,
@@ -244,64 +215,66 @@ CONTACT_CHANGES = _kind(
 )
 
 
-@dataclass(frozen=True)
+@record
 class LimitRecord:
-    """An event of a joint that rests at a limit.
+    """An event of a joint that rests at a limit."""
 
-    Attributes:
-        event: Event number, counted over persistent contacts and grasps from 0; all that changes together shares it.
-        time_s: Simulation time.
-        step: Index of the integration step, from 0.
-        joint: Full name of the joint.
-        side: ``lower`` or ``upper``.
-        unit: Unit of the coordinate: ``rad`` (forces are torques in N m) or ``m`` (forces in N).
-        value: Coordinate of the joint.
-        limit: Value of the limit.
-        state: ``pressed``, ``touching`` without force, or ``free``, after the event.
-        force_before: Force or torque of the limit on the joint just before, >= 0 away from the limit; 0 if there was none.
-        force_after: The same just after, under the efforts up to the event.
-        impulse: Time integral of the force of this joint's limits since t = 0, N s or N m s.
-        point_m: Anchor of the joint in world axes.
-        axis: Unit vector along the joint's axis in world axes, in the sense of the force.
-        qpos: Configuration.
-        qvel_before: Generalised velocity before, by joint.
-        qvel_after: Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.
-        efforts_after: Effort by actuator at the event; the controller is not evaluated.
-    """
+    event: int = declared(
+        "Event number, counted over persistent contacts and grasps from 0; all that changes together shares it.",
+        column="event number, counted over persistent contacts and grasps from 0",
+    )
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    joint: str = declared("Full name of the joint.")
+    side: str = declared("``lower`` or ``upper``.", column="lower or upper limit")
+    unit: str = declared(
+        "Unit of the coordinate: ``rad`` (forces are torques in N m) or ``m`` (forces in N).",
+        column="unit of the joint's coordinate, rad or m: forces are torques in N m, or in N",
+    )
+    value: float = declared("Coordinate of the joint.", column="coordinate at the event, rad or m")
+    limit: float = declared("Value of the limit.", column="value of the limit, rad or m")
+    state: str = declared(
+        "``pressed``, ``touching`` without force, or ``free``, after the event.",
+        column="pressed, touching (without force) or free, after the event",
+    )
+    force_before: float = declared(
+        "Force or torque of the limit on the joint just before, >= 0 away from the limit; 0 if there was none.",
+        column="force or torque of the limit just before, N or N m",
+    )
+    force_after: float = declared(
+        "The same just after, under the efforts up to the event.", column="force or torque of the limit just after, N or N m"
+    )
+    impulse: float = declared(
+        "Time integral of the force of this joint's limits since t = 0, N s or N m s.",
+        column="integral of the force of this joint's limits since t = 0, N s or N m s",
+    )
+    point_m: Values = declared(
+        "Anchor of the joint in world axes.", column="anchor of the joint, world frame", components="xyz"
+    )
+    axis: Values = declared(
+        "Unit vector along the joint's axis in world axes, in the sense of the force.",
+        column="axis of the joint in the sense of the force, world frame",
+        components="xyz",
+    )
+    qpos: Values = declared("Configuration.")
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(_QVEL_AFTER)
+    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
 
-    event: int
-    time_s: float
-    step: int
-    joint: str
-    side: str
-    unit: str
-    value: float
-    limit: float
-    state: str
-    force_before: float
-    force_after: float
-    impulse: float
-    point_m: tuple[float, ...]
-    axis: tuple[float, ...]
-    qpos: tuple[float, ...]
-    qvel_before: Mapping[str, tuple[float, ...]]
-    qvel_after: Mapping[str, tuple[float, ...]]
-    efforts_after: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
-
-@dataclass(frozen=True)
+@record
 class LimitBegins(LimitRecord):
-    """A joint comes to rest at a limit; fields as in :class:`LimitRecord`."""
+    """A joint comes to rest at a limit."""
 
 
-@dataclass(frozen=True)
+@record
 class LimitEnds(LimitRecord):
-    """A joint leaves its limit; fields as in :class:`LimitRecord`."""
+    """A joint leaves its limit."""
 
 
-@dataclass(frozen=True)
+@record
 class LimitChanges(LimitRecord):
-    """A joint at rest at a limit starts to press on it; fields as in :class:`LimitRecord`."""
+    """A joint at rest at a limit starts to press on it."""
 
 
 def _force(record: Any) -> str:
@@ -328,8 +301,6 @@ def _limit_kind(record: type, name: str, plural: str, when: str, says: str) -> R
         when=when,
         time=lambda record: record.time_s,
         sentence=sentence,
-        columns=_LIMIT_COLUMNS,
-        lengths={"point_m": 3, "axis": 3},
         marks=_limit_marks,
         event_group="contact",
     )
