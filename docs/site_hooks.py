@@ -15,8 +15,8 @@ API = {
         "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and their results.",
         *(
             "ffsm_mj.assembly.prepare.run",
-            "ffsm_mj.report.run.load_run",
-            "ffsm_mj.report.run.Run",
+            "ffsm_mj.analysis.run.load_run",
+            "ffsm_mj.analysis.run.Run",
             "ffsm_mj.analysis.run.Run",
             "ffsm_mj.analysis.logged_signals.LoggedSignals",
         ),

@@ -97,14 +97,13 @@ class FrictionCheck:
         met = self._met(event)
         if met is not None and self._others_hold and met.unexplained > share * 0.5 * float(met.before @ met.before):
             met = None  # the equations of motion are known only to a contact model: check the records alone
-        energy = event[0].energy_before_J["total"][0] if met is None else 0.5 * float(met.before @ met.before)
-        sizes = [*_by_records(event)]
-        if met is not None:
-            sizes += [*_by_states(event, met), *_by_law(event, met)]
+        if met is None:
+            return worst_of_records(event, share)
+        energy = 0.5 * float(met.before @ met.before)
+        sizes = [*_by_records(event), *_by_states(event, met), *_by_law(event, met)]
         found = [EnergyDeviation(size, share * energy) for size in sizes]
-        if met is not None:
-            gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
-            found.append(EnergyDeviation(gained, _GAIN * share * energy))
+        gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
+        found.append(EnergyDeviation(gained, _GAIN * share * energy))
         return max(found, key=lambda miss: miss.excess)
 
     @cached_property
@@ -192,6 +191,18 @@ def _contact(system: Any, record: _Record) -> Contact | LimitContact:
         return LimitContact(system.joint(record.joint).dofs.start, 1.0 if record.side == "lower" else -1.0)
     a, b = (int(system.mj.geom(name).bodyid[0]) for name in record.geoms)
     return Contact(a, b, np.array(record.point_m), np.array(record.normal))
+
+
+def worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
+    """The worst inconsistency within the records of an impact, where states and models are not known.
+
+    Args:
+        event: Records of the impact.
+        share: Tolerance relative to the kinetic energy before.
+    """
+    with np.errstate(all="ignore"):  # a log may hold any numbers
+        found = [EnergyDeviation(size, share * event[0].energy_before_J["total"][0]) for size in _by_records(event)]
+    return max(found, key=lambda miss: miss.excess)
 
 
 def _by_records(event: Sequence[_Record]) -> Iterator[float]:

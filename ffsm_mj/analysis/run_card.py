@@ -7,17 +7,20 @@ pass over the rows, which is made here only if they are few.
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ffsm_mj.analysis.contact_intervals import ContactInterval
-from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import tip_summary
 from ffsm_mj.errors import LogError, one_line
 from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.report.check_report import worst_check
-from ffsm_mj.report.run_report import what_is_missing
+from ffsm_mj.verification.check_result import Check, worst_check
+
+if TYPE_CHECKING:
+    from ffsm_mj.analysis.run import Run
 
 _SHOWN = 5
 _LEFT = 'style="text-align:left"'
@@ -33,13 +36,18 @@ def card_text(run: Run) -> str:
     return "\n  ".join(map(one_line, [line, f"tip {tip}"] if tip else [line])) + ">"
 
 
-def card_html(run: Run) -> str:
-    """HTML table of outcome, impacts, contacts, checks and tip; text from the log is always escaped."""
+def card_html(run: Run, checks: Sequence[Check] | None = None) -> str:
+    """HTML table of outcome, impacts, contacts, checks and tip; text from the log is always escaped.
+
+    Args:
+        run: The run.
+        checks: Results of all of its checks; None: those of ``run.checks()``, unless the log is long.
+    """
     rows = {
         "outcome": [_outcome(run)],
         "impacts": _impacts(run.impacts),
         "contacts": _contacts(_known_contacts(run)),
-        "checks": [_checks(run)],
+        "checks": [_checks(run) if checks is None else _result(run, checks)],
         "tip": [_tip(run)],
     }
     body = "".join(
@@ -61,9 +69,9 @@ def _counted(number: int, word: str) -> str:
 def _outcome(run: Run) -> str:
     ended = run.log.outcome
     if ended is None:
-        return what_is_missing(run)
+        return run.missing
     ending = f"{ended.outcome} after {ended.end_s:g} s" + (f" ({ended.message})" if ended.message else "")
-    return "; ".join(part for part in (ending, what_is_missing(run)) if part)
+    return "; ".join(part for part in (ending, run.missing) if part)
 
 
 def _impacts(records: tuple[ImpactRecord, ...]) -> list[str]:
@@ -103,7 +111,10 @@ def _quick(run: Run) -> bool:
 def _checks(run: Run) -> str:
     if not _quick(run):
         return "checks not evaluated yet: checks() reads the whole log"
-    checks = run.checks()
+    return _result(run, run.checks())
+
+
+def _result(run: Run, checks: Sequence[Check]) -> str:
     lax = "" if run.conservative else "energy and momenta not checked, as the models are not conservative"
     if not checks:
         return lax or "no samples to check"
