@@ -13,8 +13,6 @@ import pytest
 from nbclient import NotebookClient
 from PIL import Image
 
-from ffsm_mj.analysis.run_models import all_checks
-
 DOCS = Path(__file__).parent.parent / "docs"
 TOUR = DOCS / "tour.ipynb"
 
@@ -79,7 +77,7 @@ def test_every_cell_runs_and_shows_what_it_should(tmp_path, baseline, monkeypatc
     assert printed(cells["hit"]).startswith(f"{hit.time_s:.6f} s, gap ")
     assert f"e = 1: {hit.impulse_N_s:.6f} N s\n" in printed(cells["hit"])
     checks = printed(cells["checks"]).splitlines()
-    assert len(checks) == len(all_checks(baseline))
+    assert len(checks) == len(baseline.checks())
     assert all(line.endswith(" passes") for line in checks)
     assert printed(cells["restitutions"]).endswith(": True\n")  # the closed forms
     drawn = [

@@ -9,17 +9,21 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.logged_signals import LoggedSignals
-from ffsm_mj.analysis.run_card import card_html, card_text
-from ffsm_mj.analysis.run_models import RunModels
+from ffsm_mj.analysis.model_results import ModelResults
+from ffsm_mj.analysis.run_card import card_html, card_text, missing
 from ffsm_mj.analysis.summary import summarise, tip_error
 from ffsm_mj.analysis.tables import CHECKS_TABLE, Table, checks_table, table
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap.reader import read_log
+from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
@@ -37,11 +41,11 @@ class Run(LoggedSignals):
     Attributes:
         log: Contents of the log.
         path: Path of the log file, absolute if the run was read or written here; None for a run in memory.
-        models: Its models, for the functions that need them; compiled when they are first needed.
+        models: What is computed with its models, for the functions that need them: see :mod:`ffsm_mj.analysis.run_models`.
     """
 
     def __init__(
-        self, log: RunLog, path: Path | None = None, digested: Digest | None = None, models: RunModels | None = None
+        self, log: RunLog, path: Path | None = None, digested: Digest | None = None, models: ModelResults | None = None
     ) -> None:
         """Wrap a log.
 
@@ -49,18 +53,28 @@ class Run(LoggedSignals):
             log: Contents of the log.
             path: Path of the log file.
             digested: Digest of its rows, if it exists already; None: computed on demand.
-            models: Its models; None: they are taken from the log.
+            models: What is computed with its models; None: the models are taken from the log.
         """
         super().__init__(log)
         self.path, self._given = path, digested
-        self.models = models or RunModels(log, lambda: self.digest)
+        self.models = models or ModelResults(log, lambda: self.digest)
 
     def __repr__(self) -> str:
         """Scenario, outcome, impacts, persistent contacts, the check closest to its tolerance, and the tip."""
-        return card_text(self)
+        return card_text(self.log, *self._known())
 
     def _repr_html_(self) -> str:
-        return card_html(self)
+        return card_html(self.log, *self._known())
+
+    def _known(self) -> tuple[Digest | None, tuple[Check, ...]]:
+        """Digest and checks if they are known, or quick to compute from few rows."""
+        try:
+            if self.digested or 8 * len(self.log.rows) * len(self.keys) <= KEPT_BYTES:
+                with np.errstate(all="ignore"):  # a log may hold any double
+                    return self.digest, self.checks()
+        except (LogError, OSError):  # the file is gone; the summary of a run in memory must not fail
+            pass
+        return None, ()
 
     def with_rows(self, rows: FloatArray) -> Run:
         """The run with a part of its rows, (n, number of signals); checks and summary are those of the whole run."""
@@ -119,8 +133,7 @@ class Run(LoggedSignals):
     @property
     def missing(self) -> str:
         """Damage or incompleteness of the log in one line; empty if it is complete."""
-        broken_off = "" if self.complete else "incomplete: the log breaks off before the end of the run"
-        return "; ".join(part for part in (f"damaged: {self.damage}" if self.damage else "", broken_off) if part)
+        return missing(self.log)
 
     @property
     def outcome(self) -> str:

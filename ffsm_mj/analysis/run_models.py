@@ -2,78 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ffsm_mj.analysis.effort import Effort
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.summary import failing_checks
-from ffsm_mj.errors import InputError
-from ffsm_mj.log.scenario import compile_log, scenario_data
-from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
-from ffsm_mj.verification.model_checks import ModelChecks, Models
-
-if TYPE_CHECKING:
-    from ffsm_mj.analysis.digest import Digest
-    from ffsm_mj.analysis.run import Run
-    from ffsm_mj.verification.check_result import Check
-
-
-class RunModels:
-    """The models of a run and what is computed with them, once, when it is first asked for.
-
-    Of a run that was simulated in this process they are those that it ran with; otherwise those in its log are compiled.
-    """
-
-    def __init__(
-        self,
-        log: RunLog,
-        digest: Callable[[], Digest],
-        compiled: Models | None = None,
-        effort: Effort | None = None,
-    ) -> None:
-        """Bind to a run.
-
-        Args:
-            log: Its log.
-            digest: Returns the digest of its rows.
-            compiled: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
-            effort: Effort in all of its rows; None: computed from those in the log.
-        """
-        self._log, self._digest, self._accumulated = log, digest, effort
-        self._compile = compiled or (lambda: (compile_log(log), scenario_data(log)))
-
-    @cached_property
-    def checks(self) -> ModelChecks:
-        """Checks with the models."""
-        return ModelChecks(self._log, self._digest().kept, self._compile, self._stack_momentum)
-
-    @cached_property
-    def effort(self) -> dict[str, Any]:
-        """``effort``, ``base_rotation`` and ``angular_momentum`` of ``summary.json``.
-
-        Each is None if the log lacks its columns or its models.
-        """
-        if self._accumulated is not None:
-            return self._accumulated.summary()
-        try:
-            found = Effort(compile_log(self._log))
-            found.open(self._log.header)
-        except (InputError, KeyError):  # models that no longer compile, or a part of the columns
-            return {"effort": None, "base_rotation": None, "angular_momentum": None}
-        for block in self._log.blocks():
-            found.rows(block)
-        for event in self._log.events():
-            found.event(event)
-        return found.summary()
-
-    def _stack_momentum(self) -> float:
-        """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
-        found = self.effort["angular_momentum"]
-        return math.nan if found is None else float(found["stack_without_wheels_N_m_s"])
 
 
 def effort(run: Run) -> dict[str, dict[str, float | None]] | None:

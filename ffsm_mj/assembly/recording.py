@@ -15,8 +15,9 @@ import numpy as np
 from ffsm_mj._core import BUILT
 from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.effort import Effort
+from ffsm_mj.analysis.model_results import ModelResults
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.analysis.run_models import RunModels, summary
+from ffsm_mj.analysis.run_models import summary
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_models import record_kinds
 from ffsm_mj.assembly.recorded_files import RecordedFiles
@@ -144,7 +145,7 @@ class Recording:
         """The run, when the log is closed; writes the summary into its folder."""
         path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested.digest
         log = self._memory.log(stored_rows(path, self._layout) if path is not None else None)
-        finished = Run(log, path, digest, RunModels(log, lambda: digest, self._compiled, self._effort))
+        finished = Run(log, path, digest, ModelResults(log, lambda: digest, self._compiled, self._effort))
         if self._folder is not None:
             self._folder.write_summary(summary(finished))
         return finished

@@ -59,7 +59,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         events="\n".join(_events(run)),
         note=_escaped(_note(run, drawn, poses)),
         key="".join(_key(run, drawn)),
-        card=card_html(run, checks),
+        card=card_html(run.log, run.digest, checks),
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
         momentum=momentum_html(run),
