@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 from ffsm_mj.analysis.digest import Digest
 from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.scenario import compile_log, scenario_data
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import Tolerance
 from ffsm_mj.verification.model_checks import ModelChecks, Models
 
 
@@ -21,28 +22,30 @@ class ModelResults:
     The models are those that the run was simulated with in this process; otherwise those in its log are compiled.
     """
 
-    def __init__(
-        self,
-        log: RunLog,
-        digest: Callable[[], Digest],
-        compiled: Models | None = None,
-        effort: Effort | None = None,
-    ) -> None:
+    def __init__(self, log: RunLog, compiled: Models | None = None, effort: Effort | None = None) -> None:
         """Bind to a run.
 
         Args:
             log: Its log.
-            digest: Returns the digest of its rows.
             compiled: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
             effort: Effort in all of its rows; None: computed from those in the log.
         """
-        self._log, self._digest, self._accumulated = log, digest, effort
-        self._compile = compiled or (lambda: (compile_log(log), scenario_data(log)))
+        self._log, self._compiled, self._accumulated = log, compiled, effort
+        self._checks: ModelChecks | None = None
 
-    @cached_property
-    def checks(self) -> ModelChecks:
-        """Checks with the models."""
-        return ModelChecks(self._log, self._digest().kept, self._compile, self._stack_momentum)
+    def all_checks(self, digest: Digest, tolerance: Tolerance) -> tuple[Check, ...]:
+        """Results of all checks of the run.
+
+        Args:
+            digest: Digest of its rows, the same at each call.
+            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+
+        Raises:
+            KeyError: A tolerance for an unknown check.
+        """
+        if self._checks is None:
+            self._checks = ModelChecks(self._log, digest.kept, self._compiled, self._stack_momentum)
+        return self._checks.all_checks(digest.check_accumulator, tolerance)
 
     @cached_property
     def effort(self) -> dict[str, Any]:

@@ -57,7 +57,7 @@ class Run(LoggedSignals):
         """
         super().__init__(log)
         self.path, self._given = path, digested
-        self.models = models or ModelResults(log, lambda: self.digest)
+        self.models = models or ModelResults(log)
 
     def __repr__(self) -> str:
         """Scenario, outcome, impacts, persistent contacts, the check closest to its tolerance, and the tip."""

@@ -51,7 +51,7 @@ def all_checks(run: Run, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Chec
     Raises:
         KeyError: A tolerance for an unknown check.
     """
-    return run.models.checks.all_checks(run.digest.check_accumulator, tolerance)
+    return run.models.all_checks(run.digest, tolerance)
 
 
 def summary(run: Run, checks: Sequence[Check] | None = None) -> dict[str, Any]:

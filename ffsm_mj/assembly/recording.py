@@ -145,7 +145,7 @@ class Recording:
         """The run, when the log is closed; writes the summary into its folder."""
         path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested.digest
         log = self._memory.log(stored_rows(path, self._layout) if path is not None else None)
-        finished = Run(log, path, digest, ModelResults(log, lambda: digest, self._compiled, self._effort))
+        finished = Run(log, path, digest, ModelResults(log, self._compiled, self._effort))
         if self._folder is not None:
             self._folder.write_summary(summary(finished))
         return finished

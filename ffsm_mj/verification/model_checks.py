@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from ffsm_mj.errors import InputError
@@ -42,7 +42,7 @@ class ModelChecks:
             stack_momentum: See :func:`~ffsm_mj.verification.terminal_check.terminal_checks`.
         """
         self._log, self._kept, self._stack_momentum = log, kept, stack_momentum
-        self._models = models or (lambda: (compile_log(log), scenario_data(log)))
+        self._models = models or partial(_logged_models, log)
         self._friction = FrictionCheck(log)
 
     def all_checks(self, rows: CheckAccumulator, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
@@ -90,3 +90,12 @@ class ModelChecks:
         """Whether there is anything to check so; models are not compiled for nothing."""
         columns = ("sensor.", "contact.capture_", "balance.friction_heat")
         return bool(self._log.impact_records) or any(key.startswith(columns) for key in self._kept.layout.keys)
+
+
+def _logged_models(log: RunLog) -> tuple[System, Mapping[str, Any]]:
+    """The models in a log, compiled, and its scenario.
+
+    Raises:
+        InputError: It has none, or they do not compile.
+    """
+    return compile_log(log), scenario_data(log)

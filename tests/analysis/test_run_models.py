@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import mujoco
@@ -73,6 +74,14 @@ def test_records_that_contradict_each_other_fail_without_the_models(rough):
     wrong = replace(hit, energy_change_J=hit.energy_change_J + 1e-6)
     run = ffsm_mj.Run(replace(rough.log, records=rough.log.records | {"impacts": (wrong,)}))
     assert [check.name for check in run.checks() if not check.passes] == ["impact energy"]
+
+
+def test_a_run_is_pickled_with_what_was_computed(rough):
+    """In memory and read from a log, before and after its checks."""
+    path = rough.path.parent / "scenario.yaml"
+    for run in (ffsm_mj.run(path), ffsm_mj.load_run(rough.path)):
+        assert all_checks(pickle.loads(pickle.dumps(run))) == all_checks(run)
+        assert all_checks(pickle.loads(pickle.dumps(run))) == all_checks(run)
 
 
 def test_summary_is_that_of_the_file(rough):
