@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 import ffsm_mj
-from ffsm_mj.analysis import run_card
+from ffsm_mj.analysis import run as run_module
 from ffsm_mj.errors import InputError
 from tests.scenes import ball, scene, two_balls
 
@@ -109,7 +109,7 @@ def test_names_and_messages_are_escaped(tmp_path):
 
 def test_the_representation_does_not_read_a_long_log(hit, monkeypatch):
     """Rows above the limit are not read; results accumulated during the run are shown at any length."""
-    monkeypatch.setattr(run_card, "KEPT_BYTES", 8 * len(hit.keys) * 500)  # hit has 501 rows
+    monkeypatch.setattr(run_module, "KEPT_BYTES", 8 * len(hit.keys) * 500)  # hit has 501 rows
     fresh, known = ffsm_mj.load_run(hit.path), hit.digest
     monkeypatch.setattr(type(fresh.log), "blocks", lambda _: pytest.fail("the rows are read"))
     assert "1 impact; checks not evaluated yet: checks() reads the whole log>" in repr(fresh)
