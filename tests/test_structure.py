@@ -27,11 +27,6 @@ HOME = {
     "logged_law": "replay",
 }
 """Rooms of the modules of the core that import more than what is below the core."""
-NAMED_FROM_ABOVE = {
-    (f"{CORE}loops", "ffsm_mj.contact_models.grasp.base_joints"),
-    (f"{CORE}tick", "ffsm_mj.actuation.actuation"),
-}
-"""Stubs that name the type of an argument from a room above: what is compiled reads its attributes, and imports nothing."""
 CIRCLES = {
     "ffsm_mj.contact_models.persistent": "stages of a step, contacts and modes name each other in annotations",
     "ffsm_mj.assembly": "a run that goes on is prepared as the run that it goes on from: `assemble` names `Origin`",
@@ -144,7 +139,7 @@ def test_imports_go_down_in_the_core_too():
     """The same or a lower floor for a room's own modules, a lower one for all others."""
     rooms = ((first, second, room(first), room(second)) for first, second in imports() if "ffsm_mj" not in (first, second))
     up = {(first, second) for first, second, a, b in rooms if a != b and not floors()[b] < floors()[a]}
-    assert up == {pair for pair in NAMED_FROM_ABOVE if imports()[pair]}
+    assert up == set()
 
 
 def test_what_is_said_of_the_core_is_needed():
@@ -158,12 +153,12 @@ def test_what_is_said_of_the_core_is_needed():
 
 
 def test_no_circle_of_rooms():
-    rooms = {(room(first), room(second)) for first, second in imports() if (first, second) not in NAMED_FROM_ABOVE}
+    rooms = {(room(first), room(second)) for first, second in imports()}
     assert circles((a, b) for a, b in rooms if a != b) == []
 
 
 def test_no_circle_of_modules():
-    """None at run time, imports inside functions included; with annotations those that are listed, each within a package."""
+    """None at run time, imports inside functions included; with annotations those that are listed, stubs aside."""
     assert circles(pair for pair, typed in imports().items() if not typed) == []
     python = [pair for pair in imports() if not any(module.startswith(CORE) for module in pair)]
     packages = [{".".join(module.split(".")[: min(module.count("."), 3)]) for module in each} for each in circles(python)]
