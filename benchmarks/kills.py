@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main as ffsm
 from ffsm_mj.errors import FfsmError
 
@@ -76,7 +77,7 @@ def judge(run: Path, begun: float, killed: float, written: float) -> Kill:
         code = ffsm(["analyze", str(run)])
     try:
         read = ffsm_mj.load_run(run)
-        laws = read.checks()
+        laws = all_checks(read)
     except FfsmError as error:
         return Kill(error=str(error).split(": ", 1)[-1])
     if code == 2:

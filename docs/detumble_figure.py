@@ -44,8 +44,8 @@ def main() -> None:
     first = None
     for number in SATURATED:
         run = helped(number)
-        first, found = first or run, run.angular_momentum
-        full = run.summary(checks=False)["controller"]["phases"][2]["reports"]["grasp: saturated_s"]
+        first, found = first or run, ffsm_mj.angular_momentum(run)
+        full = run.summary()["controller"]["phases"][2]["reports"]["grasp: saturated_s"]
         out = np.linalg.norm(found["external_N_m_s"])
         print(f"| {number} | {full:.2f} | {found['stack_without_wheels_N_m_s']:.1e} | {out:.3f} |", flush=True)
     with publication():

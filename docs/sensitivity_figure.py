@@ -22,8 +22,8 @@ def impulses(axes: Axes) -> None:
     run = ffsm_mj.run("coasting", {"duration_s": 5.5})
     offsets = SIGMA_M * np.linspace(-2.0, 2.0, 9)
     found = [ffsm_mj.run("coasting", {"stop_on_impact": True, key: place + y}).impacts[0].impulse_N_s for y in offsets]
-    secant = run.sensitivity("impacts.0.impulse_N_s", {key: SIGMA_M})
-    slope = run.sensitivity("impacts.0.impulse_N_s", {key: SIGMA_M}, "exact").derivative[0, 0]
+    secant = ffsm_mj.sensitivity(run, "impacts.0.impulse_N_s", {key: SIGMA_M})
+    slope = ffsm_mj.sensitivity(run, "impacts.0.impulse_N_s", {key: SIGMA_M}, "exact").derivative[0, 0]
     axes.plot(1e3 * offsets, found, "o", color=BLACK, markersize=3.5, label="runs")
     axes.plot(1e3 * offsets, secant.nominal[0] + slope * offsets, color=BLUE, label="derivative")
     ends = [secant.low[0, 0], secant.high[0, 0]]
@@ -37,9 +37,7 @@ def tip_errors(axes: Axes) -> None:
     """Final error of the tip of ``baseline`` at 12 s over the place of the box: a staircase of control ticks."""
     key, place, short = "initial.joints.object/x", 3.5, {"duration_s": 12.0, "log.rerun": False}
     offsets = TIP_SIGMA_M * np.linspace(-1.0, 1.0, 25)
-    found = [
-        ffsm_mj.run("baseline", short | {key: place + x}).summary(checks=False)["tip"]["final_error_m"] for x in offsets
-    ]
+    found = [ffsm_mj.run("baseline", short | {key: place + x}).summary()["tip"]["final_error_m"] for x in offsets]
     ends = [0, -1]
     axes.plot(1e3 * offsets, found, "o", color=BLACK, markersize=3.0)
     axes.plot(1e3 * offsets[ends], np.array(found)[ends], "s--", color=VERMILION, markersize=5, fillstyle="none")

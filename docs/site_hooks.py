@@ -15,12 +15,16 @@ API = {
         "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and their results.",
         *(
             "ffsm_mj.assembly.prepare.run",
-            "ffsm_mj.report.run.load_run",
-            "ffsm_mj.report.run.Run",
+            "ffsm_mj.analysis.run.load_run",
             "ffsm_mj.analysis.run.Run",
             "ffsm_mj.analysis.logged_signals.LoggedSignals",
         ),
         *("ffsm_mj.assembly.prepare.prepare", "ffsm_mj.assembly.prepare.PreparedRun", "ffsm_mj.analysis.run.compare"),
+    ),
+    "Functions of a run": (
+        "`ffsm_mj.explain`, `summary`, `effort`, `base_rotation`, `angular_momentum`, `plot`, `animate`, `sensitivity`.",
+        *("ffsm_mj.analysis.run_models", "ffsm_mj.report.plots.notebook.plot", "ffsm_mj.report.film.animate"),
+        "ffsm_mj.sensitivities.of_run.sensitivity",
     ),
     "Campaigns": (
         "`ffsm_mj.Campaign` and `ffsm_mj.sweep`.",

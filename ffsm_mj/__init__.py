@@ -1,11 +1,16 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``Simulator(scenario)`` does so step by step,
+``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.run.Run`; ``Simulator(scenario)`` does so step by step,
 in a loop of the caller's own; ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart;
 ``prepare(scenario)`` gives a recipe that runs again and again; ``Campaign`` and ``sweep`` run a scenario many times into one
 table; ``run_study`` compares variants of a scenario over the same samples; ``impact_map`` maps one contact over the
-configurations of the arm; ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so
-that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
+configurations of the arm; ``impact`` resolves single collisions on any MuJoCo model.
+
+Functions of a run: ``explain(run)`` evaluates all of its checks and says why they fail; ``summary``, ``effort``,
+``base_rotation`` and ``angular_momentum`` compute with its models; ``plot`` draws figures, ``animate`` a film;
+``sensitivity`` repeats it with its uncertain numbers displaced.
+
+Everything is imported on first use, so that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +20,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ffsm_mj import impact as impact
+    from ffsm_mj.analysis.run import Run as Run
     from ffsm_mj.analysis.run import compare as compare
+    from ffsm_mj.analysis.run import load_run as load_run
+    from ffsm_mj.analysis.run_models import angular_momentum as angular_momentum
+    from ffsm_mj.analysis.run_models import base_rotation as base_rotation
+    from ffsm_mj.analysis.run_models import effort as effort
+    from ffsm_mj.analysis.run_models import summary as summary
     from ffsm_mj.assembly.prepare import prepare as prepare
     from ffsm_mj.assembly.prepare import run as run
     from ffsm_mj.assembly.resume import resume as resume
@@ -25,8 +36,10 @@ if TYPE_CHECKING:
     from ffsm_mj.campaign.comparison import compare_campaigns as compare_campaigns
     from ffsm_mj.campaign.sweep import sweep as sweep
     from ffsm_mj.impact_maps.impact_map import impact_map as impact_map
-    from ffsm_mj.report.run import Run as Run
-    from ffsm_mj.report.run import load_run as load_run
+    from ffsm_mj.replay import explain as explain
+    from ffsm_mj.report.film import animate as animate
+    from ffsm_mj.report.plots.notebook import plot as plot
+    from ffsm_mj.sensitivities.of_run import sensitivity as sensitivity
     from ffsm_mj.studies.script import run_study as run_study
     from ffsm_mj.studies.study import Study as Study
 
@@ -39,11 +52,19 @@ _LAZY = {
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
     "SimulatorState": ("ffsm_mj.assembly.step", "SimulatorState"),
+    "angular_momentum": ("ffsm_mj.analysis.run_models", "angular_momentum"),
+    "animate": ("ffsm_mj.report.film", "animate"),
+    "base_rotation": ("ffsm_mj.analysis.run_models", "base_rotation"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
-    "load_run": ("ffsm_mj.report.run", "load_run"),
+    "effort": ("ffsm_mj.analysis.run_models", "effort"),
+    "explain": ("ffsm_mj.replay", "explain"),
+    "load_run": ("ffsm_mj.analysis.run", "load_run"),
+    "plot": ("ffsm_mj.report.plots.notebook", "plot"),
+    "sensitivity": ("ffsm_mj.sensitivities.of_run", "sensitivity"),
+    "summary": ("ffsm_mj.analysis.run_models", "summary"),
     "run_study": ("ffsm_mj.studies.script", "run_study"),
     "Study": ("ffsm_mj.studies.study", "Study"),
-    "Run": ("ffsm_mj.report.run", "Run"),
+    "Run": ("ffsm_mj.analysis.run", "Run"),
     "impact": ("ffsm_mj.impact", None),
     "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
 }
@@ -54,15 +75,23 @@ __all__ = [
     "Simulator",
     "SimulatorState",
     "Study",
+    "angular_momentum",
+    "animate",
+    "base_rotation",
     "compare",
     "compare_campaigns",
+    "effort",
+    "explain",
     "impact",
     "impact_map",
     "load_run",
+    "plot",
     "prepare",
     "resume",
     "run",
     "run_study",
+    "sensitivity",
+    "summary",
     "sweep",
 ]
 

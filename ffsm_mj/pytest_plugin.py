@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import pytest
 
 if TYPE_CHECKING:
-    from ffsm_mj.report.run import Run
+    from ffsm_mj.analysis.run import Run
     from ffsm_mj.verification.checks import Tolerance
 
 
@@ -69,6 +69,8 @@ def ffsm_run(tmp_path_factory: pytest.TempPathFactory) -> RunFactory:
 def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[str] = ()) -> None:
     """Assert that a run obeys the conservation laws, by the energies, momenta and balance in its log.
 
+    All checks are made, those that need the models too; nothing is simulated again.
+
     Args:
         run: A run of :func:`ffsm_mj.run`, :func:`ffsm_mj.load_run` or the fixture ``ffsm_run``.
         tolerance: A residual may reach this times (1 + scale) in SI units; one number, or by check.
@@ -80,14 +82,15 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[
         ValueError: No such check.
     """
     __tracebackhide__ = True
+    from ffsm_mj.analysis.run_models import all_checks
     from ffsm_mj.errors import unknown_name
-    from ffsm_mj.verification.check_result import all_by_truncation
     from ffsm_mj.verification.checks import CHECK_NAMES
+    from ffsm_mj.verification.truncation import has_question
 
     for name in checks:
         if name not in CHECK_NAMES:
             raise ValueError(unknown_name("check", name, CHECK_NAMES))
-    checked = [check for check in run.checks(tolerance) if not checks or check.name in checks]
+    checked = [check for check in all_checks(run, tolerance) if not checks or check.name in checks]
     if not run.conservative:
         raise AssertionError(f"{run.name} is not conservative: {run.why_not_conservative}")
     if not checked:
@@ -96,11 +99,10 @@ def assert_conserved(run: Run, tolerance: Tolerance = 1e-9, *, checks: Sequence[
     if broken:
         lines = [
             f"{check.name} of {check.subsystem}: residual {check.residual:.3e} {check.unit} in {check.component} "
-            f"at {check.time_s:.3f} s, "
-            f"allowed {check.tolerance:.3e}{f' ({check.truncation.sentence(check.unit)})' if check.truncation else ''}"
+            f"at {check.time_s:.3f} s, allowed {check.tolerance:.3e}"
             for check in broken
         ]
         head = f"{run.name}: {len(broken)} of {len(checked)} checks failed in {run.digest.end_s:g} s"
-        if all_by_truncation(broken):
-            head += ", by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario or halve its time_step_s"
+        if has_question(broken, tolerance):
+            head += "; ffsm_mj.explain(run) finds whether by the truncation of the step alone"
         raise AssertionError("\n  ".join([head, *lines]))

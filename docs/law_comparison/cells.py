@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 from laws import LAWS, MAIN, Config, Law
 
 import ffsm_mj
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import load_campaign
-from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.shipped import scenarios_dir
 
 STUDIES = scenarios_dir() / "studies"

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 import ffsm_mj
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.report.run import Run
 
 _MOUNT_M = math.hypot(0.9, 0.4)
 REACH_M = _MOUNT_M + 6.0 - (2.0 * (3.0 * _MOUNT_M + 9.0) + _MOUNT_M + 6.0) / 12.0
@@ -35,7 +35,7 @@ def floor(run: Run, times: FloatArray) -> FloatArray:
     root = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "robot/base")
     mass = float(model.body_subtreemass[root])
     speed = np.array([run[f"momentum.robot_P_{axis}_N_s"][row] for axis in "xy"]) / mass
-    target = np.array(run.summary(checks=False)["tip"]["target_m"][:2])
+    target = np.array(run.summary()["tip"]["target_m"][:2])
     away = data.subtree_com[root][:2] - target + np.outer(times - run.time[row], speed)
     return np.asarray(np.maximum(np.hypot(*away.T) - REACH_M, 0.0))
 

@@ -15,8 +15,8 @@ from laws import LAWS, Config, Law
 from table import Table
 
 import ffsm_mj
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.report.run import Run
 
 ONCE = Path(__file__).parent / "once.json"
 RESTART_S = 9.0
@@ -57,7 +57,7 @@ def _restarts(log: Path, tuned: dict[str, tuple[float, float]]) -> dict[str, Con
             given = {"phases.regulate.controller": cell.controller(law, values)}
             run = ffsm_mj.resume(log, RESTART_S, given)
             found[f"{law.name} {variant}"] = {
-                "law_us_per_tick": round(1e6 * run.summary(checks=False)["law_wall_s_per_tick"], 1),
+                "law_us_per_tick": round(1e6 * run.summary()["law_wall_s_per_tick"], 1),
                 "errors": [round(float(value), 5) for value in run.tip_error()[::_EVERY]],
             }
     return found

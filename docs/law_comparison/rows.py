@@ -19,7 +19,8 @@ from laws import Config, Law
 from scipy.stats import qmc
 from table import METRICS, Table, TableRow
 
-from ffsm_mj.report.run import Run
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import all_checks
 
 TUNING_SEED, JUDGED_SEED, POINTS_SEED = 1, 2, 3
 """Seeds of the runs that tune, of those that are judged, and of the points of the unit square."""
@@ -109,7 +110,7 @@ def simulated(wanted: Wanted) -> Config:
     dispersed = _overrides(cell.name, wanted.run, wanted.seed) if cell.dispersions else {}
     run = cell.run(cell.controller(wanted.law, wanted.values), dispersed, wanted.run)
     ends = {"reach_end_s": reach_end_s(run)} if cell.has_floor and run.impacts else {}
-    return {"outcome": run.outcome, "passes": all(check.passes for check in run.checks())} | metrics_of(run) | ends
+    return {"outcome": run.outcome, "passes": all(check.passes for check in all_checks(run))} | metrics_of(run) | ends
 
 
 @cache

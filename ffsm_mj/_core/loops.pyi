@@ -1,9 +1,15 @@
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
+
+class BaseJoints(Protocol):
+    base: tuple[FloatArray, FloatArray, FloatArray]
+    free: bool
+    reading: Any
+    def pose(self, position: FloatArray, quaternion: FloatArray) -> None: ...
+    def rates(self, twist: FloatArray) -> None: ...
 
 class LoopStage:
     J: FloatArray
@@ -29,7 +35,7 @@ class StateTransfer:
         logged: tuple[Any, Any, FloatArray],
         moving: tuple[Any, Any, int],
         shared: tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]],
-        placing: BaseJointSolver,
+        placing: BaseJoints,
     ) -> None: ...
     def state(self) -> None: ...
     def step(self) -> None: ...

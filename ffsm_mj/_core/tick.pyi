@@ -1,10 +1,9 @@
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.actuation.actuation import Envelope
 from ffsm_mj.arrays import FloatArray
 
 class OnSample:
@@ -55,10 +54,24 @@ class StepWork:
     def open(self) -> int: ...
     def close(self, duration_s: float) -> int: ...
 
+class Bounds(Protocol):
+    @property
+    def low(self) -> FloatArray: ...
+    @property
+    def high(self) -> FloatArray: ...
+    @property
+    def stall(self) -> FloatArray: ...
+    @property
+    def slope(self) -> FloatArray: ...
+    @property
+    def saturation(self) -> FloatArray: ...
+    @property
+    def gear(self) -> FloatArray: ...
+
 class Limits:
     def __init__(
         self,
-        envelope: Envelope,
+        bounds: Bounds,
         effort: FloatArray,
         powered: npt.NDArray[np.bool_],
         velocity: FloatArray,

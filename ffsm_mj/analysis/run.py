@@ -1,8 +1,7 @@
-"""A finished run as typed arrays by name, from memory or from its log."""
+"""A finished run as typed arrays by name, from memory or from its log; comparison of two."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -10,43 +9,43 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
-from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.logged_signals import LoggedSignals
-from ffsm_mj.analysis.summary import failing_checks, summarise, tip_error
-from ffsm_mj.analysis.tables import MOMENTUM_TABLE, Table, momentum_table, table
+from ffsm_mj.analysis.model_results import ModelResults
+from ffsm_mj.analysis.run_card import card_html, card_text, missing
+from ffsm_mj.analysis.summary import summarise, tip_error
+from ffsm_mj.analysis.tables import CHECKS_TABLE, Table, checks_table, table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import InputError
-from ffsm_mj.log.scenario import compile_log
+from ffsm_mj.errors import LogError
+from ffsm_mj.log.mcap.reader import read_log
+from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
+from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, whole_log_checks
-from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.independent_checks import IndependentChecks, Models
-from ffsm_mj.verification.truncation import TruncationAnalysis
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 
 
 class Run(LoggedSignals):
-    """A run. ``run["energy.total_J"]`` is a column; ``run.keys`` lists them, with ``units`` and ``descriptions``.
+    """What a log says: ``run["energy.total_J"]`` is a column; ``run.keys`` lists them, with ``units`` and ``descriptions``.
+
+    Figures, films, sensitivities, and all that needs the models or another simulation, are functions of a run: see
+    :mod:`ffsm_mj`.
 
     Attributes:
         log: Contents of the log.
         path: Path of the log file, absolute if the run was read or written here; None for a run in memory.
-        truncation: Result of the analysis of the truncation; None if there was none.
+        models: What is computed with its models, for the functions that need them: see :mod:`ffsm_mj.analysis.run_models`.
     """
 
     def __init__(
-        self,
-        log: RunLog,
-        path: Path | None = None,
-        digested: Digest | None = None,
-        effort: Effort | None = None,
-        models: Models | None = None,
+        self, log: RunLog, path: Path | None = None, digested: Digest | None = None, models: ModelResults | None = None
     ) -> None:
         """Wrap a log.
 
@@ -54,19 +53,32 @@ class Run(LoggedSignals):
             log: Contents of the log.
             path: Path of the log file.
             digested: Digest of its rows, if it exists already; None: computed on demand.
-            effort: Effort in its rows, likewise.
-            models: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
+            models: What is computed with its models; None: the models are taken from the log.
         """
         super().__init__(log)
-        self.path, self._given, self._accumulated, self._models = path, digested, effort, models
-        self._whole: Run | None = None
-        self.truncation: TruncationAnalysis | None = None
+        self.path, self._given = path, digested
+        self.models = models or ModelResults(log)
+
+    def __repr__(self) -> str:
+        """Scenario, outcome, impacts, persistent contacts, the check closest to its tolerance, and the tip."""
+        return card_text(self.log, *self._known())
+
+    def _repr_html_(self) -> str:
+        return card_html(self.log, *self._known())
+
+    def _known(self) -> tuple[Digest | None, tuple[Check, ...]]:
+        """Digest and checks if they are known, or quick to compute from few rows."""
+        try:
+            if self.digested or 8 * len(self.log.rows) * len(self.keys) <= KEPT_BYTES:
+                with np.errstate(all="ignore"):  # a log may hold any double
+                    return self.digest, self.checks()
+        except (LogError, OSError):  # the file is gone; the summary of a run in memory must not fail
+            pass
+        return None, ()
 
     def with_rows(self, rows: FloatArray) -> Run:
         """The run with a part of its rows, (n, number of signals); checks and summary are those of the whole run."""
-        part = Run(replace(self.log, rows=rows), self.path, self.digest, models=self._models)
-        part._whole, part.truncation = self, self.truncation
-        return part
+        return Run(replace(self.log, rows=rows), self.path, self.digest, self.models)
 
     @property
     def name(self) -> str:
@@ -119,6 +131,11 @@ class Run(LoggedSignals):
         return self.log.note
 
     @property
+    def missing(self) -> str:
+        """Damage or incompleteness of the log in one line; empty if it is complete."""
+        return missing(self.log)
+
+    @property
     def outcome(self) -> str:
         """Outcome of the run; ``incomplete`` if the log has none."""
         return str(self._summary["outcome"])
@@ -139,28 +156,19 @@ class Run(LoggedSignals):
         return why_not_conservative(self.log.header.metadata)
 
     def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
-        """Results of all checks with their worst residuals; see :func:`ffsm_mj.verification.checks.evaluate_checks`.
+        """Results of the checks of rows and records, with their worst residuals: arithmetic on what is logged.
 
-        This is arithmetic on the rows: nothing is simulated again. Whether a check of energy, momenta or heat fails by the
-        truncation of the step alone is known once ``analyze_truncation`` has found it; until then
-        ``check.fails_by_truncation`` is None.
+        Checks that need the models, and whether checks of energy, momenta or heat fail by the truncation of the step alone,
+        are found by :func:`ffsm_mj.explain`, which simulates again: ``check.fails_by_truncation`` is None in a check that
+        fails here, if that is in question.
+
+        Args:
+            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+
+        Raises:
+            KeyError: A tolerance for an unknown check.
         """
-        checks = self.digest.check_accumulator.checks(self.log.impact_records, tolerance, self._friction)
-        judged = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
-        return (*judged, *whole_log_checks(self.log, tolerance, self._independent, self._stack_momentum))
-
-    def _stack_momentum(self) -> float:
-        """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
-        found = self._effort["angular_momentum"]
-        return math.nan if found is None else float(found["stack_without_wheels_N_m_s"])
-
-    @cached_property
-    def _friction(self) -> FrictionCheck:
-        return FrictionCheck(self.log)
-
-    @cached_property
-    def _independent(self) -> IndependentChecks:
-        return IndependentChecks(self.log, self.digest.kept, self._models)
+        return self.digest.check_accumulator.checks(self.log.impact_records, tolerance)
 
     @property
     def digested(self) -> bool:
@@ -173,14 +181,12 @@ class Run(LoggedSignals):
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
-        """A table of named columns with units: ``samples``, ``contacts``, ``angular_momentum``, ``checks``, or records.
+        """A table of named columns with units: ``samples``, ``contacts``, ``captures``, ``checks``, or records by kind.
 
         Raises:
             KeyError: No such table.
         """
-        if name == MOMENTUM_TABLE:
-            return momentum_table(self.angular_momentum)
-        return table(self.log, name)
+        return checks_table(self.checks()) if name == CHECKS_TABLE else table(self.log, name)
 
     def to_pandas(self, name: str = "samples") -> Any:
         """A table (see :meth:`table`) as a ``pandas.DataFrame``; units and descriptions are in its ``attrs``.
@@ -206,60 +212,9 @@ class Run(LoggedSignals):
         """
         return tip_error(self.log)
 
-    def summary(self, *, checks: bool = True) -> dict[str, Any]:
-        """Content of ``summary.json``.
-
-        Args:
-            checks: Include ``checks``, and ``effort``, ``base_rotation`` and ``angular_momentum``, for which the models of a
-                log are compiled.
-        """
-        summary = deepcopy(self._summary)
-        if not checks:
-            return summary
-        return summary | deepcopy(self._effort) | {"checks": failing_checks(self.checks())}
-
-    @property
-    def effort(self) -> dict[str, dict[str, float | None]] | None:
-        """Effort by actuator, under its name in the columns; None if the log lacks its columns or its models.
-
-        ``integral_u2`` (N^2 s or (N m)^2 s), ``work_J``, ``peak`` (N or N m) and ``at_bound``, the share of the ticks at
-        which the applied effort is at a bound: see :data:`ffsm_mj.analysis.effort.MEASURES`.
-        """
-        found: dict[str, dict[str, float | None]] | None = deepcopy(self._effort["effort"])
-        return found
-
-    @property
-    def base_rotation(self) -> dict[str, float] | None:
-        """Angle from the first orientation of the base, ``final_rad`` and ``largest_rad``; None: see ``effort``."""
-        found: dict[str, float] | None = deepcopy(self._effort["base_rotation"])
-        return found
-
-    @property
-    def angular_momentum(self) -> dict[str, Any] | None:
-        """Angular momentum before and after by subsystem and body, and what each actuator took; None: see ``effort``.
-
-        About the centre of mass of everything that moves, world axes, N m s; the table ``angular_momentum`` has the same
-        numbers. See :class:`ffsm_mj.analysis.momentum_exchange.MomentumExchange`.
-        """
-        found: dict[str, Any] | None = deepcopy(self._effort["angular_momentum"])
-        return found
-
-    @cached_property
-    def _effort(self) -> dict[str, Any]:
-        if self._whole is not None:
-            return self._whole._effort
-        if self._accumulated is not None:
-            return self._accumulated.summary()
-        try:
-            found = Effort(compile_log(self.log))
-            found.open(self.log.header)
-        except (InputError, KeyError):  # models that no longer compile, or a part of the columns
-            return {"effort": None, "base_rotation": None, "angular_momentum": None}
-        for block in self.log.blocks():
-            found.rows(block)
-        for event in self.log.events():
-            found.event(event)
-        return found.summary()
+    def summary(self) -> dict[str, Any]:
+        """What ``summary.json`` says of the log; :func:`ffsm_mj.summary` adds what needs the models: checks and effort."""
+        return deepcopy(self._summary)
 
     @cached_property
     def _summary(self) -> dict[str, Any]:
@@ -269,3 +224,14 @@ class Run(LoggedSignals):
 def compare(a: Run, b: Run) -> Comparison:
     """Compare two runs: scenario, models, impacts, and every signal at their common times."""
     return compare_logs(a.log, b.log)
+
+
+def load_run(path: str | Path) -> Run:
+    """Read a run from its folder or its ``.mcap`` or ``.mcap.partial`` file.
+
+    Raises:
+        InputError: There is no log at that path.
+        LogError: The file is not the log of a run.
+    """
+    found = find_log(Path(path))
+    return Run(read_log(found), found.absolute())

@@ -22,9 +22,9 @@ from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.record import columns_of
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance, evaluate_checks
+from ffsm_mj.verification.check_result import Check
 
-_LAW_COLUMNS = {
+_CHECK_COLUMNS = {
     "name": ("", "name of the check"),
     "subsystem": ("", "subsystem"),
     "component": ("", "component of the worst residual"),
@@ -37,8 +37,8 @@ _LAW_COLUMNS = {
 }
 
 
-MOMENTUM_TABLE = "angular_momentum"
-"""Name of the table of angular momentum by subsystem, body and actuator."""
+MOMENTUM_TABLE, CHECKS_TABLE = "angular_momentum", "checks"
+"""Names of the tables of angular momentum by subsystem, body and actuator, and of checks."""
 
 
 @dataclass(frozen=True)
@@ -84,26 +84,32 @@ def _package(name: str, purpose: str) -> Any:
 
 
 def table_names(log: RunLog) -> tuple[str, ...]:
-    """Names of the tables of a run: samples, one per kind of record that it may have, contacts, captures and checks."""
+    """Names of the tables of a run: samples, one per kind of record that it may have, contacts, captures and checks.
+
+    ``angular_momentum`` needs the models of the run: see :func:`momentum_table`.
+    """
     captures = ("captures",) if CAPTURE in log.kinds else ()
-    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, MOMENTUM_TABLE, "checks"
+    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, CHECKS_TABLE
 
 
 def momentum_table(found: dict[str, Any] | None) -> Table:
-    """The table of ``angular_momentum`` of ``summary.json``; without rows if it is unknown."""
+    """The table of what :func:`ffsm_mj.angular_momentum` returns; without rows if that is None."""
     return _of_columns(MOMENTUM_TABLE, columns_of(MomentumRow), momentum_rows(found))
 
 
-def table(log: RunLog, name: str, tolerance: Tolerance = DEFAULT_TOLERANCE) -> Table:
-    """One table of a run by name.
+def checks_table(checks: Sequence[Check]) -> Table:
+    """The table of the results of checks."""
+    return _of_columns(CHECKS_TABLE, _CHECK_COLUMNS, checks)
+
+
+def table(log: RunLog, name: str) -> Table:
+    """One table of a log by name, except that of its checks.
 
     Raises:
         KeyError: No such table.
     """
     if name == "samples":
         return samples(log.header.layout, np.asarray(log.rows[:]))
-    if name == "checks":
-        return _of_columns(name, _LAW_COLUMNS, evaluate_checks(log, tolerance))
     if name == "contacts":
         return _of_columns(
             name, columns_of(ContactInterval), [_ended(contact) for contact in digest(log).contacts.intervals()]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ffsm_mj.analysis.run import load_run
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.recording import Recording
@@ -27,7 +28,6 @@ from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.log.run_folder import SCENARIO, find_log, holds_log
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.report.run import load_run
 from ffsm_mj.scenario.scenario import Scenario, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file

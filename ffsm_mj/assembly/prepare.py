@@ -11,6 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly, assemble
 from ffsm_mj.assembly.description import describe, notes
 from ffsm_mj.assembly.grasps import GraspedSystem
@@ -27,7 +28,6 @@ from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import load_scenario, validated
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.scenario.shipped import scenario_path

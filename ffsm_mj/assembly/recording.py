@@ -15,6 +15,9 @@ import numpy as np
 from ffsm_mj._core import BUILT
 from ffsm_mj.analysis.digest import DigestSink
 from ffsm_mj.analysis.effort import Effort
+from ffsm_mj.analysis.model_results import ModelResults
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import summary
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_models import record_kinds
 from ffsm_mj.assembly.recorded_files import RecordedFiles
@@ -41,7 +44,6 @@ from ffsm_mj.records.metadata import (
     task_metadata,
     terminal_metadata,
 )
-from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
 from ffsm_mj.scenario.scenario import Scenario
 from ffsm_mj.simulation.internal_error import internal_error
@@ -89,7 +91,7 @@ class Recording:
         kept = len(layout.signals) if columns is None else 1 + len(columns)
         refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
         self._folder, self._layout, self._effort = folder, layout, Effort(system)
-        self._models = partial(_models, config, system, assembly.recorded)
+        self._compiled = partial(_models, config, system, assembly.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
         self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
         sinks: list[Sink] = [self._memory, self._digested, self._effort, *watchers]
@@ -141,13 +143,11 @@ class Recording:
 
     def run(self) -> Run:
         """The run, when the log is closed; writes the summary into its folder."""
-        if self._folder is None:
-            return Run(self._memory.log(), None, self._digested.digest, self._effort, self._models)
-        log = self._folder.log.absolute()
-        finished = Run(
-            self._memory.log(stored_rows(log, self._layout)), log, self._digested.digest, self._effort, self._models
-        )
-        self._folder.write_summary(finished.summary())
+        path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested.digest
+        log = self._memory.log(stored_rows(path, self._layout) if path is not None else None)
+        finished = Run(log, path, digest, ModelResults(log, self._compiled, self._effort))
+        if self._folder is not None:
+            self._folder.write_summary(summary(finished))
         return finished
 
 

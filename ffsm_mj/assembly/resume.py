@@ -7,11 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import on_command_line, override
 from ffsm_mj.log.run_folder import SCENARIO, RunFolder
-from ffsm_mj.report.run import Run
 
 
 def prepare_from(

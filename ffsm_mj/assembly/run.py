@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
@@ -14,7 +15,6 @@ from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.report.run import Run
 
 
 # A run ends if its state is not finite; numpy's warnings would only repeat that.

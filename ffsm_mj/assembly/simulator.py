@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, prepare
@@ -16,7 +17,6 @@ from ffsm_mj.assembly.stepped_run import SteppedRun, seeded
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
-from ffsm_mj.report.run import Run
 from ffsm_mj.simulation.ending import Ended
 
 

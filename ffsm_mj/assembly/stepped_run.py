@@ -14,6 +14,7 @@ from weakref import finalize
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.given_command import given_command
 from ffsm_mj.assembly.prepare import PreparedRun
@@ -27,7 +28,6 @@ from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collecting, collectors, handled_warnings
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.report.run import Run
 from ffsm_mj.simulation.loop import Simulation
 
 _DECISIONS = ("tick", "event")

@@ -14,7 +14,7 @@ class ScriptClasses:
     Attributes:
         controllers: Control laws.
         estimators: Estimators.
-        metrics: Functions of a :class:`~ffsm_mj.report.run.Run` by the name of the metric.
+        metrics: Functions of a :class:`~ffsm_mj.analysis.run.Run` by the name of the metric.
     """
 
     controllers: Mapping[str, Any] = field(default_factory=dict)

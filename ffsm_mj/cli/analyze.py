@@ -4,30 +4,28 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ffsm_mj.analysis.run import compare
+from ffsm_mj.analysis.run import Run, compare, load_run
 from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report
 from ffsm_mj.cli.standard_streams import Output
-from ffsm_mj.cli.truncation import PATIENCE, truncation_analysis
+from ffsm_mj.cli.truncation import PATIENCE, explained_checks
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.invocation import command
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.comparison_report import comparison_report
 from ffsm_mj.report.json_text import json_text
 from ffsm_mj.report.output_place import folder_below, refuse_link, usable_folder
-from ffsm_mj.report.run import Run, load_run
 from ffsm_mj.report.verification_report import damage_of, verification, verification_data
-from ffsm_mj.verification.check_result import all_by_truncation
+from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
-from ffsm_mj.verification.truncation import has_question
+from ffsm_mj.verification.truncation import ExplainedChecks
 
 
 # A log may hold any double. A value that is not finite fails its check; NumPy's warnings would only repeat that.
@@ -60,14 +58,16 @@ def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
         with working_on(path):
             again = replay_log(run.log, stage(f"replay {shown[name]}", "samples"))
             with noted(PATIENCE) as stopped:
-                if has_question(checks := again.checks(tolerance), tolerance) and not again.obstacle:
-                    truncation = truncation_analysis(run.log, checks, options.truncation, stage, shown[name], stopped)
-                    again = replace(again, truncation=truncation)
-                found[_judge(run, again, tolerance)].append(name)
+                explained = ExplainedChecks(again.checks(tolerance))
+                if not again.obstacle:
+                    limits = options.truncation, stage, shown[name], stopped
+                    explained = explained_checks(run, explained.checks, *limits, tolerance)
+                found[_judge(run, again, explained.checks)].append(name)
                 if options.json:
-                    data.append(verification_data(run, again, tolerance))
+                    data.append(verification_data(run, again, explained.checks))
                 else:
-                    text = verification(run, again, tolerance) + "\n" * (several or options.plots is not None)
+                    text = verification(run, again, explained, tolerance)
+                    text += "\n" * (several or options.plots is not None)
                     say(f"{path.resolve()}\n\n{text}")
                     for line in _internal_errors(run, options.runs, shown=options.traceback):
                         say(line)
@@ -99,9 +99,8 @@ def _internal_errors(run: Run, named: Sequence[str], *, shown: bool) -> Iterator
         yield f"\n{record.traceback.rstrip()}" if shown else f"\ntraceback: {command('analyze', *named, '--traceback')}"
 
 
-def _judge(run: Run, again: ReplayResult, tolerance: Tolerance) -> int:
+def _judge(run: Run, again: ReplayResult, checks: Sequence[Check]) -> int:
     """Exit code of one run: a failed check outranks a damaged log, which outranks truncation of the step."""
-    checks = again.checks(tolerance)
     truncated = all_by_truncation(checks)
     if not (truncated or all(check.passes for check in checks)) or not (again.agrees or again.obstacle):
         return CHECK_FAILED

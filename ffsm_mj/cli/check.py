@@ -14,7 +14,7 @@ from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.scenario.schema import scenario_schema
-from ffsm_mj.sensitivity.of_run import checked_parameters
+from ffsm_mj.sensitivities.of_run import checked_parameters
 from ffsm_mj.studies.description import study_description
 from ffsm_mj.studies.plan import load_study
 from ffsm_mj.studies.schema import study_schema

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run, load_run
 from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import DAMAGED, OK
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, working_on
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.report.output_place import usable_file
-from ffsm_mj.report.run import Run, load_run
-from ffsm_mj.report.run_report import what_is_missing
 
 _EXPORT_SUFFIX = {"csv": ".csv", "parquet": ".parquet", "gif": ".gif", "mp4": ".mp4", "html": ".html"}
 _FILE_NAMES = {"gif": "motion", "mp4": "motion", "html": "run"}
@@ -46,7 +45,7 @@ def export(options: argparse.Namespace, output: Output) -> int:
             run = _export(log, table, out, options, say, shown.stage)
         if run.note:
             say(f"note: {run.note}")
-    if missing := what_is_missing(run):
+    if missing := run.missing:
         complain(f"{log}: {missing}")
         return DAMAGED
     return OK

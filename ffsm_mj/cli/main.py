@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from importlib import import_module
 
 from ffsm_mj.assembly.interrupts import raised
 from ffsm_mj.cli.command_line import HelpRequest, parse, parser
@@ -17,24 +16,6 @@ from ffsm_mj.cli.standard_streams import Output, complain, secure
 from ffsm_mj.invocation import command_line
 from ffsm_mj.module_path import without_current_folder
 
-_COMMANDS = {
-    "run": "run:run",
-    "check": "check:check",
-    "analyze": "analyze:analyze",
-    "export": "export:export",
-    "view": "view:view",
-    "impact-map": "impact_map:impact_map",
-    "sensitivity": "sensitivity:sensitivity",
-    "campaign": "campaign:campaign",
-    "study": "study:study",
-    "reproduce": "reproduce:reproduce",
-    "validate": "validate:validate",
-    "schema": "check:schema",
-    "new": "generate:new",
-    "new-law": "generate:new_law",
-    "completion": "completion:completion",
-}
-"""Module and function of each command; a module is imported when its command is performed."""
 _SHOW_TRACEBACK = "FFSM_TRACEBACK"
 """Environment variable: unhandled exceptions are raised instead of reported in one line."""
 _READERS = ("analyze", "export", "view", "campaign", "study", "new")
@@ -121,12 +102,42 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
     return BAD_INPUT
 
 
-def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output], int]:
-    if command is None:
-        return _usage
-    module, _, function = _COMMANDS[command].partition(":")
-    found: Callable[[argparse.Namespace, Output], int] = getattr(import_module(f"ffsm_mj.cli.{module}"), function)
-    return found
+def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output], int]:  # noqa: PLR0912 (a table)
+    """Function of a command; its module is imported when the command is performed."""
+    match command:
+        case "run":
+            from ffsm_mj.cli.run import run as perform
+        case "check":
+            from ffsm_mj.cli.check import check as perform
+        case "analyze":
+            from ffsm_mj.cli.analyze import analyze as perform
+        case "export":
+            from ffsm_mj.cli.export import export as perform
+        case "view":
+            from ffsm_mj.cli.view import view as perform
+        case "impact-map":
+            from ffsm_mj.cli.impact_map import impact_map as perform
+        case "sensitivity":
+            from ffsm_mj.cli.sensitivity import sensitivity as perform
+        case "campaign":
+            from ffsm_mj.cli.campaign import campaign as perform
+        case "study":
+            from ffsm_mj.cli.study import study as perform
+        case "reproduce":
+            from ffsm_mj.cli.reproduce import reproduce as perform
+        case "validate":
+            from ffsm_mj.cli.validate import validate as perform
+        case "schema":
+            from ffsm_mj.cli.check import schema as perform
+        case "new":
+            from ffsm_mj.cli.generate import new as perform
+        case "new-law":
+            from ffsm_mj.cli.generate import new_law as perform
+        case "completion":
+            from ffsm_mj.cli.completion import completion as perform
+        case _:
+            perform = _usage
+    return perform
 
 
 def _usage(options: argparse.Namespace, output: Output) -> int:

@@ -15,8 +15,9 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
 
 if TYPE_CHECKING:
+    from ffsm_mj.analysis.run import Run
     from ffsm_mj.log.run_folder import RunFolder
-    from ffsm_mj.report.run import Run
+    from ffsm_mj.verification.truncation import ExplainedChecks
 
 _MOST_NOTE_LINES = 4
 _REASON_LINES = 3
@@ -40,7 +41,7 @@ def run(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
     from ffsm_mj.cli.truncation import PATIENCE  # imports what replays logs
     from ffsm_mj.log.run_folder import RunFolder
-    from ffsm_mj.sensitivity.of_run import checked_parameters
+    from ffsm_mj.sensitivities.of_run import checked_parameters
     from ffsm_mj.studies.shipped import STUDIES
 
     for each in (CAMPAIGNS, STUDIES):
@@ -78,26 +79,25 @@ def run(options: argparse.Namespace, output: Output) -> int:
         folder.link_latest()
     said = of_run(prepared, done, folder)
     with noted(PATIENCE) as stopped:
-        _find_truncation(done, folder, options.truncation, stopped)
-        return _summarise(done, folder, notes, options, output, len(head.splitlines()), said)
+        explained = _explained(done, folder, options.truncation, stopped)
+        return _summarise(done, explained, folder, notes, options, output, len(head.splitlines()), said)
 
 
-def _find_truncation(run: Run, folder: RunFolder, budget_s: float | None, stopped: Callable[[], bool]) -> None:
+def _explained(run: Run, folder: RunFolder, budget_s: float | None, stopped: Callable[[], bool]) -> ExplainedChecks:
     """Find out whether checks fail by truncation, and add the verdict to the summary, which is complete without it."""
+    from ffsm_mj.analysis.run_models import all_checks
     from ffsm_mj.analysis.summary import failing_checks
-    from ffsm_mj.cli.truncation import truncation_analysis
-    from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
-    from ffsm_mj.verification.truncation import TruncationAnalysis, has_question
+    from ffsm_mj.cli.truncation import explained_checks
+    from ffsm_mj.verification.truncation import ExplainedChecks
 
-    if not has_question(run.checks(), DEFAULT_TOLERANCE):
-        return
+    checks = all_checks(run)
     if run.outcome == "interrupted":  # its user does not want to wait
-        run.truncation = TruncationAnalysis(None, "the run was interrupted")
-        return
+        return ExplainedChecks(checks, "the run was interrupted")
     with progress() as shown:
-        run.truncation = truncation_analysis(run.log, run.checks(), budget_s, shown.stage, str(folder.path), stopped)
-    if run.truncation.refined is not None:
-        folder.add_to_summary({"checks": failing_checks(run.checks())})
+        explained = explained_checks(run, checks, budget_s, shown.stage, str(folder.path), stopped)
+    if explained.checks != checks:
+        folder.add_to_summary({"checks": failing_checks(explained.checks)})
+    return explained
 
 
 def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
@@ -119,6 +119,7 @@ def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
 
 def _summarise(
     run: Run,
+    explained: ExplainedChecks,
     folder: RunFolder,
     notes: Sequence[str],
     options: argparse.Namespace,
@@ -127,14 +128,13 @@ def _summarise(
     said: Sequence[str],
 ) -> int:
     """Print the summary of a run below ``used`` lines of output, and what is said of it; returns the exit code."""
-    from ffsm_mj.report.check_report import any_check_failed, verdict
+    from ffsm_mj.report.check_report import verdict
     from ffsm_mj.report.run_report import MOST_LINES, run_report
     from ffsm_mj.report.text_table import wrapped
     from ffsm_mj.verification.check_result import all_by_truncation
-    from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 
-    failed = run.outcome != "completed" or any_check_failed(run, DEFAULT_TOLERANCE)
-    output.say(run_report(run, notes, MOST_LINES - used - (_REASON_LINES if failed else 0)))
+    failed = run.outcome != "completed" or not all(check.passes for check in explained.checks)
+    output.say(run_report(run, explained, notes, MOST_LINES - used - (_REASON_LINES if failed else 0)))
     for sentence in said:
         output.say(sentence)
     output.say(wrapped(f"files in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}", 2))
@@ -143,8 +143,8 @@ def _summarise(
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
     if failed:
-        complain(verdict(run, run.checks()))
-        code = TRUNCATED if all_by_truncation(run.checks()) else CHECK_FAILED
+        complain(verdict(run, explained.checks))
+        code = TRUNCATED if all_by_truncation(explained.checks) else CHECK_FAILED
         return OK if options.allow_failed_checks else code
     return OK
 

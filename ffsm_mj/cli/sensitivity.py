@@ -12,10 +12,10 @@ from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
 
 if TYPE_CHECKING:
+    from ffsm_mj.analysis.run import Run
     from ffsm_mj.assembly.prepare import PreparedRun
     from ffsm_mj.log.run_folder import RunFolder
-    from ffsm_mj.report.run import Run
-    from ffsm_mj.sensitivity.result import Sensitivity
+    from ffsm_mj.sensitivities.result import Sensitivity
 
 
 def describe_sensitivity(of: argparse.ArgumentParser, add_overrides: Callable[[argparse.ArgumentParser], None]) -> None:
@@ -48,8 +48,8 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
         InputError: The scenario or a name is wrong, or a derivative does not exist.
     """
     from ffsm_mj.assembly.prepare import prepare
-    from ffsm_mj.sensitivity.of_run import checked_parameters, of_prepared
-    from ffsm_mj.sensitivity.parameters import given
+    from ffsm_mj.sensitivities.of_run import checked_parameters, of_prepared
+    from ffsm_mj.sensitivities.parameters import given
 
     wrt = given(options.wrt)
     with progress() as shown:
@@ -81,7 +81,7 @@ def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
         return []
     from ffsm_mj.log.run_folder import SENSITIVITY
     from ffsm_mj.report.stated_sensitivity import KEY
-    from ffsm_mj.sensitivity.of_run import of_prepared
+    from ffsm_mj.sensitivities.of_run import of_prepared
 
     with progress() as shown:
         found = of_prepared(prepared, run, report=shown.stage("sensitivity", "runs"))

@@ -92,8 +92,8 @@ def _record(run: Path | None, scenario: str, overrides: list[str], path: Path) -
         prepared = prepare(scenario, overrides)
         write_initial_scene(initial_scene(prepared.assemble(), prepared.describe()), path)
         return
+    from ffsm_mj.analysis.run import load_run
     from ffsm_mj.log.rerun.from_log import write_recording
-    from ffsm_mj.report.run import load_run
 
     log = find_log(run)
     with progress() as shown, working_on(log):

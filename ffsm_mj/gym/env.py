@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.assembly.step import Step
@@ -22,7 +23,6 @@ from ffsm_mj.gym.resets import campaign_of, resets_of
 from ffsm_mj.gym.rewards import Transition
 from ffsm_mj.gym.setup import Bound, env_of, reward_of, split_env
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.env_config import EnvConfig
 from ffsm_mj.scenario.scenario import located
 

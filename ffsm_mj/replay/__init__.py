@@ -8,8 +8,10 @@ accumulate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.errors import InputError
@@ -20,11 +22,13 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.log_replay import LogReplay
 from ffsm_mj.replay.metadata import state_metadata
 from ffsm_mj.replay.scene import log_scene
-from ffsm_mj.verification.checks import CheckAccumulator, accumulate_checks
-from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation, usual_seconds
+from ffsm_mj.verification.check_result import Check
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, accumulate_checks
 from ffsm_mj.verification.independent.kept_rows import KeptRows, before_loss, kept_rows
-from ffsm_mj.verification.independent_checks import IndependentChecks
+from ffsm_mj.verification.model_checks import ModelChecks
 from ffsm_mj.verification.replay_result import ReplayResult
+from ffsm_mj.verification.truncation import ExplainedChecks, has_question
 
 
 @one_blas_thread()
@@ -44,8 +48,8 @@ def replay_log(
         scene = log_scene(log)
         replay = LogReplay(scene, log)
     except InputError as error:
-        checked = accumulate_checks(log), log.impact_records, FrictionCheck(log), log, IndependentChecks(log, kept_rows(log))
-        return ReplayResult({}, 0, 0, "", error.lines[0], *checked)
+        checks = ModelChecks(log, kept_rows(log))
+        return ReplayResult({}, 0, 0, "", error.lines[0], accumulate_checks(log), log, checks)
     seen = CheckAccumulator(log.header.layout, dict(log.header.metadata) | state_metadata(scene))
     period_s, start_s = scene.scenario.time_step_s * scene.scenario.steps_per_tick, logged_start_s(log.header.metadata)
     sampling = Sampling(period_s, log.instants_s, start_s)
@@ -66,5 +70,38 @@ def replay_log(
     found, verified_to_s = replay.agreements()
     worst = {name: agreement.worst for name, agreement in found.items() if agreement.worst is not None}
     numbers = sum(agreement.numbers for agreement in found.values())
-    checked = seen, log.impact_records, FrictionCheck(log), log, IndependentChecks(log, kept)
-    return ReplayResult(worst, seen.samples, numbers, sampling.sentence(), "", *checked, verified_to_s=verified_to_s)
+    gaps, checks = sampling.sentence(), ModelChecks(log, kept)
+    return ReplayResult(worst, seen.samples, numbers, gaps, "", seen, log, checks, verified_to_s)
+
+
+def explain(
+    run: Run,
+    checks: Sequence[Check] | None = None,
+    *,
+    tolerance: Tolerance = DEFAULT_TOLERANCE,
+    limits: AnalysisLimits | None = None,
+    log: Callable[[], RunLog] | None = None,
+) -> ExplainedChecks:
+    """Evaluate all checks of a run, and find out of those that fail whether they fail by the truncation of the step alone.
+
+    If a check of energy, momenta or heat fails, the steps of the run are made again from the states in its log, in halves
+    and shorter, which takes several times as long as the run. ``check.truncation`` of a failing check is the share of
+    truncation in its residual, ``check.fails_by_truncation`` the verdict: None if there is none, for the reason in
+    ``obstacle`` of the result.
+
+    Args:
+        run: The run.
+        checks: Its checks at ``tolerance``, if they are known already, as from :func:`replay_log`; None: computed.
+        tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+        limits: What ends the analysis early; None: the wall time of the run itself, 20 s at least.
+        log: Returns the log with all rows, for a run that does not keep them; None: ``run.log`` has them.
+
+    Raises:
+        KeyError: A tolerance for an unknown check.
+    """
+    found = all_checks(run, tolerance) if checks is None else tuple(checks)
+    if not has_question(found, tolerance):
+        return ExplainedChecks(found)
+    limits = limits if limits is not None else AnalysisLimits(usual_seconds(run.log))
+    analysis = analyze_truncation(run.log if log is None else log(), found, limits)
+    return ExplainedChecks(analysis.judged(found, tolerance), analysis.obstacle)

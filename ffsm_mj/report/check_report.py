@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from ffsm_mj.analysis.run import Run
@@ -11,7 +10,7 @@ from ffsm_mj.invocation import command
 from ffsm_mj.report.text_table import table, wrapped
 from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
-from ffsm_mj.verification.truncation import TruncationAnalysis, has_question
+from ffsm_mj.verification.truncation import ExplainedChecks, has_question
 
 _STEP_HINT = (
     "  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
@@ -54,12 +53,12 @@ def truncation_lines(checks: Sequence[Check]) -> list[str]:
     return [*(wrapped(line, 4) for line in lines), *([step_hint()] if all_by_truncation(checks) else [])]
 
 
-def no_verdict(checks: Sequence[Check], analysis: TruncationAnalysis | None, tolerance: Tolerance) -> str:
+def no_verdict(explained: ExplainedChecks, tolerance: Tolerance) -> str:
     """Why it is not known whether checks fail by truncation, in one line; empty if it is."""
-    if not any(check.fails_by_truncation is None for check in checks):
+    if not any(check.fails_by_truncation is None for check in explained.checks):
         return ""
-    why = analysis.obstacle if analysis is not None else ""
-    if not has_question(checks, tolerance):
+    why = explained.obstacle
+    if not has_question(explained.checks, tolerance):
         why = f"tolerances below {DEFAULT_TOLERANCE:g} are not"
     return wrapped(f"  truncation: not analysed{why and f' ({one_line(why)})'}", 4)
 
@@ -81,27 +80,3 @@ def verdict(run: Run, checks: Sequence[Check]) -> str:
 def _listed(names: Sequence[str]) -> str:
     more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
     return ", ".join(names[:_MOST_NAMES]) + more
-
-
-def worst_check(checks: Sequence[Check]) -> str:
-    """How many checks pass, and the one that is closest to its tolerance or exceeds it most; empty without checks."""
-    if not checks:
-        return ""
-    worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
-    alone = all_by_truncation(checks)
-    fate = "fail by the truncation of the step alone" if alone else "FAILED"
-    fate += " (truncation: not analysed)" if alone is None else ""
-    result = f"{len(broken)} of {len(checks)} checks {fate}" if broken else f"all {len(checks)} checks pass"
-    near = f"{worst.residual:.1e} {worst.unit} of {worst.tolerance:.1e} allowed"
-    return f"{result}; worst: {worst.name} of {worst.subsystem}, {near}"
-
-
-def _used(check: Check) -> float:
-    """Residual over tolerance; infinite if it is not a number."""
-    share = check.residual / check.tolerance
-    return math.inf if math.isnan(share) else share
-
-
-def any_check_failed(run: Run, tolerance: Tolerance) -> bool:
-    """Whether any check of the run fails."""
-    return not all(check.passes for check in run.checks(tolerance))

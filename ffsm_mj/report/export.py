@@ -13,7 +13,16 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.analysis.tables import Table, samples, table_names
+from ffsm_mj.analysis.run_models import all_checks, angular_momentum
+from ffsm_mj.analysis.tables import (
+    CHECKS_TABLE,
+    MOMENTUM_TABLE,
+    Table,
+    checks_table,
+    momentum_table,
+    samples,
+    table_names,
+)
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_file
@@ -44,8 +53,9 @@ def write_table(run: Run, name: str, path: Path, form: str) -> str:
         InputError: No such table, or the file cannot be written.
         OutputLostError: The file could not be written completely.
     """
-    if name not in table_names(run.log):
-        raise InputError(f"--table: {unknown_name('table', name, table_names(run.log))}")
+    names = (*table_names(run.log), MOMENTUM_TABLE)
+    if name not in names:
+        raise InputError(f"--table: {unknown_name('table', name, names)}")
     return write_arrow(_parts(run, name), path, form)
 
 
@@ -65,7 +75,7 @@ def _parts(run: Run, name: str) -> Iterator[Any]:
     """One table of a run in one or more parts; samples in blocks of some ten thousand."""
     metadata, blocks = {"scenario": run.name, **run.log.header.metadata}, list[FloatArray]()
     if name != "samples" or not len(run.log.rows):
-        yield to_arrow(run.table(name), metadata)
+        yield to_arrow(_table(run, name), metadata)
         return
     for block in run.log.blocks():
         blocks.append(block)
@@ -74,6 +84,13 @@ def _parts(run: Run, name: str) -> Iterator[Any]:
             blocks = []
     if blocks:
         yield to_arrow(samples(run.log.header.layout, np.concatenate(blocks)), metadata)
+
+
+def _table(run: Run, name: str) -> Table:
+    """A table of a run, of its models too."""
+    if name == MOMENTUM_TABLE:
+        return momentum_table(angular_momentum(run))
+    return checks_table(all_checks(run)) if name == CHECKS_TABLE else run.table(name)
 
 
 def _write_parquet(parts: Iterator[Any], stream: BinaryIO) -> tuple[int, int]:

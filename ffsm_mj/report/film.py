@@ -7,6 +7,8 @@ from base64 import b64encode
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.animation import gif
@@ -48,8 +50,20 @@ class Film:
         return f'<img alt="{words}" title="{words}" src="data:image/gif;base64,{b64encode(self.gif).decode("ascii")}">'
 
 
-def film(run: Run, frames_per_second: float, speed: float | None) -> Film:
-    """Animation of a run; see :meth:`ffsm_mj.report.run.Run.animate`."""
+# Values that are not finite show in the pictures; numpy's warnings would only repeat that.
+@np.errstate(all="ignore")
+def animate(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> Film:
+    """Animation of the motion of a run, that of ``ffsm export --gif``; a notebook displays it, ``save(path)`` writes it.
+
+    Args:
+        run: The run.
+        frames_per_second: Frame rate, up to 50.
+        speed: Playback speed relative to real time; None: at most 12 s of video.
+
+    Raises:
+        InputError: The run has no samples, its models no longer compile, or the animation would be too long.
+        ValueError: An invalid frame rate or speed.
+    """
     if not 0.0 < frames_per_second <= MOST_FRAMES_PER_SECOND:
         raise ValueError(f"frames_per_second is {frames_per_second!r}; allowed: above 0, up to {MOST_FRAMES_PER_SECOND}")
     if speed is not None and not 0.0 < speed < float("inf"):

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import angular_momentum
 from ffsm_mj.errors import one_line
 from ffsm_mj.report.text_table import table
 
@@ -18,7 +19,7 @@ _NEGLIGIBLE = 1e-12
 
 def momentum_line(run: Run) -> str:
     """One line on wheels and thrusters; empty for a run in which they took nothing."""
-    found = run.angular_momentum
+    found = angular_momentum(run)
     if found is None or not any(_took(each) for each in found["actuators"].values()):
         return ""
     taken = ", ".join(
@@ -35,7 +36,7 @@ def momentum_table(run: Run) -> str:
     """Table by subsystem and actuator; empty for a run in which wheels and thrusters took nothing."""
     if not momentum_line(run):
         return ""
-    found = run.angular_momentum
+    found = angular_momentum(run)
     assert found is not None
     return table(_HEAD, momentum_rows(found)) + f"\n  residual of the sum: {found['residual_N_m_s']:.1e} N m s"
 
@@ -60,7 +61,7 @@ def momentum_html(run: Run) -> str:
     """The table as a section of the page; empty for a run in which wheels and thrusters took nothing."""
     if not momentum_line(run):
         return ""
-    found = run.angular_momentum
+    found = angular_momentum(run)
     assert found is not None
     lines = "\n".join("".join(_cells(row)) for row in momentum_rows(found))
     head = "".join(f"<th>{html.escape(name.replace(chr(10), ', '))}</th>" for name in _HEAD)

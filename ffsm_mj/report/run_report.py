@@ -7,12 +7,13 @@ from collections.abc import Iterable, Sequence
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.records.metadata import changed_property_lines, gravity_line
-from ffsm_mj.report.check_report import check_table, no_verdict, step_hint, worst_check
+from ffsm_mj.report.check_report import check_table, no_verdict, step_hint
 from ffsm_mj.report.momentum_report import momentum_line
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
 from ffsm_mj.report.text_table import wrapped
-from ffsm_mj.verification.check_result import all_by_truncation
+from ffsm_mj.verification.check_result import all_by_truncation, worst_check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
+from ffsm_mj.verification.truncation import ExplainedChecks
 
 MOST_LINES = 19
 """Of the 24 lines of a terminal; the others show the run folder, the next commands and the prompt."""
@@ -21,26 +22,26 @@ _LAYOUTS = (*((most, False) for most in (8, 5, 3, 2, 1)), *((most, True) for mos
 """Greatest number of rows of a part, and whether there are no empty lines between parts; tried in this order."""
 
 
-def run_report(run: Run, notes: Sequence[str] = (), lines: int = MOST_LINES) -> str:
+def run_report(run: Run, explained: ExplainedChecks, notes: Sequence[str] = (), lines: int = MOST_LINES) -> str:
     """Report of a finished run for a terminal: outcome, checks that fail, impacts, contacts, tip, result of the checks.
 
     Args:
         run: The run.
+        explained: All of its checks.
         notes: What ``ffsm check`` notes about the scenario; they are repeated under checks that fail.
         lines: Greatest number of lines; series of records are folded, then cut, then only counted, until it has as many.
     """
     for most, tight in _LAYOUTS:
-        report = _report(run, notes, most, tight=tight)
+        report = _report(run, explained, notes, most, tight=tight)
         if report.count("\n") < lines:
             break
     return report
 
 
-def _report(run: Run, notes: Sequence[str], most: int, *, tight: bool) -> str:
+def _report(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: int, *, tight: bool) -> str:
     """The report with at most so many rows in each of its parts."""
-    checks = run.checks()
-    failures = _failures(run, notes, most)
-    result = "" if failures else worst_check(checks)
+    failures = _failures(explained, notes, most)
+    result = "" if failures else worst_check(explained.checks)
     if not run.conservative:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
     records = [impact_table(run.impacts, changes=False, most=most), *details(run, most)] if most else [_counts(run)]
@@ -49,9 +50,9 @@ def _report(run: Run, notes: Sequence[str], most: int, *, tight: bool) -> str:
     return "\n".join(shown) if tight else _stacked(shown)
 
 
-def _failures(run: Run, notes: Sequence[str], most: int) -> str:
+def _failures(explained: ExplainedChecks, notes: Sequence[str], most: int) -> str:
     """Checks that fail, with what is known about the cause; empty if all pass."""
-    checks = run.checks()
+    checks = explained.checks
     failing = sorted((check for check in checks if not check.passes), key=lambda check: check.fails_by_truncation is True)
     if not failing:
         return ""
@@ -60,7 +61,7 @@ def _failures(run: Run, notes: Sequence[str], most: int) -> str:
     if len(failing) > shown:
         lines.append(f"  and {len(failing) - shown} more")
     lines += [step_hint()] if all_by_truncation(checks) else []
-    lines += filter(None, [no_verdict(checks, run.truncation, DEFAULT_TOLERANCE)])
+    lines += filter(None, [no_verdict(explained, DEFAULT_TOLERANCE)])
     return "\n".join([*lines, *(wrapped(f"  note: {note}", 4) for note in notes[: max(most, 1)])])
 
 
@@ -81,7 +82,7 @@ def _stacked(parts: Iterable[str]) -> str:
 
 def headline(run: Run) -> str:
     """One line: scenario, outcome, times."""
-    summary = run.summary(checks=False)
+    summary = run.summary()
     line = one_line(f"{run.name}: {summary['outcome']}")
     if summary["message"]:
         line += one_line(f" ({summary['message']})")
@@ -116,7 +117,7 @@ def details(run: Run, most: int = MOST_ROWS) -> list[str]:
 
 def _sub_steps(run: Run) -> str:
     """Number and size of sub-steps; empty if the scenario gives no ``accuracy``."""
-    summary = run.summary(checks=False)
+    summary = run.summary()
     if not summary["sub_steps"]:
         return ""
     cut = f"accuracy: {summary['steps']} steps divided into {summary['sub_steps']} sub-steps"
@@ -131,12 +132,6 @@ def _models(run: Run, most: int) -> str:
     return "\n".join([*(wrapped(line, 2) for line in lines[:most]), *more])
 
 
-def what_is_missing(run: Run) -> str:
-    """Damage or incompleteness of a log in one line; empty if the log is complete."""
-    broken_off = "" if run.complete else "incomplete: the log breaks off before the end of the run"
-    return "; ".join(part for part in (f"damaged: {run.damage}" if run.damage else "", broken_off) if part)
-
-
 def _missed_phases(run: Run) -> str:
     """Phases of the scenario that the run did not reach; empty if it reached all."""
     reached = {phase.name for phase in run.phases}
@@ -147,7 +142,7 @@ def _missed_phases(run: Run) -> str:
 
 def _notes_of_laws(run: Run) -> str:
     """Notes in the reports of control laws; empty without any."""
-    phases = run.summary(checks=False)["controller"]["phases"]
+    phases = run.summary()["controller"]["phases"]
     notes = ((each, name, text) for each in phases for name, text in each["reports"].items())
     lines = (
         one_line(f"phase {each['name']!r} ({each['kind']}): {text}")
@@ -159,7 +154,7 @@ def _notes_of_laws(run: Run) -> str:
 
 def _tip(run: Run) -> str:
     """Errors of the tip in one line; empty without a task."""
-    tip = run.summary(checks=False)["tip"]
+    tip = run.summary()["tip"]
     if tip is None:
         return ""
     target = ", ".join(f"{x:g}" for x in tip["target_m"])

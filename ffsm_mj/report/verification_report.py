@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.analysis.summary import failing_checks, truncation_data
+from ffsm_mj.analysis.run_models import summary
+from ffsm_mj.analysis.summary import truncation_data
 from ffsm_mj.errors import one_line
 from ffsm_mj.report.check_report import check_table, no_verdict, truncation_lines, verdict
 from ffsm_mj.report.momentum_report import momentum_table
@@ -18,10 +20,18 @@ from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
+from ffsm_mj.verification.truncation import ExplainedChecks
 
 
-def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
-    """Output of ``ffsm analyze``: checks recomputed from the states in the log."""
+def verification(run: Run, again: ReplayResult, explained: ExplainedChecks, tolerance: Tolerance) -> str:
+    """Output of ``ffsm analyze``: checks recomputed from the states in the log.
+
+    Args:
+        run: The run.
+        again: Its replay.
+        explained: All checks from the replay.
+        tolerance: Their tolerance.
+    """
     damage = damage_of(run, again)
     impacts = impact_table(run.impacts)
     if not run.impacts and (damage or not run.complete):
@@ -29,7 +39,7 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
     elif len(run.impacts) > MOST_ROWS:
         impacts += f"\n  every impact: {export_command(run, 'impacts')}"
     parts = [headline(run) + (" - DAMAGED LOG, see the end" if damage else ""), impacts, *details(run), momentum_table(run)]
-    checks = again.checks(tolerance)
+    checks = explained.checks
     if run.conservative or checks:
         parts.append(check_table(checks))
     if not run.conservative:
@@ -37,7 +47,7 @@ def verification(run: Run, again: ReplayResult, tolerance: Tolerance) -> str:
         parts.append(f"energy and momenta are not checked, the run is not conservative: {fault}")
     if checks:
         left = " in the readable part" if damage else ""
-        lines = [*truncation_lines(checks), *filter(None, [no_verdict(checks, again.truncation, tolerance)])]
+        lines = [*truncation_lines(checks), *filter(None, [no_verdict(explained, tolerance)])]
         parts.append("\n".join([wrapped(verdict(run, checks) + left, 2), *lines]))
     parts.append(agreement(again))
     parts.append("\n".join(wrapped(sentence, 2) for sentence in stated_sensitivity(run)))
@@ -81,13 +91,10 @@ def damage_of(run: Run, again: ReplayResult) -> str:
     return "; ".join(part for part in (run.damage, gaps, left) if part)
 
 
-def verification_data(run: Run, again: ReplayResult, tolerance: Tolerance) -> dict[str, Any]:
+def verification_data(run: Run, again: ReplayResult, checks: Sequence[Check]) -> dict[str, Any]:
     """The content of :func:`verification` as plain data."""
-    checks = again.checks(tolerance)
     return {
-        "summary": run.summary(checks=False)
-        | {"effort": run.effort, "base_rotation": run.base_rotation, "angular_momentum": run.angular_momentum}
-        | {"checks": failing_checks(checks)},
+        "summary": summary(run, checks),
         "checks": [_check_data(check) for check in checks],
         "states": {
             "agree": again.agrees,

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.evaluation.results import TableRow
 from ffsm_mj.campaign.execution.engines import dask_address
@@ -18,7 +19,6 @@ from ffsm_mj.campaign.storage.status import Status
 from ffsm_mj.campaign.storage.table import as_arrow
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import option
-from ffsm_mj.report.run import Run
 from ffsm_mj.studies.comparison import StudyComparison, compare_variants
 from ffsm_mj.studies.folder import VARIANTS, StudyFolder, StudyRecord
 from ffsm_mj.studies.plan import StudyPlan, load_study

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import prepare, uninterrupted
-from ffsm_mj.report.run import Run
 
 FAR = 1e12
 """A spring towards a target so far away is a constant force."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 TRUNCATION_CHECKS = ("energy", "linear momentum", "angular momentum", "heat of sliding")
@@ -98,3 +98,22 @@ def all_by_truncation(checks: Iterable[Check]) -> bool | None:
     if not verdicts or False in verdicts:
         return False
     return None if None in verdicts else True
+
+
+def worst_check(checks: Sequence[Check]) -> str:
+    """How many checks pass, and the one that is closest to its tolerance or exceeds it most; empty without checks."""
+    if not checks:
+        return ""
+    worst, broken = max(checks, key=_used), [check for check in checks if not check.passes]
+    alone = all_by_truncation(checks)
+    fate = "fail by the truncation of the step alone" if alone else "FAILED"
+    fate += " (truncation: not analysed)" if alone is None else ""
+    result = f"{len(broken)} of {len(checks)} checks {fate}" if broken else f"all {len(checks)} checks pass"
+    near = f"{worst.residual:.1e} {worst.unit} of {worst.tolerance:.1e} allowed"
+    return f"{result}; worst: {worst.name} of {worst.subsystem}, {near}"
+
+
+def _used(check: Check) -> float:
+    """Residual over tolerance; infinite if it is not a number."""
+    share = check.residual / check.tolerance
+    return math.inf if math.isnan(share) else share

@@ -20,7 +20,7 @@ each step h. The sum of that is logged, and an energy that is lower by at most t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -36,11 +36,9 @@ from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.friction_check import FrictionCheck
 from ffsm_mj.verification.heat_check import HeatCheck
 from ffsm_mj.verification.impact_checks import impact_checks
-from ffsm_mj.verification.independent.kept_rows import kept_rows
 from ffsm_mj.verification.independent.tolerances import TOLERANCES as INDEPENDENT_TOLERANCES
-from ffsm_mj.verification.independent_checks import IndependentChecks
 from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
-from ffsm_mj.verification.terminal_check import STACK_MOMENTUM, terminal_checks
+from ffsm_mj.verification.terminal_check import STACK_MOMENTUM
 
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
@@ -161,13 +159,12 @@ class CheckAccumulator:
         Args:
             impacts: Records of the impacts of the run, in order: contacts and joints at their limits.
             tolerance: See :func:`evaluate_checks`.
-            friction: Checks impacts with friction; required if there are any.
+            friction: Checks impacts with friction by the models; None: they are checked by their records alone.
 
         Raises:
             KeyError: A tolerance for an unknown check.
-            ValueError: There are impacts with friction, but no ``friction``.
         """
-        allowed = _tolerances(tolerance)
+        allowed = tolerances(tolerance)
         if not self.samples:
             return ()
         checks: list[Check] = []
@@ -188,9 +185,10 @@ class CheckAccumulator:
 
 
 def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
-    """Results of all checks of a run, with the worst residual of each; empty for a log without rows.
+    """Results of the checks of the rows and records of a run, with the worst residual of each; empty without rows.
 
-    If the scenario is not conservative, conservation is not checked; impacts and penetration are.
+    They are arithmetic: those that need the models are added by :class:`ffsm_mj.verification.model_checks.ModelChecks`. If
+    the scenario is not conservative, conservation is not checked; impacts and penetration are.
 
     Args:
         log: A run.
@@ -199,23 +197,7 @@ def evaluate_checks(log: RunLog, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tu
     Raises:
         KeyError: A tolerance for an unknown check.
     """
-    checks = accumulate_checks(log).checks(log.impact_records, tolerance, FrictionCheck(log))
-    return (*checks, *whole_log_checks(log, tolerance, IndependentChecks(log, kept_rows(log))))
-
-
-def whole_log_checks(
-    log: RunLog, tolerance: Tolerance, independent: IndependentChecks, known: Callable[[], float] | None = None
-) -> tuple[Check, ...]:
-    """Results of the checks that need the whole log: by other physics than the engine's, and of the last state.
-
-    Args:
-        log: A run.
-        tolerance: See :func:`evaluate_checks`.
-        independent: Independent checks of the log.
-        known: See :func:`terminal_checks`.
-    """
-    named = tolerance if isinstance(tolerance, Mapping) else {}
-    return (*independent.checks(_tolerances(tolerance)), *terminal_checks(log, named, known))
+    return accumulate_checks(log).checks(log.impact_records, tolerance)
 
 
 def accumulate_checks(log: RunLog) -> CheckAccumulator:
@@ -226,7 +208,12 @@ def accumulate_checks(log: RunLog) -> CheckAccumulator:
     return seen
 
 
-def _tolerances(tolerance: Tolerance) -> dict[str, float]:
+def tolerances(tolerance: Tolerance) -> dict[str, float]:
+    """The tolerance of each check; see :func:`evaluate_checks`.
+
+    Raises:
+        KeyError: A tolerance for an unknown check.
+    """
     if not isinstance(tolerance, Mapping):
         return dict.fromkeys(RELATIVE_CHECKS, tolerance) | _OWN
     for name in tolerance:

@@ -8,7 +8,7 @@ positive friction work), so the sum is checked, and that no energy is gained.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -87,24 +87,19 @@ class FrictionCheck:
             event: Records of the impact.
             share: Tolerance relative to the kinetic energy before.
         """
-        with np.errstate(all="ignore"):  # a log may hold any numbers
-            try:
-                return self._worst(event, share)
-            except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
-                return EnergyDeviation(math.inf, share * abs(event[0].energy_before_J["total"][0]))
+        return _or_infinite(self._worst, event, share)
 
     def _worst(self, event: Sequence[_Record], share: float) -> EnergyDeviation:
         met = self._met(event)
         if met is not None and self._others_hold and met.unexplained > share * 0.5 * float(met.before @ met.before):
             met = None  # the equations of motion are known only to a contact model: check the records alone
-        energy = event[0].energy_before_J["total"][0] if met is None else 0.5 * float(met.before @ met.before)
-        sizes = [*_by_records(event)]
-        if met is not None:
-            sizes += [*_by_states(event, met), *_by_law(event, met)]
+        if met is None:
+            return _worst_of_records(event, share)
+        energy = 0.5 * float(met.before @ met.before)
+        sizes = [*_by_records(event), *_by_states(event, met), *_by_law(event, met)]
         found = [EnergyDeviation(size, share * energy) for size in sizes]
-        if met is not None:
-            gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
-            found.append(EnergyDeviation(gained, _GAIN * share * energy))
+        gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
+        found.append(EnergyDeviation(gained, _GAIN * share * energy))
         return max(found, key=lambda miss: miss.excess)
 
     @cached_property
@@ -192,6 +187,32 @@ def _contact(system: Any, record: _Record) -> Contact | LimitContact:
         return LimitContact(system.joint(record.joint).dofs.start, 1.0 if record.side == "lower" else -1.0)
     a, b = (int(system.mj.geom(name).bodyid[0]) for name in record.geoms)
     return Contact(a, b, np.array(record.point_m), np.array(record.normal))
+
+
+def worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
+    """The worst inconsistency within the records of an impact, where states and models are not known.
+
+    Args:
+        event: Records of the impact.
+        share: Tolerance relative to the kinetic energy before.
+    """
+    return _or_infinite(_worst_of_records, event, share)
+
+
+def _worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
+    allowed = share * event[0].energy_before_J["total"][0]
+    return max((EnergyDeviation(size, allowed) for size in _by_records(event)), key=lambda miss: miss.excess)
+
+
+def _or_infinite(
+    worst: Callable[[Sequence[_Record], float], EnergyDeviation], event: Sequence[_Record], share: float
+) -> EnergyDeviation:
+    """The worst deviation of an impact; infinite where its records are those of no impact: a log may hold any numbers."""
+    with np.errstate(all="ignore"):
+        try:
+            return worst(event, share)
+        except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+            return EnergyDeviation(math.inf, share * abs(event[0].energy_before_J["total"][0]))
 
 
 def _by_records(event: Sequence[_Record]) -> Iterator[float]:

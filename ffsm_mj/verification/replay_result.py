@@ -6,15 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
-from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, whole_log_checks
-from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.independent_checks import IndependentChecks
-from ffsm_mj.verification.truncation import TruncationAnalysis
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance
+from ffsm_mj.verification.model_checks import ModelChecks
 
 
 @dataclass(frozen=True)
@@ -28,7 +24,6 @@ class ReplayResult:
         gaps: Where samples are not one control period apart; empty if all are.
         obstacle: Why the log could not be replayed; empty if it was.
         accumulator: Checks from the recomputed values.
-        truncation: Result of the analysis of the truncation; None if there was none.
         verified_to_s: Time from which a damaged log does not say enough to be replayed, s; infinite if all of it was.
     """
 
@@ -38,11 +33,8 @@ class ReplayResult:
     gaps: str
     obstacle: str
     accumulator: CheckAccumulator
-    _impacts: tuple[ImpactRecord | LimitImpactRecord, ...]
-    _friction: FrictionCheck
     _log: RunLog
-    _independent: IndependentChecks
-    truncation: TruncationAnalysis | None = None
+    _models: ModelChecks
     verified_to_s: float = math.inf
 
     @property
@@ -56,8 +48,6 @@ class ReplayResult:
         Args:
             tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
         """
-        checks = self.accumulator.checks(self._impacts, tolerance, self._friction)
-        checks = self.truncation.judged(checks, tolerance) if self.truncation is not None else checks
-        checks = (*checks, *whole_log_checks(self._log, tolerance, self._independent))
+        checks = self._models.all_checks(self.accumulator, tolerance)
         # If what the log says of itself may be damaged, a check that fails says nothing of the run.
         return tuple(each for each in checks if each.passes) if self._log.is_doubtful else checks

@@ -31,6 +31,19 @@ def has_question(checks: Iterable[Check], tolerance: Tolerance) -> bool:
 
 
 @dataclass(frozen=True)
+class ExplainedChecks:
+    """Results of all checks of a run, and why they fail.
+
+    Attributes:
+        checks: Results; those that fail and may do so by truncation with its share.
+        obstacle: Why it is not known whether they fail by truncation; empty if it is, or if that is in question for none.
+    """
+
+    checks: tuple[Check, ...]
+    obstacle: str = ""
+
+
+@dataclass(frozen=True)
 class Refined:
     """Checks of energy and momenta recomputed from logged states: at the step of the run, at half of it, without truncation.
 

@@ -6,8 +6,8 @@ picture that it leaves out. Torques are those applied, after the bounds of the m
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.report.run import Run
 
 EFFORT_WEIGHT = 0.01
 """Weight of the squared torques in ``cost``, m^2/(N m)^2."""

@@ -9,10 +9,12 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.contact_intervals import ContactIntervals
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds, ContactSlips
 from ffsm_mj.records.signals import Layout, Signal
 from ffsm_mj.report.record_tables import contact_table
 from ffsm_mj.report.run_report import run_report
+from ffsm_mj.verification.truncation import ExplainedChecks
 from tests.scenes import two_balls
 
 
@@ -63,7 +65,7 @@ def test_a_contact_moves_the_momentum_that_it_says_and_its_peak_is_that_of_the_s
     table = log.table("contacts")
     assert table.columns["pairs"].tolist() == ["ball-target/target"] * 2
     np.testing.assert_array_equal(table.columns["end_s"], [first.end_s, np.nan])
-    told = run_report(run)
+    told = run_report(run, ExplainedChecks(all_checks(run)))
     assert contact_table(run.contacts) in told
     assert f"{first.impulse_N_s:.6f}" in told
     assert "2 persistent contacts" in repr(run)

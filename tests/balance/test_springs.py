@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.dynamics.joint_springs import JointSprings
@@ -44,7 +45,7 @@ def ringing(folder, step=1e-3, damping=0.0, **scenario):
 
 
 def violated(run):
-    return {(check.name, check.subsystem) for check in run.checks() if not check.passes}
+    return {(check.name, check.subsystem) for check in all_checks(run) if not check.passes}
 
 
 def good(run):

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.report.page import write_page
-from ffsm_mj.report.run import Run
 from tests.scenes import HEAD, scene
 
 EVIL = "<script>window.hit = 1</script>"

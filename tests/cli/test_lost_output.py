@@ -160,7 +160,7 @@ LONG = "x" * 300
 def test_a_place_that_cannot_be_used_is_refused_before_the_work(arguments, message, capsys, monkeypatch):
     Path("file").touch()
     Path("folder").mkdir()
-    for work in ("ffsm_mj.report.run.read_log", "ffsm_mj.simulation.loop.Simulation.run"):
+    for work in ("ffsm_mj.analysis.run.read_log", "ffsm_mj.simulation.loop.Simulation.run"):
         monkeypatch.setattr(work, lambda *_: pytest.fail("it was done"))
     assert main(arguments.split()) == 2
     captured = capsys.readouterr()

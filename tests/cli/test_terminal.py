@@ -8,9 +8,11 @@ import sys
 
 import pytest
 
+from ffsm_mj.analysis.run import load_run
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
-from ffsm_mj.report.run import load_run
 from ffsm_mj.report.run_report import run_report
+from ffsm_mj.verification.truncation import ExplainedChecks
 from tests.scenes import two_balls
 from tests.terminal import ffsm, on_terminal
 
@@ -46,7 +48,8 @@ def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeyp
     shown = on_terminal(run, columns=columns, **environment)
     assert shown.code == 0, shown.written
     monkeypatch.setattr("ffsm_mj.report.text_table.terminal_width", lambda: columns if columns > 20 else None)
-    expected = run_report(load_run("a"))
+    read = load_run("a")
+    expected = run_report(read, ExplainedChecks(all_checks(read)))
     called = "python -m ffsm_mj.cli.main"
     rest = f"files in a: mjcf, run.mcap, scenario.yaml, summary.json view: {called} view a verify: {called} analyze a"
     assert squeezed("".join(shown.screen)) == squeezed(expected + rest)

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
-from ffsm_mj.replay.truncation import analyze_truncation
+from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation
 from tests.simulation.test_accuracy import whirling
 from tests.terminal import ffsm, on_terminal
 
@@ -126,20 +127,21 @@ def test_a_wrong_budget_is_refused(capsys, value):
 
 
 def test_nothing_is_simulated_again_unless_asked(monkeypatch, recorded):
-    """Neither checks nor summary nor a representation replays a run; its result is kept for them."""
+    """Neither checks nor summary nor a representation replays a run."""
     run = ffsm_mj.load_run(recorded.path)
     with monkeypatch.context() as patched:
-        patched.setattr("ffsm_mj.replay.truncation.analyze_truncation", None)
+        patched.setattr("ffsm_mj.replay.analyze_truncation", None)
         assert {check.fails_by_truncation for check in run.checks() if not check.passes} == {None}
-        assert run.summary()["checks"]["fail_by_truncation"] is None
+        assert ffsm_mj.summary(run)["checks"]["fail_by_truncation"] is None
         assert "checks FAILED (truncation: not analysed)" in repr(run)
         assert "truncation: not analysed" in run._repr_html_()
-    assert all(check.passes or check.fails_by_truncation for check in run.analyze_truncation(1000.0))
-    assert "fail by the truncation of the step alone" in repr(run)
-    assert run.summary()["checks"]["fail_by_truncation"] is True
-    assert run.checks() == run.analyze_truncation(1000.0)
-    assert run.analyze_truncation(1e-9) != ()
-    assert run.truncation.obstacle == "it would take more than 1e-09 s"
+    explained = ffsm_mj.explain(run, limits=AnalysisLimits(1000.0))
+    assert all(check.passes or check.fails_by_truncation for check in explained.checks)
+    assert explained.obstacle == ""
+    assert ffsm_mj.summary(run, explained.checks)["checks"]["fail_by_truncation"] is True
+    hurried = ffsm_mj.explain(run, limits=AnalysisLimits(1e-9))
+    assert hurried.checks == all_checks(run)
+    assert hurried.obstacle == "it would take more than 1e-09 s"
 
 
 def test_a_folder_that_cannot_be_written_is_analysed(capsys, tmp_path):
@@ -155,8 +157,6 @@ def test_a_folder_that_cannot_be_written_is_analysed(capsys, tmp_path):
 
 def test_limits_count_steps(recorded):
     """A budget in steps ends at the same step wherever the run is analysed."""
-    from ffsm_mj.replay.truncation import AnalysisLimits
-
     made = []
     analyze_truncation(recorded.log, recorded.checks(), AnalysisLimits(stopped=lambda: bool(made.append(0))))
     assert analyze_truncation(recorded.log, recorded.checks(), AnalysisLimits(steps=len(made))).refined is not None

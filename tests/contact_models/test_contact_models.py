@@ -12,6 +12,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_controllers.off import Off
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact_models.interface import EventTime
 from ffsm_mj.contact_models.persistent.record import ContactEnds
@@ -34,7 +35,7 @@ def test_a_spring_stores_and_returns_energy(tmp_path):
     """
     seen = ffsm_mj.run(scenes.spring(tmp_path))
     assert seen.outcome == "completed", seen.message
-    assert all(check.passes for check in seen.checks())
+    assert all(check.passes for check in all_checks(seen))
     begins, ceases = seen.records["springs"]
     assert (begins.pushing, ceases.pushing) == (1, 0)
     half_period = math.pi * math.sqrt(2.0 * 3.0 / 5.0 / 100.0)
@@ -55,7 +56,7 @@ def test_a_step_with_a_contact_model_in_its_stages_is_of_order_four(tmp_path):
         max(
             abs(check.drift)
             # The tolerance selects no residual here: checks that fail would be explained by replays in shorter steps.
-            for check in ffsm_mj.run(scenes.spring(tmp_path, 1e4, step)).checks(tolerance=1.0)
+            for check in all_checks(ffsm_mj.run(scenes.spring(tmp_path, 1e4, step)), tolerance=1.0)
             if check.name == "linear momentum"
         )
         for step in (2e-3, 1e-3, 5e-4)
@@ -80,7 +81,7 @@ def test_a_weld_moves_another_model_from_its_touch_to_its_release(tmp_path, monk
     assert (grip.held, release.held, release.time_s) == (1, 0, pytest.approx(1.5, abs=1e-12))
     assert grip.loss_J > 1e-3
     assert [(phase.name, phase.reason) for phase in seen.phases] == [("wait", "start"), ("hold", "weld")]
-    assert all(check.passes for check in seen.checks()), [check for check in seen.checks() if not check.passes]
+    assert all(check.passes for check in all_checks(seen)), [check for check in all_checks(seen) if not check.passes]
     for component in ("P_x_N_s", "P_y_N_s", "P_z_N_s", "L_x_N_m_s", "L_y_N_m_s", "L_z_N_m_s"):
         total = seen[f"momentum.total_{component}"]
         assert np.ptp(total) < 1e-12 * (1.0 + np.abs(total).max())
@@ -96,7 +97,7 @@ def test_a_welded_object_has_the_mass_of_the_scenario(tmp_path):
     tree, body = "target", "target"
     seen = ffsm_mj.run(path, {f"model.{tree}.{body}.mass_kg": 4.0, "duration_s": 1.0})
     assert len(seen.records["welds"]) > 0
-    assert all(check.passes for check in seen.checks()), [check for check in seen.checks() if not check.passes]
+    assert all(check.passes for check in all_checks(seen)), [check for check in all_checks(seen) if not check.passes]
 
 
 def test_an_impact_on_a_welded_object_acts_on_robot_and_object(tmp_path):
@@ -119,7 +120,7 @@ def test_an_impact_on_a_welded_object_acts_on_robot_and_object(tmp_path):
     assert impact.separation_speed_m_s == pytest.approx(impact.approach_speed_m_s, rel=1e-12)
     before, after = (np.array(qvel["robot/free"]) for qvel in (impact.qvel_before, impact.qvel_after))
     assert np.abs(after - before).max() > 1e-3  # the robot feels it at once
-    assert all(check.passes for check in seen.checks()), [check for check in seen.checks() if not check.passes]
+    assert all(check.passes for check in all_checks(seen)), [check for check in all_checks(seen) if not check.passes]
     assert replay_log(seen.log).agrees, replay_log(seen.log).worst
 
 

@@ -82,4 +82,4 @@ def detumbled(folder, law, *, robot=None, duration_s=20.0, **changes):
 
 def left(run):
     """|L| of the spacecraft without its wheels at the last row."""
-    return run.angular_momentum["stack_without_wheels_N_m_s"]
+    return ffsm_mj.angular_momentum(run)["stack_without_wheels_N_m_s"]

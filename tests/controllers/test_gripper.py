@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import InputError
 from tests.scenes import HEAD, ball, scene
 
@@ -69,7 +70,7 @@ def test_slides_go_to_the_ends_of_their_range(tmp_path, action, end):
         # The effort is held over 1 ms: half of w dt, 5e-3, of the way.
         np.testing.assert_allclose(place, end + (start - end) * left, atol=5e-3 * 0.06)
         assert (np.sign(start - end) * (place - end) > 0.0).all()
-    assert all(check.passes for check in run.checks())
+    assert all(check.passes for check in all_checks(run))
 
 
 @pytest.mark.parametrize(("action", "ends"), [("close", (0.3, -0.3, 0.4)), ("open", (-0.5, 0.5, -0.2))])
@@ -101,7 +102,7 @@ def test_fingers_press_with_the_stated_force(tmp_path, law):
     for name in ("left", "right"):
         assert run[f"actuators.robot_{name}_command_N"].min() >= -4.0 - 1e-12
         np.testing.assert_allclose(run[f"contact.{name}_force_N"][-50:], 4.0, rtol=1e-6)
-    assert all(check.passes for check in run.checks())
+    assert all(check.passes for check in all_checks(run))
 
 
 @pytest.mark.parametrize(("force", "signs"), [(2.0, (1.0, -1.0, 1.0)), (-2.0, (-1.0, 1.0, -1.0))])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
 
@@ -63,7 +64,7 @@ def test_a_law_without_settings_runs_and_is_told(tmp_path, capfd):
     assert run.outcome == "completed"
     assert np.any(run["controller.damp_torque_N_m"])
     assert run.summary()["controller"]["phases"][0]["kind"] == "mine"
-    assert all(check.passes for check in ffsm_mj.load_run(out).checks())
+    assert all(check.passes for check in all_checks(ffsm_mj.load_run(out)))
     assert "\nscript_laws: [mine]\n" in (out / "scenario.yaml").read_text()
     again = ffsm_mj.run(out, controllers={"mine": Damp})
     np.testing.assert_array_equal(again.log.rows, run.log.rows)

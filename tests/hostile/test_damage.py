@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run import load_run
 from ffsm_mj.cli.analyze import _judge, _tolerance
 from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED
 from ffsm_mj.errors import FfsmError
 from ffsm_mj.replay import replay_log
-from ffsm_mj.report.run import load_run
 from ffsm_mj.report.verification_report import verification
 from ffsm_mj.scenario.shipped import scenario_names
+from ffsm_mj.verification.truncation import ExplainedChecks
 
 LONG_S = 9.0
 """Logs of longer runs are cut short, after the impact of the paper's scenario."""
@@ -59,7 +60,8 @@ def judged(path: Path) -> tuple[int, str]:
         return BAD_INPUT, ""
     with np.errstate(all="ignore"):  # as the command: what is not finite fails its check
         again = replay_log(run.log)
-        return _judge(run, again, _tolerance([])), verification(run, again, _tolerance([]))
+        checks = again.checks(_tolerance([]))
+        return _judge(run, again, checks), verification(run, again, ExplainedChecks(checks), _tolerance([]))
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,7 @@ def test_whatever_a_log_makes_go_wrong_is_one_line(hit, tmp_path, capsys, monkey
         raise ZeroDivisionError("float\ndivision")
 
     path = changed(hit, tmp_path / "x.mcap", lambda record: [record])
-    monkeypatch.setattr("ffsm_mj.report.run.read_log", broken)
+    monkeypatch.setattr("ffsm_mj.analysis.run.read_log", broken)
     monkeypatch.setenv("DISPLAY", ":0")  # no viewer is opened: the log is refused before
     command, *options = arguments.split()
     assert main([command, path, *options]) == 2

@@ -80,5 +80,5 @@ def recorded(run, folder, *happened, kinds=("grip",)):
         sink.rows(rows[begun:])
         sink.close(run.log.outcome)
     found = Run(memory.log())
-    place.write_summary(found.summary())
+    place.write_summary(ffsm_mj.summary(found))
     return found, ffsm_mj.load_run(folder)

@@ -69,14 +69,14 @@ def test_rerun_draws_the_arrow_and_plots_the_force(pushed, tmp_path):
 def test_without_persistent_contact_there_are_no_arrows_and_no_figure(tmp_path):
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=0.4), out=tmp_path / "out", rerun=False)
     assert "/scene/contacts" not in decoded(run.path)
-    assert "contacts" not in run.plot()
+    assert "contacts" not in ffsm_mj.plot(run)
     write_recording(run.log, tmp_path / "run.rrd")
     assert "ontact force" not in entities(tmp_path / "run.rrd", "-vvv")
 
 
 def test_the_figure_shows_force_impulse_and_intervals_of_contact(pushed):
     """The curve contains the greatest force; the bar of the second contact extends to the end."""
-    forces, closed, impulses = pushed.plot("contacts")["contacts"].axes
+    forces, closed, impulses = ffsm_mj.plot(pushed, "contacts")["contacts"].axes
     assert [axes.get_ylabel() for axes in (forces, closed, impulses)] == ["contact force, N", "closed", "impulse, N s"]
     (line,) = (line for line in forces.lines if line.get_label() == "ball-target/target")
     assert line.get_ydata().max() == pushed[f"{KEY}_force_N"].max()

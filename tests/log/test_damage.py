@@ -15,6 +15,7 @@ import pytest
 import zstandard
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import LogError
 from tests.scenes import two_balls
@@ -72,7 +73,7 @@ def test_a_truncated_log_gives_every_chunk_before_the_cut(finished, tmp_path, se
         assert len(got.time) >= 1000 * (sum(end <= cut for end in ends) - 3)  # two events and the outcome end chunks early
         assert got.complete == (cut >= ends[-1])
         assert got.complete == bool(got.damage)
-        assert all(check.passes for check in got.checks(1e-12))
+        assert all(check.passes for check in all_checks(got, 1e-12))
 
 
 @pytest.mark.long
@@ -173,7 +174,7 @@ def test_a_full_disk_gives_one_line_and_exit_3(tmp_path, file_bytes, rerun):
         got = ffsm_mj.load_run(out)
         assert len(got.time) >= 1000
         assert not got.complete
-        assert all(check.passes for check in got.checks(1e-12))
+        assert all(check.passes for check in all_checks(got, 1e-12))
         assert json.loads((out / "summary.json").read_text())["outcome"] == "write_failed"
 
 
@@ -214,7 +215,7 @@ def test_checks_of_a_damaged_log_start_at_its_first_sample(tmp_path):
     assert damaged is not None
     assert damaged.time[0] > 0.0
     assert f"samples are missing from 0 to {damaged.time[0]:g} s" in damaged.damage
-    assert all(check.passes for check in damaged.checks(1e-12))
+    assert all(check.passes for check in all_checks(damaged, 1e-12))
     assert len(damaged.time) < len(whole.time)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.events import Outcome
 from tests.scenes import HEAD, ball, compile_paths, scene
@@ -77,7 +78,7 @@ def test_an_effort_limit_of_a_joint_bounds_what_its_motor_delivers(tmp_path):
     told = [run[f"actuators.robot_m_{what}_N_m"] for what in ("command", "applied", "lower", "upper")]
     assert told[0][0] == 100.0
     assert [each[0] for each in told[1:]] == [2.0, -2.0, 2.0]
-    assert all(check.passes for check in run.checks())
+    assert all(check.passes for check in all_checks(run))
 
 
 def test_an_effort_limit_under_several_actuators_is_refused(tmp_path):

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import signal
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.step_path import StepPath
 from ffsm_mj.errors import InputError
-from ffsm_mj.replay import replay_log
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits
 from tests.random_scenes.drawing import draw
 from tests.random_scenes.oracle import oracle_differences
 
@@ -112,10 +113,8 @@ def _judge(seed: int, path: Path) -> Verdict:
         if not worst.passes:
             size = f"{worst.size:.1e} of {worst.allowed:.1e} {worst.unit}, at {worst.time_s:g} s"
             found.append(f"replay: {worst.what} ({size})")
-    run.analyze_truncation(math.inf)
-    again = replace(again, truncation=run.truncation)
-    for what, checks in (("run", run.checks()), ("replay", again.checks())):
-        for check in checks:
+    for what, checks in (("run", all_checks(run)), ("replay", again.checks())):
+        for check in explain(run, checks, limits=AnalysisLimits()).checks:
             if not (check.passes or check.fails_by_truncation):
                 size = f"{check.residual:.1e} of {check.tolerance:.1e} {check.unit}, at {check.time_s:g} s"
                 sentence = "" if check.truncation is None else f", {check.truncation.sentence(check.unit)}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 
 import mujoco
@@ -16,8 +15,8 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.impact.model import ImpactModel
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.pytest_plugin import assert_conserved
-from ffsm_mj.replay import replay_log
-from ffsm_mj.replay.truncation import _by_entry, _Refining, analyze_truncation
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits, _by_entry, _Refining, analyze_truncation
 from ffsm_mj.verification.check_result import TRUNCATION_CHECKS
 from ffsm_mj.verification.truncation import ENTRIES
 from tests.scenes import scene
@@ -46,25 +45,29 @@ def failing(checks):
 
 
 def analysed(run):
-    """The run with a verdict, whatever the load of this machine."""
-    run.analyze_truncation(math.inf)
-    return run
+    """Failing checks of a run, with a verdict whatever the load of this machine."""
+    return failing(explain(run, limits=AnalysisLimits()).checks)
 
 
-def replayed(log):
-    """Checks from the states of a log, with a verdict."""
-    again = replay_log(log)
-    return replace(again, truncation=analyze_truncation(log, again.checks())).checks()
+def replayed(run):
+    """Failing checks from the states of a log, with a verdict."""
+    return failing(explain(run, replay_log(run.log).checks(), limits=AnalysisLimits()).checks)
 
 
 @pytest.fixture(scope="module")
 def truncated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("truncated")
-    return analysed(ffsm_mj.run(whirling(folder), out=folder / "run", rerun=False))
+    return ffsm_mj.run(whirling(folder), out=folder / "run", rerun=False)
+
+
+@pytest.fixture(scope="module")
+def found(truncated):
+    """The analysis of its truncation."""
+    return analyze_truncation(truncated.log, truncated.checks())
 
 
 def test_the_residual_falls_with_the_fourth_power_and_says_so(truncated):
-    broken = failing(truncated.checks())
+    broken = analysed(truncated)
     assert broken
     for check in broken:
         assert check.name in TRUNCATION_CHECKS
@@ -77,15 +80,15 @@ def test_the_residual_falls_with_the_fourth_power_and_says_so(truncated):
 
 
 def test_run_and_log_say_the_same(truncated):
-    again = {(check.name, check.subsystem): check for check in replayed(truncated.log)}
-    for check in failing(truncated.checks()):
+    again = {(check.name, check.subsystem): check for check in replayed(truncated)}
+    for check in analysed(truncated):
         assert again[check.name, check.subsystem].truncation == check.truncation
 
 
 def test_half_the_step_leaves_what_is_told(tmp_path, truncated):
     """The residual of another run at half the step: its states differ by truncation, so the two agree roughly."""
     half = {(check.name, check.subsystem): check for check in ffsm_mj.run(whirling(tmp_path, time_step_s=0.005)).checks()}
-    for check in failing(truncated.checks()):
+    for check in analysed(truncated):
         assert half[check.name, check.subsystem].residual == pytest.approx(check.truncation.half, rel=0.05)
 
 
@@ -103,8 +106,8 @@ def test_codes_summary_and_messages(truncated, capsys):
     assert not checks["passed"]
     assert checks["fail_by_truncation"] is True
     assert checks["failing"][0]["truncation"]["step_s"] == 0.01
-    assert truncated.summary()["checks"] == checks
-    with pytest.raises(AssertionError, match=r"by the truncation of the step alone.*\n.*at 10 ms"):
+    assert ffsm_mj.summary(truncated, explain(truncated, limits=AnalysisLimits()).checks)["checks"] == checks
+    with pytest.raises(AssertionError, match=r"explain\(run\) finds whether by the truncation of the step alone"):
         assert_conserved(truncated)
 
 
@@ -113,8 +116,8 @@ def test_a_free_object_beside_a_grasped_one_keeps_its_residual(tmp_path):
 
     Its residuals at half the step are those of a run at half the step, whose states differ by truncation.
     """
-    run, half = (analysed(ffsm_mj.run(beside_a_grasped_one(tmp_path, step_s))) for step_s in (0.01, 0.005))
-    broken, halved = ({(check.name, check.subsystem): check for check in failing(each.checks())} for each in (run, half))
+    runs = (ffsm_mj.run(beside_a_grasped_one(tmp_path, step_s)) for step_s in (0.01, 0.005))
+    broken, halved = ({(check.name, check.subsystem): check for check in analysed(run)} for run in runs)
     assert broken.keys() == {(name, of) for name in ("energy", "angular momentum") for of in ("total", "objects")}
     assert all(check.fails_by_truncation for check in broken.values())
     for key, check in halved.items():
@@ -141,9 +144,8 @@ def test_residuals_of_steps_add_up_to_those_of_the_run(tmp_path, monkeypatch, gr
         assert check.residual < 2 * 70 * 1e-15 * check.tolerance / 1e-9, check
 
 
-def test_what_is_not_known_is_not_acquitted(truncated):
+def test_what_is_not_known_is_not_acquitted(truncated, found):
     """A residual that passes without truncation, but is not known to pass."""
-    found = truncated.truncation
     unsure = replace(found.refined, bounds=dict.fromkeys(found.refined.bounds, 1.0))
     doubtful = replace(found, refined=unsure).judged(truncated.checks(), 1e-9)
     assert {check.fails_by_truncation for check in failing(doubtful)} == {False}
@@ -227,13 +229,11 @@ def test_truncation_of_a_motion_that_is_far_too_fast_for_its_step_is_known(tmp_p
     run = ffsm_mj.run(whirling(tmp_path, rate=40.0, duration_s=0.04, contacts={"rules": []}))
     energy = next(check for check in run.checks() if not check.passes)
     assert energy.residual > 1e6 * energy.tolerance
-    analysed(run)
-    assert all(check.fails_by_truncation for check in failing(run.checks()))
+    assert all(check.fails_by_truncation for check in analysed(run))
 
 
-def test_a_method_of_lower_order_is_no_truncation(truncated):
+def test_a_method_of_lower_order_is_no_truncation(truncated, found):
     """Halvings take off what falls with the second power as well: all of it is gone without the step."""
-    found = truncated.truncation
     assert min(found.refined.orders.values()) > 3.5
     second = replace(found, refined=replace(found.refined, orders=dict.fromkeys(found.refined.orders, 2.0)))
     broken = failing(second.judged(truncated.checks(), 1e-9))
@@ -290,9 +290,9 @@ def test_a_leak_is_no_truncation(tmp_path, monkeypatch, share, rate):
     monkeypatch.setattr(Motion, "step", losing(lambda h: share(h) / rate**2))
     path = whirling(tmp_path, rate=rate)
     assert main(["run", str(path), "--out", str(tmp_path / "run"), "--no-rerun"]) == 1
-    run = analysed(ffsm_mj.load_run(tmp_path / "run"))
-    assert any(check.fails_by_truncation is False for check in failing(run.checks()))
-    assert any(check.fails_by_truncation is False for check in failing(replayed(run.log)))
+    run = ffsm_mj.load_run(tmp_path / "run")
+    assert any(check.fails_by_truncation is False for check in analysed(run))
+    assert any(check.fails_by_truncation is False for check in replayed(run))
 
 
 def test_an_impulse_of_the_wrong_sign_is_no_truncation(tmp_path, monkeypatch):
@@ -305,7 +305,8 @@ def test_an_impulse_of_the_wrong_sign_is_no_truncation(tmp_path, monkeypatch):
     monkeypatch.setattr(ImpactModel, "exchange", booking)
     start = {"shoulder": 0.3, "elbow": 0.9, "b/free": [1.1, 0.7, 0.2, 1, 0, 0, 0]}
     rates = {"shoulder": 4.0, "elbow": -7.0, "robot/free": [0.2, 0, 0, 1, 2, 3], "b/free": [-4, 0, 0, 3, 6, 2]}
-    run = analysed(ffsm_mj.run(whirling(tmp_path, initial={"joints": start, "rates": rates})))
+    run = ffsm_mj.run(whirling(tmp_path, initial={"joints": start, "rates": rates}))
     assert run.impacts
-    assert all(check.fails_by_truncation for check in failing(run.checks()) if check.name == "energy")
-    assert any(check.fails_by_truncation is False for check in failing(run.checks()) if check.name == "linear momentum")
+    broken = analysed(run)
+    assert all(check.fails_by_truncation for check in broken if check.name == "energy")
+    assert any(check.fails_by_truncation is False for check in broken if check.name == "linear momentum")

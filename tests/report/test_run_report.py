@@ -7,10 +7,12 @@ from dataclasses import replace
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.report import text_table
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
 from ffsm_mj.report.verification_report import check_table
+from ffsm_mj.verification.truncation import ExplainedChecks
 from tests.scenes import ball, scene, two_balls
 
 
@@ -28,12 +30,16 @@ def with_records(run, **records):
     return ffsm_mj.Run(replace(run.log, records=run.log.records | records))
 
 
+def reported(run, notes, lines=MOST_LINES):
+    return run_report(run, ExplainedChecks(all_checks(run)), notes, lines)
+
+
 def bounces(run, pair, times):
     return tuple(replace(run.impacts[0], event=i, pair=pair, rule=pair, time_s=time) for i, time in enumerate(times))
 
 
 def test_a_run_that_passes_is_a_few_lines(hit):
-    lines = run_report(hit, ["a note"]).splitlines()
+    lines = reported(hit, ["a note"]).splitlines()
     assert lines[-1].startswith("all 15 checks pass; worst: ") or lines[-2].startswith("all 15 checks pass; worst: ")
     assert len(lines) <= 9
     assert not any("note" in line for line in lines)  # it was shown before the run
@@ -42,12 +48,12 @@ def test_a_run_that_passes_is_a_few_lines(hit):
 def test_checks_that_fail_come_first_and_notes_below_them(hit):
     (record,) = hit.impacts
     run = with_records(hit, impacts=(replace(record, energy_change_J=record.energy_change_J + 1e-3),))
-    lines = run_report(run, ["the base has no mass"]).splitlines()
+    lines = reported(run, ["the base has no mass"]).splitlines()
     failed = next(i for i, line in enumerate(lines) if line.endswith("FAILED"))
     assert "impact energy" in lines[failed]
     assert lines[failed + 1] == "  note: the base has no mass"
     assert failed < next(i for i, line in enumerate(lines) if "approach" in line)
-    table = check_table(run.checks()).splitlines()
+    table = check_table(all_checks(run)).splitlines()
     assert table[1].endswith("FAILED")
     assert all(line.endswith("passes") for line in table[2:])
 
@@ -75,7 +81,7 @@ def test_many_pairs_are_cut_until_the_report_fits(hit):
     impacts = tuple(record for name in names for record in bounces(hit, name, [0.1, 0.2]))
     broken = tuple(replace(record, energy_change_J=1.0) for record in impacts)
     for records in (impacts, broken):
-        report = run_report(with_records(hit, impacts=records), ["note " * 30] * 9)
+        report = reported(with_records(hit, impacts=records), ["note " * 30] * 9)
         lines = report.splitlines()
         assert len(lines) <= MOST_LINES
         assert max(map(len, lines)) <= 80
@@ -86,7 +92,7 @@ def test_the_table_of_checks_is_whole_at_80_columns(hit):
     """Every check has one row with its result at the end; the longest names there are."""
     checks = [
         replace(check, name="contact complementarity", subsystem="objects", component=f"impact {100 + i}", unit="N m s")
-        for i, check in enumerate(hit.checks())
+        for i, check in enumerate(all_checks(hit))
     ]
     lines = check_table(checks).splitlines()
     assert sum(line.endswith("passes") for line in lines) == len(checks)
@@ -97,7 +103,7 @@ def test_the_table_of_checks_is_whole_at_80_columns(hit):
 def test_a_report_without_room_counts_its_records(hit):
     """Five lines: the outcome, the failing checks with the first note, and numbers in place of tables."""
     impacts = tuple(replace(record, energy_change_J=1.0) for record in bounces(hit, hit.impacts[0].rule, [0.1, 0.2]))
-    lines = run_report(with_records(hit, impacts=impacts), ["first", "second"], 5).splitlines()
+    lines = reported(with_records(hit, impacts=impacts), ["first", "second"], 5).splitlines()
     assert len(lines) <= 5
     assert any(line.endswith("FAILED") for line in lines)
     assert "  note: first" in lines
@@ -122,7 +128,7 @@ def test_records_of_models_are_counted_before_tables_are_given_up(tmp_path):
     run = ffsm_mj.run(path)
     assert len(run.records["limit_impacts"]) > 5
     for room in (24, 12):
-        report = run_report(run, [], room)
+        report = reported(run, [], room)
         assert report.count("\n") < room
         assert "robot-target" in report
     assert "limit impacts: " in report

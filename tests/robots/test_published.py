@@ -14,6 +14,7 @@ from PIL import Image
 from rerun.chunk import RrdReader
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.drawn_geoms import geoms_to_draw
 from tests.robots.published import ROBOTS, write_scenario
@@ -57,7 +58,7 @@ def test_a_published_robot_collides_and_proves_it(name, tmp_path, capfd, viewed)
     run = ffsm_mj.load_run(out)
     assert run.impacts
     assert run.unhandled_contacts == ()
-    assert all(check.passes for check in run.checks())
+    assert all(check.passes for check in all_checks(run))
     for impact in run.impacts:
         assert impact.impulse_N_s > 0.1
         # What a rigid impact of this restitution loses: (1 - e^2) m u^2 / 2 with m = impulse / ((1 + e) u). To the rounding

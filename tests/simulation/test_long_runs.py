@@ -12,6 +12,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import LogError
 from ffsm_mj.log.mcap import stored_rows
 from ffsm_mj.log.mcap.stored_rows import StoredRows
@@ -42,10 +43,10 @@ def test_memory_and_file_give_the_same_numbers(tmp_path):
     assert isinstance(written.log.rows, StoredRows)
     assert isinstance(read.log.rows, StoredRows)
     assert written.path == read.path == tmp_path / "out" / "run.mcap"
-    assert kept.checks() == written.checks() == read.checks() == Run(read.log).checks()
-    assert written.summary() == read.summary() == json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert all_checks(kept) == all_checks(written) == all_checks(read) == all_checks(Run(read.log))
+    assert ffsm_mj.summary(written) == ffsm_mj.summary(read) == json.loads((tmp_path / "out" / "summary.json").read_text())
     differing = {"wall_s", "real_time_factor", "law_wall_s_per_tick"}
-    summaries = [{k: v for k, v in run.summary().items() if k not in differing} for run in (kept, written)]
+    summaries = [{k: v for k, v in ffsm_mj.summary(run).items() if k not in differing} for run in (kept, written)]
     assert summaries[0] == summaries[1]
     worst = max(p["reports"].get("worst_riccati_residual", 0.0) for p in summaries[0]["controller"]["phases"])
     assert worst == np.nanmax(kept["controller.osdre_riccati_residual"])
@@ -120,8 +121,8 @@ def test_a_thinned_run_keeps_what_stands_out(baseline, monkeypatch):
                 assert np.nanmax(kept[of_slice == i]) == np.nanmax(part)
     hit = int(np.searchsorted(baseline.time, baseline.impacts[0].time_s))
     assert {hit - 1, hit, *np.searchsorted(baseline.time, np.array(times) - 1e-9)} <= set(place.tolist())
-    assert thin.checks() == baseline.checks()
-    assert thin.summary() == baseline.summary()
+    assert all_checks(thin) == all_checks(baseline)
+    assert ffsm_mj.summary(thin) == ffsm_mj.summary(baseline)
 
 
 def test_figures_and_films_of_a_long_run_are_drawn_from_the_thinned_one(baseline, monkeypatch, tmp_path):
@@ -205,7 +206,7 @@ def test_memory_is_flat_while_a_run_is_written_and_read(tmp_path):
     for duration in (10, 60):
         out = str(tmp_path / f"out{duration}")
         written = peak_MB(f"ffsm_mj.run({str(path)!r}, {{'duration_s': {duration}.0}}, out={out!r}, rerun=False)", 4)
-        code = f"run = ffsm_mj.load_run({out!r}); assert all(x.passes for x in run.checks()); run.summary(); run.time"
+        code = f"run = ffsm_mj.load_run({out!r}); assert all(x.passes for x in run.checks()); ffsm_mj.summary(run); run.time"
         read = peak_MB(code, 4)
         peaks[duration] = written, read
     for short, long in zip(peaks[10], peaks[60], strict=True):

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.errors import InputError
-from ffsm_mj.report.run import Run
 from ffsm_mj.studies.comparison import compare_variants
 from ffsm_mj.studies.plan import load_study
 from ffsm_mj.studies.study import Study

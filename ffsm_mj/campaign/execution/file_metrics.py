@@ -13,8 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import InputError, described, raised_at
-from ffsm_mj.report.run import Run
 
 
 @dataclass(frozen=True)

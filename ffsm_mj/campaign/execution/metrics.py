@@ -15,16 +15,17 @@ from typing import Any
 from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.effort import MEASURES, SUMMED
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import described, one_line, raised_at, unknown_name
 from ffsm_mj.records.kinds import kinds
-from ffsm_mj.report.run import Run
 from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import CHECK_NAMES
 
 GROUP = "ffsm_mj.metrics"
 """Entry-point group of metrics of other packages: the name is that of the metric, the object a function of a
-:class:`~ffsm_mj.report.run.Run`. An optional attribute ``columns`` lists the columns it needs; only these are stored during
-the run."""
+:class:`~ffsm_mj.analysis.run.Run`. An optional attribute ``columns`` lists the columns it needs; only these are stored
+during the run."""
 
 FAULT = "fault."
 """Prefix of entries that say why a metric of the caller has no value."""
@@ -104,12 +105,8 @@ def metric_values(
     Raises:
         ValueError: A metric is not a scalar of the run; the message names it.
     """
-    summary = run.summary(checks=False) | {
-        "effort": run.effort,
-        "base_rotation": run.base_rotation,
-        "angular_momentum": run.angular_momentum,
-    }
-    of_checks = {name: _scalar(name, value) for name, value in (checks or check_metrics(run.checks())).items()}
+    summary = run.summary() | run.models.effort
+    of_checks = {name: _scalar(name, value) for name, value in (checks or check_metrics(all_checks(run))).items()}
     plugins = plugin_metrics()
     found: dict[str, Scalar] = {}
     for name in names:
@@ -120,7 +117,7 @@ def metric_values(
         elif name in plugins:
             found[name] = _scalar(name, plugins[name](run))
         elif name.startswith("effort.") and "*" in name:
-            found[name] = _scalar(name, _effort_of_several(run.effort or {}, name))
+            found[name] = _scalar(name, _effort_of_several(summary["effort"] or {}, name))
         else:
             found[name] = _scalar(name, value_at(summary, name))
     return of_checks | {"impacts.count": len(summary["impacts"])} | found

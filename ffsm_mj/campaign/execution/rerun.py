@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import uninterrupted
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.campaign.execution.metrics import Scalar, check_metrics, metric_values
@@ -14,7 +15,6 @@ from ffsm_mj.campaign.execution.worker import Job, checks_with_verdict, prepared
 from ffsm_mj.campaign.storage.outcomes import ERROR
 from ffsm_mj.campaign.storage.store import RunRow
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.report.run import Run
 
 TOLERANCE = 1e-6
 """Allowed difference from a row of another processor or other versions, times max(1, |x|) for a number x."""

@@ -12,6 +12,8 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe
@@ -26,8 +28,8 @@ from ffsm_mj.model.files import read_model
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.records.metadata import logged_models
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation, usual_steps
-from ffsm_mj.report.run import Run
+from ffsm_mj.replay import explain
+from ffsm_mj.replay.truncation import AnalysisLimits, usual_steps
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 from ffsm_mj.verification.check_result import Check
@@ -155,7 +157,7 @@ def _run(job: Job, index: int, overrides: Mapping[str, Any], started: float) -> 
 
 
 def checks_with_verdict(run: Run, log: Callable[[], RunLog], look: Callable[[], None] = lambda: None) -> tuple[Check, ...]:
-    """Checks of a run of a campaign; failing ones with their share of truncation if all may fail by it.
+    """All checks of a run of a campaign; failing ones with their share of truncation if all may fail by it.
 
     The analysis is limited by steps, not by time: its result is the same in every worker and in a rerun.
 
@@ -164,15 +166,15 @@ def checks_with_verdict(run: Run, log: Callable[[], RunLog], look: Callable[[], 
         log: Returns its log with all rows.
         look: Called before every step of the analysis; an exception that it raises ends it.
     """
-    failing = [check for check in run.checks() if not check.passes]
-    if run.outcome == Outcome.COMPLETED and failing and all(check.may_be_truncation for check in failing):
+    checks = all_checks(run)
+    if run.outcome != Outcome.COMPLETED or not all(check.passes or check.may_be_truncation for check in checks):
+        return checks
 
-        def stopped() -> bool:
-            look()
-            return False
+    def stopped() -> bool:
+        look()
+        return False
 
-        run.truncation = analyze_truncation(log(), failing, AnalysisLimits(steps=usual_steps(run.log), stopped=stopped))
-    return run.checks()
+    return explain(run, checks, limits=AnalysisLimits(steps=usual_steps(run.log), stopped=stopped), log=log).checks
 
 
 def _by_dotted_key(nested: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:

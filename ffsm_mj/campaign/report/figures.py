@@ -136,7 +136,7 @@ def _trajectories(rerun_runs: Sequence[tuple[TableRow, Run]]) -> Figure:
     """Paths of tip and objects, or of all bodies without a task, in the plane of the first run's motion; the tip error."""
     subjects = [(row, Subject(run)) for row, run in rerun_runs]
     plane = subjects[0][1].planes[0]
-    tipped = [(row, run) for row, run in rerun_runs if run.summary(checks=False)["tip"] is not None]
+    tipped = [(row, run) for row, run in rerun_runs if run.summary()["tip"] is not None]
     with publication():
         figure = Figure(figsize=(WIDTH_IN, 5.6 if tipped else 3.6), layout="constrained")
         grid = figure.subplots(2 if tipped else 1, 1, squeeze=False, height_ratios=(2, 1) if tipped else (1,))[:, 0]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run import Run, load_run
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.evaluation.results import TableRow
 from ffsm_mj.campaign.storage.folder import RERUNS
@@ -15,7 +15,6 @@ from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.report.markdown_page import html_page
 from ffsm_mj.report.output_place import folder_below, new_file
-from ffsm_mj.report.run import load_run
 
 PAGE, HTML, PARQUET, CSV = "report.md", "report.html", "results.parquet", "results.csv"
 FIGURES = "figures"

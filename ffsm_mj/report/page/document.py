@@ -18,6 +18,8 @@ import k3d
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run_card import card_html
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
 from ffsm_mj.log.arrows import arrow_colour, declared_arrows
@@ -30,8 +32,6 @@ from ffsm_mj.report.page.inline_figures import inline_figures
 from ffsm_mj.report.page.phase_graph import phase_graph
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.scene import PageScene
-from ffsm_mj.report.run_card import card_html
-from ffsm_mj.report.run_report import what_is_missing
 from ffsm_mj.report.stated_sensitivity import sensitivity_html
 from ffsm_mj.verification.check_result import Check
 
@@ -50,7 +50,7 @@ _MOST_EVENTS = 200
 def document(run: Run, drawn: PageScene, poses: Poses) -> str:
     """HTML page of a run with its scene."""
     script = _part("page.js")
-    checks = run.checks()
+    checks = all_checks(run)
     return Template(_part("page.html")).substitute(
         policy=_policy(script),
         name=_escaped(run.name),
@@ -59,7 +59,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         events="\n".join(_events(run)),
         note=_escaped(_note(run, drawn, poses)),
         key="".join(_key(run, drawn)),
-        card=card_html(run),
+        card=card_html(run.log, run.digest, checks),
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
         momentum=momentum_html(run),
@@ -114,7 +114,7 @@ def _escaped(text: str) -> str:
 
 
 def _headline(run: Run) -> str:
-    parts = [f"{run.outcome} after {run.digest.end_s:g} s", run.message, what_is_missing(run)]
+    parts = [f"{run.outcome} after {run.digest.end_s:g} s", run.message, run.missing]
     return "; ".join(part for part in parts if part)
 
 

@@ -58,7 +58,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     subject = Subject(run)
     makers = {"motion": motion, "base": base}
     makers |= {"joints": joints} if subject.arm_joints else {}
-    makers |= {"tip": tip} if run.summary(checks=False)["tip"] is not None else {}
+    makers |= {"tip": tip} if run.summary()["tip"] is not None else {}
     makers |= {"torques": torques} if subject.named("motor") else {}
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"contacts": contacts} if run.contacts else {}

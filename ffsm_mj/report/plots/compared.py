@@ -20,7 +20,7 @@ def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
     """Figure of the first ``MOST_RUNS`` of several labelled runs."""
     shown = [(label, thinned(run)) for label, run in runs[:MOST_RUNS]]
     panels = ["kinetic energy, J", "FFSM $|P|$, N s", "object $|P|$, N s"]
-    tipped = [(label, run) for label, run in shown if run.summary(checks=False)["tip"] is not None]
+    tipped = [(label, run) for label, run in shown if run.summary()["tip"] is not None]
     labels = (["tip error, m"] if tipped else []) + panels
     figure = Figure(figsize=(WIDTH_IN, 0.8 + 1.5 * len(labels)), layout="constrained")
     grid = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
@@ -29,7 +29,7 @@ def comparison(runs: Sequence[tuple[str, Run]]) -> Figure:
         curves = [run["energy.total_J"], *(np.linalg.norm(run.momentum(p)[:, :3], axis=1) for p in ("robot", "objects"))]
         if tipped:
             missing = np.full(len(run.time), np.nan)
-            curves.insert(0, run.tip_error() if run.summary(checks=False)["tip"] is not None else missing)
+            curves.insert(0, run.tip_error() if run.summary()["tip"] is not None else missing)
         for axes, curve in zip(grid, curves, strict=True):
             x, y = envelope(run.time, curve)
             axes.plot(x, y, color=COLOURS[i], linestyle=LINE_STYLES[i], label=plain(label), zorder=3 + len(shown) - i)

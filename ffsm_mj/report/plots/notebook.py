@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import html
 from base64 import b64encode
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from io import BytesIO
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import unknown_name
@@ -61,8 +63,20 @@ def _png(figure: Figure) -> str:
     return b64encode(buffer.getvalue()).decode("ascii")
 
 
-def notebook_figures(run: Run, names: Sequence[str]) -> Figures:
-    """Figures of a run; see :meth:`ffsm_mj.report.run.Run.plot`."""
+# Values that are not finite show in the figures; numpy's warnings would only repeat that.
+@np.errstate(all="ignore")
+def plot(run: Run, *names: str) -> Figures:
+    """Figures of a run by name, those of ``ffsm analyze --plots``; a notebook displays them.
+
+    Args:
+        run: The run.
+        names: Only these: ``motion``, ``base``, ``joints``, ``tip``, ``torques``, ``inputs``, ``contacts``, ``momenta``,
+            ``energies``, ``conservation``; all that the run has when empty.
+
+    Raises:
+        InputError: The run has no samples, or its models no longer compile.
+        KeyError: The run has no figure of that name; the message lists those it has.
+    """
     made = Figures(figures(run, names))
     for name in names:
         if name not in made:

@@ -177,7 +177,7 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
 def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:
     """Shade the phases, optionally name them above the axes, and mark the times of events."""
     begin_s = float(run.time[0])  # of a run that goes on from another one, within a phase
-    phases = [each | {"start_s": max(begin_s, each["start_s"])} for each in run.summary(checks=False)["phases"]]
+    phases = [each | {"start_s": max(begin_s, each["start_s"])} for each in run.summary()["phases"]]
     for i, phase in enumerate(phases):
         axes.axvspan(phase["start_s"], phase["end_s"], color=_SHADES[i % 2], zorder=-2, linewidth=0)
     across = blended_transform_factory(axes.transData, axes.transAxes)

@@ -95,7 +95,7 @@ def tip(subject: Subject) -> Figure:
     """Error of the tip along the task's axes, and its velocity (paper, Fig. 6)."""
     run, task = subject.run, logged_task(subject.run.log.header.metadata)
     assert task is not None, "a figure for runs with a task"
-    error, best = run.tip_error(), run.summary(checks=False)["tip"]
+    error, best = run.tip_error(), run.summary()["tip"]
     lines = [Curve("norm", error, BLACK, "-", 1.6)]
     lines += [Curve("xyz"[a], run.tip[:, a] - task.point_m[a], COLOURS[a], _STYLES[a]) for a in task.axes]
     marks = []

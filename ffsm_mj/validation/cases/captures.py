@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.comparison import Number
-from ffsm_mj.report.run import Run
 from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import final, model, run_scene, text_of, times
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.comparison import Number
-from ffsm_mj.report.run import Run
 from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import constant, final, growing, model, run_scene, slide, text_of, times
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.comparison import Number
-from ffsm_mj.report.run import Run
 from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, constant, ground, model, run_scene, slide, states, text_of, times
 

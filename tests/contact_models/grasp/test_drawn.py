@@ -91,7 +91,7 @@ def test_rerun_has_both_arrows_and_a_line_of_each_size(held, tmp_path):
 
 
 def test_the_figure_has_both_and_when_it_was_held(held):
-    force, torque, holds = held.plot("captures")["captures"].axes
+    force, torque, holds = ffsm_mj.plot(held, "captures")["captures"].axes
     assert [axes.get_ylabel().replace("\n", " ") for axes in (force, torque, holds)] == [
         "force on the object, N",
         "torque about its site, N m",

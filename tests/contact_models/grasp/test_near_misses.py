@@ -10,6 +10,7 @@ import pytest
 from scipy.optimize import brentq
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.impact import time_of_impact
 from ffsm_mj.replay import replay_log
 from tests.replays import assert_replayed
@@ -126,7 +127,7 @@ def test_the_rates_after_an_impact_that_ends_the_run_count(tmp_path):
     (impact,), (miss,) = run.impacts, run.records["near_misses"]
     assert miss.time_s == impact.time_s == pytest.approx(miss.least_s, abs=1e-14)
     assert miss.least_ratio == pytest.approx(5.0, abs=1e-12)  # exact but for some 1e-15 of rounding
-    assert [str(check) for check in run.checks() if not check.passes] == []
+    assert [str(check) for check in all_checks(run) if not check.passes] == []
     assert_replayed(run)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj._core.stages import Smooth
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.balance.exchange import ExchangeIntegrator
 from ffsm_mj.contact_models.grasp import loops
 from ffsm_mj.contact_models.persistent import active_set
@@ -308,7 +309,7 @@ def test_what_is_held_lies_on_the_base_of_the_robot(tmp_path):
 def judged(run):
     """What is wrong with a run, by its own books and by what its states say with the code that is in now."""
     again = replay_log(run.log)
-    laws = {check.name for each in (run, again) for check in each.checks() if not check.passes}
+    laws = {check.name for check in (*all_checks(run), *again.checks()) if not check.passes}
     return laws | (set() if again.agrees else {"log"})
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.replay import replay_log
 
@@ -17,7 +18,7 @@ def test_the_probe_is_guided_and_locked():
     """The hard latch stops 2 cm/s of the reduced mass along the axis, to what the lever arms of some millimetres change."""
     run = ffsm_mj.run("probe-and-cone", {"duration_s": 12.0})
     assert (run.outcome, run.message) == ("completed", "")
-    assert all(check.passes for check in run.checks()), [check for check in run.checks() if not check.passes]
+    assert all(check.passes for check in all_checks(run)), [check for check in all_checks(run) if not check.passes]
     again = replay_log(run.log)
     assert again.agrees, again.worst
     assert [(phase.name, phase.reason) for phase in run.phases] == [
@@ -45,4 +46,4 @@ def test_it_locks_from_dispersed_starts(row):
     run = ffsm_mj.run("probe-and-cone", plan.design().overrides(row) | {"duration_s": 13.0})
     assert run.outcome == "completed", run.message
     assert [capture.grasp for capture in run.captures] == ["soft", "hard"]
-    assert all(check.passes for check in run.checks())
+    assert all(check.passes for check in all_checks(run))

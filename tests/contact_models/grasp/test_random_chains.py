@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.replay import replay_log
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits
 from tests.contact_models.grasp.scenes import OFF
 from tests.contact_models.grasp.two_arms import CLAMP, LEFT, RIGHT, holding, plate
 from tests.scenes import ball
@@ -66,7 +66,9 @@ def test_a_random_scene(tmp_path, seed):
     """A check may fail by the truncation of the step alone, of order four: fast hits and light links are drawn too."""
     run = ffsm_mj.run(drawn(seed, tmp_path))
     assert run.outcome == "completed", run.message
-    assert [check for check in run.analyze_truncation(math.inf) if not (check.passes or check.fails_by_truncation)] == []
+    assert [
+        check for check in explain(run, limits=AnalysisLimits()).checks if not (check.passes or check.fails_by_truncation)
+    ] == []
     assert len(run.captures) >= 2
     if seed % 3 == 0:  # a replay takes as long as its run
         again = replay_log(run.log)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.records.signals import COMPONENTS
 from ffsm_mj.replay import replay_log
@@ -25,7 +26,7 @@ def slab(name, half="5 5 0.5"):
 def good(run):
     """Every check passes, and the log agrees with its states."""
     assert run.outcome == "completed"
-    assert [check for check in run.checks() if not check.passes] == []
+    assert [check for check in all_checks(run) if not check.passes] == []
     assert_replayed(run)
     return run
 
@@ -240,7 +241,7 @@ def test_a_wrong_sign_in_the_balance_fails_a_check(tmp_path, monkeypatch, subsys
 
     monkeypatch.setattr(Balance, "enter", wrong)
     run = ffsm_mj.run(both(tmp_path))
-    broken = {(check.name, check.subsystem) for check in run.checks() if not check.passes}
+    broken = {(check.name, check.subsystem) for check in all_checks(run) if not check.passes}
     assert {("linear momentum", subsystem), ("linear momentum", "total")} <= broken
     monkeypatch.setattr(Balance, "enter", enter)
     again = replay_log(run.log)
@@ -302,7 +303,7 @@ def test_wrenches_of_a_spring_on_a_wall_are_external(tmp_path, subsystem, geoms,
         contact_models=[{"kind": "spring", "geoms": geoms, "stiffness_N_m": 400.0}],
     )
     run = ffsm_mj.run(path)
-    assert [check for check in run.checks() if not check.passes] == []
+    assert [check for check in all_checks(run) if not check.passes] == []
     speed = run[f"state.v_{joint}_free_vx_m_s"]
     assert speed[-1] == pytest.approx(-speed[0], rel=1e-6)  # it gives back what it took, to the order of the step
     # The balance follows the motion to 1e-9 (1 + scale), the tolerance of the checks.

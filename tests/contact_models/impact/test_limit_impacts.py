@@ -11,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.impact import resolution
 from ffsm_mj.contact_models.impact.contact import contact_jacobian
 from ffsm_mj.errors import InputError
@@ -25,7 +26,7 @@ from tests.scenes import ARM, HEAD, ball, compile_paths, scene
 def passes_everything(run, *, replay=True):
     """All checks pass, and the log agrees with its states."""
     assert run.outcome == "completed", run.message
-    assert not failures(run.checks())
+    assert not failures(all_checks(run))
     if replay:
         again = replay_log(run.log)
         assert again.agrees, again.worst
@@ -266,7 +267,7 @@ def test_a_changed_log_is_detected(tmp_path):
     # The work that the record claims is checked against the change of energy.
     forged = replace(first, impulse=first.impulse * 1.01)
     log.records["limit_impacts"] = (forged, *rest)  # type: ignore[index]
-    assert failures(run.checks()) == {"impact energy"}
+    assert failures(all_checks(run)) == {"impact energy"}
 
 
 def test_a_row_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
@@ -280,7 +281,7 @@ def test_a_row_of_the_wrong_sign_is_noticed(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(resolution, "contact_jacobian", wrong)
         run = ffsm_mj.run(rotor(tmp_path, 0.5, duration_s=0.3))
-    assert run.outcome != "completed" or failures(run.checks())
+    assert run.outcome != "completed" or failures(all_checks(run))
 
 
 def test_a_limit_that_is_not_watched_fails_the_check(tmp_path, monkeypatch):
@@ -291,5 +292,5 @@ def test_a_limit_that_is_not_watched_fails_the_check(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Detector, "first_event", lambda *_: None)
         run = ffsm_mj.run(path)
-    assert "no joint past its limit" in failures(run.checks())
+    assert "no joint past its limit" in failures(all_checks(run))
     assert not replay_log(run.log).checks() or "no joint past its limit" in failures(replay_log(run.log).checks())

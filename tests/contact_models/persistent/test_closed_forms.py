@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.run import simulate
 from tests.replays import assert_replayed
@@ -15,7 +16,7 @@ from tests.scenes import HEAD, ball, scene
 def good(run):
     """It ran to its end, every check passes, and the log says what its states say."""
     assert run.outcome == "completed", run.message
-    assert [check for check in run.checks() if not check.passes] == []
+    assert [check for check in all_checks(run) if not check.passes] == []
     assert_replayed(run)
     return run
 

@@ -7,6 +7,7 @@ import math
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.persistent import active_set, clearance
 from ffsm_mj.replay import replay_log
 from tests.replays import assert_replayed
@@ -63,7 +64,7 @@ def test_with_an_accuracy_every_check_passes(scenario, duration_s):
     """
     run = ffsm_mj.run(scenario, ["accuracy=1e-9", f"duration_s={duration_s}"])
     assert max(run["contact.f_b_b_force_N"]) > 0.0
-    assert [check for check in run.checks() if not check.passes] == []
+    assert [check for check in all_checks(run) if not check.passes] == []
     assert_replayed(run)
 
 
@@ -71,7 +72,7 @@ def test_with_an_accuracy_every_check_passes(scenario, duration_s):
 def test_at_a_fixed_step_only_truncation_is_left(scenario):
     """At 2 ms the second pass is 9e-8 J off; half the step leaves a twentieth of that."""
     run = ffsm_mj.run(scenario)
-    failing = [check for check in run.checks() if not check.passes]
+    failing = [check for check in all_checks(run) if not check.passes]
     assert all(check.name == "energy" for check in failing)
     assert all(check.residual < 3e-8 * ENERGY_J for check in failing)
 
@@ -81,7 +82,7 @@ def test_steps_that_ignore_the_tilt_lose_energy(scenario, monkeypatch):
     monkeypatch.setattr(clearance, "_TILT_SHARE", math.inf)
     monkeypatch.setattr(active_set, "DRIFT_M_S", math.inf)  # the rate of the gap changes as well, later
     run = ffsm_mj.run(scenario, ["accuracy=1e-9", "duration_s=0.45"])
-    residual = {check.name: check.residual for check in run.checks(tolerance=1.0) if check.subsystem == "total"}
+    residual = {check.name: check.residual for check in all_checks(run, tolerance=1.0) if check.subsystem == "total"}
     assert residual["energy"] > 3e-8
 
 
@@ -116,7 +117,7 @@ def falling(folder, tilt_rad, azimuth_rad, inertia_kg_m2, *, spin_rad_s=0.0, mu=
 def replayed(run):
     """Every check passes, and the log says what its states say."""
     assert run.outcome == "completed", run.message
-    assert [check for check in run.checks() if not check.passes] == []
+    assert [check for check in all_checks(run) if not check.passes] == []
     again = replay_log(run.log)
     assert again.agrees, again.worst
     return run

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.replay import replay_log
-from ffsm_mj.replay.truncation import analyze_truncation
+from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits
 from tests.contact_models.grasp.scenes import ARM as HAND
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, FLYWEIGHTS, GRIPPER, PANEL, driven_by, failures, sentences
@@ -21,7 +22,7 @@ from tests.scenes import ARM, HEAD, ball, box, scene
 def passes_everything(run):
     """All checks pass, and the log agrees with its states."""
     assert run.outcome == "completed", run.message
-    assert not failures(run.checks())
+    assert not failures(all_checks(run))
     assert_replayed(run)
 
 
@@ -160,7 +161,7 @@ def test_a_limit_that_is_left_at_once_leaves_steps_of_a_motion_without_forces(tm
     again = replay_log(run.log)
     assert again.agrees, again.worst
     assert again.worst["motion"].size < 1e-13
-    judged = replace(again, truncation=analyze_truncation(run.log, again.checks())).checks()
+    judged = explain(run, again.checks(), limits=AnalysisLimits()).checks
     assert {check.fails_by_truncation for check in judged if not check.passes} == {True}
 
 
@@ -201,7 +202,7 @@ def test_energy_and_momentum_to_rounding(tmp_path):
     run = ffsm_mj.run(path)
     assert len(run.records["limit_impacts"]) > 3
     assert run["contact.robot_elbow_limit"][-1] == 2.0
-    assert max(check.residual for check in run.checks() if check.name != "contact complementarity") < 2e-12
+    assert max(check.residual for check in all_checks(run) if check.name != "contact complementarity") < 2e-12
     passes_everything(run)
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.replay import replay_log
+from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits
 from tests.contact_models.persistent.random_pushes import LAWS, drawn
 
 OWN = ("no penetration", "impact energy", "impact restitution", "momentum two ways", "contact complementarity")
@@ -31,10 +31,10 @@ def wrong(path, *, completes=False):
     # contact.
     left = 10.0 * max(1.0, (step / 1e-3) ** 4)
     again = replay_log(run.log)
+    both = all_checks(run), again.checks()
     if completes:
-        run.analyze_truncation(math.inf)
-        again = replace(again, truncation=run.truncation)
-    for check in (*run.checks(), *again.checks()):
+        both = tuple(explain(run, checks, limits=AnalysisLimits()).checks for checks in both)
+    for check in (*both[0], *both[1]):
         if check.residual > check.tolerance * (1.0 if check.name in OWN else left) and not (
             completes and check.fails_by_truncation
         ):
@@ -73,8 +73,8 @@ def test_fast_spin_passes_with_accuracy_and_fails_by_truncation_alone_without(tm
     said["initial"]["rates"]["block/free"][3:] = (spin / np.sqrt(3.0) * rng.normal(size=3)).tolist()
     path.write_text(json.dumps(said))
     fixed = ffsm_mj.run(path, controllers=LAWS)
-    assert all(check.passes or check.fails_by_truncation for check in fixed.analyze_truncation(math.inf))
+    assert all(check.passes or check.fails_by_truncation for check in explain(fixed, limits=AnalysisLimits()).checks)
     accurate = ffsm_mj.run(path, {"accuracy": 1e-9}, controllers=LAWS)
     assert accurate.outcome == fixed.outcome
-    assert all(check.passes for check in accurate.checks())
+    assert all(check.passes for check in all_checks(accurate))
     assert replay_log(accurate.log).agrees

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import replay_log
 
 pytestmark = pytest.mark.slow
@@ -23,7 +24,7 @@ def ran(name):
     """A scenario that completed and whose checks pass."""
     run = ffsm_mj.run(name, {"duration_s": SECONDS[name]})
     assert (run.outcome, run.message) == ("completed", "")
-    laws = run.checks()
+    laws = all_checks(run)
     assert {"no penetration", "contact complementarity"} <= {law.name for law in laws}
     assert all(law.passes for law in laws), [law for law in laws if not law.passes]
     return run

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.replay import replay_log
 from tests.scenes import self_hit, two_balls
@@ -27,7 +28,7 @@ def slid(folder):
 
 def faults(run):
     """Names of what is wrong with it, by the log's own accounts, and by what its states say with the right code."""
-    return {check.name for check in run.checks() if not check.passes} | ({run.outcome} - {"completed"})
+    return {check.name for check in all_checks(run) if not check.passes} | ({run.outcome} - {"completed"})
 
 
 def judged(run):

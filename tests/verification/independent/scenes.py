@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.verification.independent.tolerances import TOLERANCES
 from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import CHAIN, ball, box, scene, three_balls
@@ -82,7 +83,7 @@ def measuring(folder, **changes):
 
 def independent(run):
     """The independent checks of a run by name, as its log alone has them."""
-    checks = ffsm_mj.Run(run.log).checks()
+    checks = all_checks(ffsm_mj.Run(run.log))
     return {check.name: check for check in checks if check.name in TOLERANCES}
 
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ffsm_mj.analysis.run_models import all_checks
 from tests.replays import assert_replayed
 
 
@@ -18,7 +19,7 @@ def good(run, *, records=True):
             the cones to 1e-9 of their force only, and the centre of pressure in a record is known no better.
     """
     assert run.outcome == "completed", run.message
-    assert [check for check in run.checks() if not check.passes] == []
+    assert [check for check in all_checks(run) if not check.passes] == []
     assert_replayed(run, records=records)
     return run
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.persistent import active_set
-from ffsm_mj.replay import replay_log
-from ffsm_mj.replay.truncation import analyze_truncation
+from ffsm_mj.replay import explain, replay_log
+from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation
 from tests.contact_models.persistent.friction.reading import good, sticks
 from tests.contact_models.persistent.friction.scenes import block, pulled
 from tests.contact_models.persistent.friction.test_random_friction import rubbed
@@ -23,7 +22,7 @@ TURNING = [[0.6, 0, 0], [0, 4.0, 0], [-3.0, 0, 0]]
 
 def shares(run):
     """By failing check, what half the step and no truncation leave of it, over the residual and over the tolerance."""
-    failing = [check for check in run.analyze_truncation(math.inf) if not check.passes]
+    failing = [check for check in explain(run, limits=AnalysisLimits()).checks if not check.passes]
     assert all(check.truncation is not None for check in failing)
     return {
         (check.name, check.subsystem): (
@@ -72,7 +71,8 @@ def test_steps_that_are_tried_leave_the_replay_as_it_is(tmp_path):
     """Friction modes are those of the run, to the last bit of the residuals."""
     run = ffsm_mj.run(rubbed(223, tmp_path), controllers=LAWS)
     tried = {
-        (check.name, check.subsystem): check for check in analyze_truncation(run.log, run.checks()).refined.states.checks(())
+        (check.name, check.subsystem): check
+        for check in analyze_truncation(run.log, all_checks(run)).refined.states.checks(())
     }
     for check in replay_log(run.log).checks():
         if (check.name, check.subsystem) in tried:
@@ -93,7 +93,7 @@ def test_a_leak_of_heat_is_no_truncation(tmp_path, monkeypatch):
     monkeypatch.setattr(active_set, "stage_of", stage_of)
     path = rubbed(223, tmp_path)
     run = ffsm_mj.run(path, controllers=LAWS)
-    (heat,) = [check for check in run.analyze_truncation(math.inf) if check.name == "heat of sliding"]
+    (heat,) = [check for check in explain(run, limits=AnalysisLimits()).checks if check.name == "heat of sliding"]
     assert not heat.passes
     assert heat.fails_by_truncation is False
     assert np.isfinite(heat.truncation.left)

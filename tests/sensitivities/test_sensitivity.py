@@ -12,7 +12,7 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.stated_sensitivity import sensitivity_html
-from ffsm_mj.sensitivity.parameters import in_words
+from ffsm_mj.sensitivities.parameters import in_words
 from tests.scenes import two_balls
 
 PLACE = "initial.joints.object/y"
@@ -25,7 +25,7 @@ def coasting():
 
 @pytest.fixture(scope="module")
 def of_place(coasting):
-    return coasting.sensitivity("impacts.0.impulse_N_s", {PLACE: 1e-3})
+    return ffsm_mj.sensitivity(coasting, "impacts.0.impulse_N_s", {PLACE: 1e-3})
 
 
 def test_the_sentence_of_a_run(of_place):
@@ -51,7 +51,7 @@ def test_secant_and_exact_agree_on_a_coasting_run(coasting):
     """Secants over h differ from derivatives by h^2: 1e-5 of them is far below the digits compared."""
     of = ("impacts.0.impulse_N_s", "impacts.0.time_s")
     wrt = {PLACE: 1e-5, "initial.joints.object/x": 1e-5, "initial.rates.joint_3": 1e-5}
-    secant, exact = coasting.sensitivity(of, wrt), coasting.sensitivity(of, wrt, "exact")
+    secant, exact = ffsm_mj.sensitivity(coasting, of, wrt), ffsm_mj.sensitivity(coasting, of, wrt, "exact")
     assert secant.derivative == pytest.approx(exact.derivative, abs=1e-5)
     # Published digits of this scenario: 1/u, and 1.0139 N s per metre.
     assert exact.derivative[0, 0] == pytest.approx(1.0139, abs=1e-4)
@@ -60,10 +60,10 @@ def test_secant_and_exact_agree_on_a_coasting_run(coasting):
 
 def test_restitution_at_its_bound_has_one_side(coasting):
     key = "contacts.rules.0.restitution"
-    secant = coasting.sensitivity("impacts.0.impulse_N_s", {key: 0.02})
+    secant = ffsm_mj.sensitivity(coasting, "impacts.0.impulse_N_s", {key: 0.02})
     assert secant.sides == ("minus",)
     assert next(secant.sentences()).endswith("(the scenario allows minus alone)")
-    exact = coasting.sensitivity("impacts.0.impulse_N_s", {key: 0.02}, "exact")
+    exact = ffsm_mj.sensitivity(coasting, "impacts.0.impulse_N_s", {key: 0.02}, "exact")
     # The impulse is linear in e: I / (1 + e).
     assert secant.derivative == pytest.approx(exact.derivative, rel=1e-9)
     assert exact.derivative[0, 0] == pytest.approx(coasting.impacts[0].impulse_N_s / 2.0, rel=1e-9)
@@ -73,7 +73,7 @@ def test_closed_form_of_two_balls(tmp_path):
     """Balls of 2 and 3 kg at 1 m/s, gap 0.3 m, e = 0.5: I = (1 + e) v m, m = 6/5 kg, t = gap / v; by mass and by rate."""
     run = ffsm_mj.run(two_balls(tmp_path, restitution=0.5))
     wrt = {"initial.rates.robot/x": 1e-3, "model.target.target.mass_kg": 3e-3, "initial.joints.target/x": 2e-3}
-    found = run.sensitivity(("impacts.0.impulse_N_s", "impacts.0.time_s"), wrt)
+    found = ffsm_mj.sensitivity(run, ("impacts.0.impulse_N_s", "impacts.0.time_s"), wrt)
     # dI = 1.5 m dv + 1.5 v (2 / 5)^2 dm2; dt = -0.3 dv, 1 dx; secants are right to h^2 = 1e-6.
     wanted = [[1.5 * 1.2, 1.5 * 4.0 / 25.0, 0.0], [-0.3, 0.0, 1.0]]
     assert found.derivative == pytest.approx(np.array(wanted), abs=2e-6)
@@ -87,7 +87,7 @@ def test_closed_form_of_two_balls(tmp_path):
 
 def test_a_loaded_run_gives_the_same(of_place, tmp_path):
     ffsm_mj.run("coasting", {"duration_s": 5.5}, out=tmp_path / "a", rerun=False)
-    found = ffsm_mj.load_run(tmp_path / "a").sensitivity("impacts.0.impulse_N_s", {PLACE: 1e-3})
+    found = ffsm_mj.sensitivity(ffsm_mj.load_run(tmp_path / "a"), "impacts.0.impulse_N_s", {PLACE: 1e-3})
     assert found.derivative == pytest.approx(of_place.derivative, rel=1e-12)
     assert found.table.columns["at_plus_sigma"] == pytest.approx(of_place.high[0], rel=1e-12)
 
@@ -95,7 +95,7 @@ def test_a_loaded_run_gives_the_same(of_place, tmp_path):
 def test_a_missed_impact_is_told(tmp_path):
     """At minus one standard deviation the ball is too slow to arrive within the run."""
     path = two_balls(tmp_path, speed=1.0, gap=0.8)
-    found = ffsm_mj.run(path).sensitivity((), {"initial.rates.robot/x": 0.3})
+    found = ffsm_mj.sensitivity(ffsm_mj.run(path), (), {"initial.rates.robot/x": 0.3})
     assert found.same_impacts == (False,)
     assert next(found.sentences()) == "0.3 m/s in initial.rates.robot/x: the impulse of impact 1 does not exist in every run"
 
@@ -115,13 +115,13 @@ def test_a_missed_impact_is_told(tmp_path):
 )
 def test_bad_input_is_named(coasting, of, wrt, kind, message):
     with pytest.raises(InputError, match=message):
-        coasting.sensitivity(of, wrt, kind)
+        ffsm_mj.sensitivity(coasting, of, wrt, kind)
 
 
 def test_exact_refuses_control_before_the_impact_by_name():
     run = ffsm_mj.run("coasting", {"duration_s": 5.5, "phases.0.controller": {"kind": "hold", "bandwidth_Hz": 0.001}})
     with pytest.raises(InputError, match=r"exact: hold of phase 'coast' acts before the impact"):
-        run.sensitivity((), {PLACE: 1e-3}, "exact")
+        ffsm_mj.sensitivity(run, (), {PLACE: 1e-3}, "exact")
 
 
 def test_uncertainties_of_a_scenario_are_in_the_report_of_its_run(tmp_path, monkeypatch, capsys):

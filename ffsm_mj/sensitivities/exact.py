@@ -22,9 +22,9 @@ from ffsm_mj.contact_models.grasp.record import CaptureRecord
 from ffsm_mj.errors import InputError
 from ffsm_mj.impact import CaptureSaltation, Saltation, linearize, linearize_capture
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.sensitivity.outcomes import Outcome, values
-from ffsm_mj.sensitivity.parameters import Parameter
-from ffsm_mj.sensitivity.result import Sensitivity
+from ffsm_mj.sensitivities.outcomes import Outcome, values
+from ffsm_mj.sensitivities.parameters import Parameter
+from ffsm_mj.sensitivities.result import Sensitivity
 
 _OF_IMPACT = {"impacts.0.time_s": "time", "impacts.0.impulse_N_s": "impulse"}
 _OF_CAPTURE = {"captures.0.time_s": "time", "captures.0.loss_J": "loss"}

@@ -63,14 +63,14 @@ class Outcome:
 
 def default_outcomes(run: Run) -> tuple[str, ...]:
     """Impulse and time of the first impact, and the final error of the tip, as far as the run has them."""
-    summary = run.summary(checks=False)
+    summary = run.summary()
     names = ("impacts.0.impulse_N_s", "impacts.0.time_s") if summary["impacts"] else ()
     return (*names, "tip.final_error_m") if summary["tip"] is not None else names
 
 
 def values(run: Run, of: Sequence[Outcome]) -> FloatArray:
     """Outcomes of a run, (n,); NaN for those that it has not, or that are no numbers."""
-    summary = run.summary(checks=False)
+    summary = run.summary()
     found = [value_at(summary, each.name) for each in of]
     return np.array([float(value) if isinstance(value, int | float) else math.nan for value in found])
 

@@ -13,11 +13,11 @@ from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.errors import InputError, ScenarioFaults, unknown_name
 from ffsm_mj.log.run_folder import SCENARIO
 from ffsm_mj.scenario.scenario import located
-from ffsm_mj.sensitivity.exact import exact
-from ffsm_mj.sensitivity.outcomes import Outcome, default_outcomes
-from ffsm_mj.sensitivity.parameters import Parameter, parameters
-from ffsm_mj.sensitivity.result import Sensitivity
-from ffsm_mj.sensitivity.secant import secant
+from ffsm_mj.sensitivities.exact import exact
+from ffsm_mj.sensitivities.outcomes import Outcome, default_outcomes
+from ffsm_mj.sensitivities.parameters import Parameter, parameters
+from ffsm_mj.sensitivities.result import Sensitivity
+from ffsm_mj.sensitivities.secant import secant
 
 Kind = Literal["secant", "exact"]
 KINDS: tuple[Kind, ...] = ("secant", "exact")
@@ -33,7 +33,23 @@ def sensitivity(
     estimators: Mapping[str, Any] = MappingProxyType({}),
     report: Callable[[float, float], None] | None = None,
 ) -> Sensitivity:
-    """Sensitivity of a run; see :meth:`ffsm_mj.report.run.Run.sensitivity`."""
+    """How outcomes of a run change with uncertain numbers of its scenario; see docs/sensitivity.md.
+
+    Args:
+        run: The run, in memory or read from its log.
+        of: Outcomes, by their names in ``summary.json``: ``impacts.0.impulse_N_s``; those of the first impact and of the tip
+            if none is named.
+        wrt: Standard deviation of each uncertain number, by dotted key of the scenario; its ``uncertainties`` if none is
+            given.
+        kind: ``secant``: two runs per number, at plus and minus one standard deviation; it refuses nothing. ``exact``: the
+            derivative, where it exists.
+        controllers: Control laws of the caller's own, see :func:`ffsm_mj.run`.
+        estimators: Estimators of the caller's own.
+        report: Called with the number of runs done and their total.
+
+    Raises:
+        InputError: An unknown name, or a derivative that does not exist.
+    """
     if not run.complete or run.outcome != "completed":
         raise InputError(f"{run.name}: the run did not reach its end ({run.outcome}); no sensitivity is computed")
     with TemporaryDirectory(prefix="ffsm-") as folder:
@@ -50,7 +66,7 @@ def of_prepared(
     kind: Kind = "secant",
     report: Callable[[float, float], None] | None = None,
 ) -> Sensitivity:
-    """Sensitivity of the run of a prepared scenario; see :meth:`ffsm_mj.report.run.Run.sensitivity`.
+    """Sensitivity of the run of a prepared scenario; see :func:`sensitivity`.
 
     Raises:
         InputError: Nothing is uncertain, or a name is unknown.

@@ -13,9 +13,9 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.errors import InputError
-from ffsm_mj.sensitivity.outcomes import Outcome, impacts, values
-from ffsm_mj.sensitivity.parameters import Parameter
-from ffsm_mj.sensitivity.result import Sensitivity
+from ffsm_mj.sensitivities.outcomes import Outcome, impacts, values
+from ffsm_mj.sensitivities.parameters import Parameter
+from ffsm_mj.sensitivities.result import Sensitivity
 
 _SIDES = {(True, True): "both", (True, False): "minus", (False, True): "plus"}
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from ffsm_mj.analysis.tables import Table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.sensitivity.outcomes import Outcome
-from ffsm_mj.sensitivity.parameters import Parameter
+from ffsm_mj.sensitivities.outcomes import Outcome
+from ffsm_mj.sensitivities.parameters import Parameter
 
 _ROUNDING = 1e-12
 """Outcomes that differ by less than this share are the same."""
