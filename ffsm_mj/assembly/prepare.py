@@ -45,7 +45,7 @@ def run(
     rerun: bool | None = None,
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
-    raise_errors: bool = False,
+    check: bool = True,
 ) -> Run:
     """Simulate a scenario.
 
@@ -60,22 +60,23 @@ def run(
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
         live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
         report: Told (simulation time, duration) in s as the run goes.
-        raise_errors: Raise an exception of a control law or of a contact model again, with its traceback, when the log is
-            closed; without it such a run ends with the outcome ``controller_failed`` or ``internal_error``.
+        check: Raise what a control law, an estimator, a contact model or another callback raised, when the log is closed:
+            the same exception with its traceback, a note on the end of the run, and the attribute ``run_folder``, a
+            ``Path`` or None. If false, the run is returned, with the outcome ``controller_failed`` or ``internal_error``.
 
     Returns:
         The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
 
     Raises:
         InputError: The scenario or a model is wrong, or the folder holds a run.
-        Exception: With ``raise_errors``, whatever a control law or a contact model raised.
+        Exception: With ``check``, whatever a control law, an estimator or a contact model raised.
         KeyboardInterrupt: Ctrl-C or SIGTERM, when the log is closed: a loop over runs ends.
     """
     folder = RunFolder(Path(out), force=force) if out is not None else None
     if folder is not None:
         folder.refuse_earlier_run()
-    made = prepare(scenario, overrides, controllers=controllers, estimators=estimators, raise_errors=raise_errors)
-    return uninterrupted(made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors))
+    made = prepare(scenario, overrides, controllers=controllers, estimators=estimators, check=check)
+    return uninterrupted(made.run(folder=folder, rerun=rerun, live=live, report=report, check=check))
 
 
 def uninterrupted(finished: Run) -> Run:
@@ -95,7 +96,7 @@ def prepare(
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
     estimators: Mapping[str, Any] = MappingProxyType({}),
-    raise_errors: bool = False,
+    check: bool = False,
 ) -> PreparedRun:
     """Read, validate and compile a scenario without running it.
 
@@ -104,7 +105,7 @@ def prepare(
         overrides: See :func:`run`.
         controllers: See :func:`run`.
         estimators: See :func:`run`.
-        raise_errors: Raise an exception in the constructor of a control law again, with its traceback.
+        check: Raise an exception in the constructor of a control law itself, not the fault that it is.
 
     Raises:
         InputError: The scenario or a model is wrong.
@@ -121,7 +122,7 @@ def prepare(
         with overrides_named(given, prepared):
             return prepared(given)
     except InputError as error:
-        if raise_errors and (raised := raised_by_plugin(error)) is not None:
+        if check and (raised := raised_by_plugin(error)) is not None:
             raise raised from None
         raise
 
@@ -256,11 +257,11 @@ class PreparedRun:
         rerun: bool | None = None,
         live: str | None = None,
         report: Callable[[float, float], None] | None = None,
-        raise_errors: bool = False,
+        check: bool = False,
     ) -> Run:
         """Simulate; see :func:`run`."""
         with_rerun, assembly = self.scenario.log.rerun if rerun is None else rerun, self.assemble()
-        return simulate(assembly, folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors)
+        return simulate(assembly, folder, with_rerun=with_rerun, live=live, report=report, check=check)
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""

@@ -43,7 +43,7 @@ class Simulator:
         rerun: bool | None = None,
         live: str | None = None,
         force: bool = False,
-        raise_errors: bool = False,
+        check: bool = True,
     ) -> None:
         """Read, validate and compile a scenario; :meth:`reset` must follow.
 
@@ -58,14 +58,15 @@ class Simulator:
             rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer to stream to.
             force: Replace a run that ``record`` already holds.
-            raise_errors: Raise an exception of a control law, an estimator or a contact model, with its traceback.
+            check: Let a step raise what a control law, an estimator or a contact model raised, as :func:`ffsm_mj.run` does.
+                If false, the step ends the run, and the run says how.
 
         Raises:
             InputError: The scenario or a model is wrong, or the folder holds a run.
         """
         self._scenario, self._controllers, self._estimators = scenario, controllers, estimators
         self._overrides, self._seed, self._record = _as_list(overrides), seed, record
-        self._rerun, self._live, self._force, self._raises = rerun, live, force, raise_errors
+        self._rerun, self._live, self._force, self._check = rerun, live, force, check
         self._runs = 0
         self._prepared: dict[tuple[str, ...], PreparedRun] = {}
         self._run: SteppedRun | None = None
@@ -105,7 +106,7 @@ class Simulator:
                 live=self._live,
                 columns=() if self._record is False else None,
                 start_s=start_s,
-                raise_errors=self._raises,
+                check=self._check,
             )
         self._runs += 1
         return self._run

@@ -83,7 +83,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         def simulator(changes: Sequence[str]) -> Simulator:
             live = viewer if render_mode == "rerun" else None
             kept = record or False  # no rows in memory
-            return Simulator(scenario, changes, record=kept, force=force, live=live, rerun=False, raise_errors=True)
+            return Simulator(scenario, changes, record=kept, force=force, live=live, rerun=False)
 
         self.simulator = simulator(changes)
         plan = campaign_of(self.simulator.prepared)

@@ -246,6 +246,6 @@ def test_an_error_of_a_constructor_is_raised_again(tmp_path):
     )
     Fragile.is_broken = True
     with pytest.raises(InputError, match="in the law"):
-        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws)
+        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws, check=False)
     with pytest.raises(ZeroDivisionError, match="in the law"):
-        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws, raise_errors=True)
+        ffsm_mj.go_on(tmp_path / "run", 0.05, controllers=laws)
