@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
 
@@ -130,15 +131,15 @@ def test_settings_are_checked_and_used():
     assert first[1] == pytest.approx(2.0 * first[0], rel=1e-15)
     assert first[0] != 0.0
     with pytest.raises(InputError, match=r"phases\.0\.controller\.gian: unknown key.*gain"):
-        ffsm_mj.prepare("coasting", settle(kind="tuned", gian=2.0), controllers={"tuned": Tuned})
+        prepare("coasting", settle(kind="tuned", gian=2.0), controllers={"tuned": Tuned})
     with pytest.raises(InputError, match=r"phases\.0\.controller\.gain: is missing"):
-        ffsm_mj.prepare("coasting", settle(kind="tuned"), controllers={"tuned": Tuned})
+        prepare("coasting", settle(kind="tuned"), controllers={"tuned": Tuned})
     with pytest.raises(InputError, match=r"controller\.kind: unknown kind 'mime'.*mine"):
-        ffsm_mj.prepare("coasting", settle(kind="mime"), controllers={"mine": Damp})
+        prepare("coasting", settle(kind="mime"), controllers={"mine": Damp})
 
 
 def test_a_recipe_with_a_law_of_a_script_can_be_pickled():
-    recipe = ffsm_mj.prepare("coasting", settle(kind="mine"), controllers={"mine": Damp})
+    recipe = prepare("coasting", settle(kind="mine"), controllers={"mine": Damp})
     again = pickle.loads(pickle.dumps(recipe))
     np.testing.assert_array_equal(again.run().log.rows, recipe.run().log.rows)
 
@@ -162,7 +163,7 @@ def test_laws_that_are_not_asked_for_leave_no_trace(tmp_path):
 )
 def test_what_is_no_law_is_refused(laws, fault):
     with pytest.raises(InputError, match=fault):
-        ffsm_mj.prepare("coasting", controllers=laws)
+        prepare("coasting", controllers=laws)
 
 
 def test_a_law_of_a_script_that_fails_ends_the_run_with_its_line(tmp_path):

@@ -8,6 +8,7 @@ from itertools import count
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact.watch import ContactWatch
@@ -110,7 +111,7 @@ def test_an_exception_of_the_caller_is_the_callers(tmp_path):
             raise KeyError("mine")
 
     with pytest.raises(KeyError, match="mine"):
-        ffsm_mj.prepare(two_balls(tmp_path)).run(report=report)
+        prepare(two_balls(tmp_path)).run(report=report)
 
 
 def test_a_failing_command_does_not_claim_that_a_check_fails(monkeypatch, capsys):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
@@ -125,7 +126,7 @@ def test_loads_are_what_moves_the_plate(tmp_path):
     """Both forces and moments give the rate of change of its momentum, by differences of order four at 2 ms."""
     coast = [{"name": "coast", "until": "end", "arm": ["left", "right"], "controller": OFF}]
     run = ffsm_mj.run(holding(tmp_path, phases=coast, duration_s=0.1, control_period_s=2e-3))
-    system = ffsm_mj.prepare(holding(tmp_path, phases=coast)).system
+    system = prepare(holding(tmp_path, phases=coast)).system
     data, of_plate = mujoco.MjData(system.mj), []
     first = run.log.header.layout.keys.index("state.time_s") + 1
     for row in run.log.rows:
@@ -289,7 +290,7 @@ def test_what_is_refused_by_name(tmp_path):
         )
     ):
         with pytest.raises(InputError) as error:
-            ffsm_mj.prepare(holding(tmp_path / str(k), captures))
+            prepare(holding(tmp_path / str(k), captures))
         assert words in str(error.value)
 
 
