@@ -1,11 +1,11 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.report.run.Run`; ``Simulator(scenario)`` does so step by step,
-in a loop of the caller's own; ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart;
-``prepare(scenario)`` gives a recipe that runs again and again; ``Campaign`` and ``sweep`` run a scenario many times into one
-table; ``run_study`` compares variants of a scenario over the same samples; ``impact_map`` maps one contact over the
-configurations of the arm; ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on first use, so
-that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
+Four nouns: a ``Scenario``, built in Python or read from a file, is what is simulated; a ``Simulator`` steps it in a loop of
+the caller's own; a ``Run`` is what came out; a ``Campaign`` repeats a scenario with dispersed values. ``run(scenario)``
+simulates, ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart; ``sweep`` runs a
+scenario many times into one table; ``run_study`` compares variants over the same samples; ``impact_map`` maps one contact
+over the configurations of the arm; ``impact`` resolves single collisions on any MuJoCo model. Everything is imported on
+first use, so that ``import ffsm_mj`` and ``ffsm --help`` cost nothing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ffsm_mj import impact as impact
     from ffsm_mj.analysis.run import compare as compare
     from ffsm_mj.assembly.go_on import go_on as go_on
-    from ffsm_mj.assembly.prepare import prepare as prepare
+    from ffsm_mj.assembly.prepare import Scenario as Scenario
     from ffsm_mj.assembly.prepare import run as run
     from ffsm_mj.assembly.simulator import Simulator as Simulator
     from ffsm_mj.campaign.campaign import Campaign as Campaign
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from ffsm_mj.impact_maps.impact_map import impact_map as impact_map
     from ffsm_mj.report.run import Run as Run
     from ffsm_mj.report.run import load_run as load_run
+    from ffsm_mj.scenario.model_config import Model as Model
+    from ffsm_mj.scenario.model_config import Robot as Robot
     from ffsm_mj.studies.script import run_study as run_study
     from ffsm_mj.studies.study import Study as Study
 
@@ -34,7 +36,7 @@ _LAZY = {
     "compare_campaigns": ("ffsm_mj.campaign.comparison", "compare_campaigns"),
     "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
     "go_on": ("ffsm_mj.assembly.go_on", "go_on"),
-    "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
+    "Scenario": ("ffsm_mj.assembly.prepare", "Scenario"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
@@ -42,13 +44,18 @@ _LAZY = {
     "run_study": ("ffsm_mj.studies.script", "run_study"),
     "Study": ("ffsm_mj.studies.study", "Study"),
     "Run": ("ffsm_mj.report.run", "Run"),
+    "Robot": ("ffsm_mj.scenario.model_config", "Robot"),
+    "Model": ("ffsm_mj.scenario.model_config", "Model"),
     "impact": ("ffsm_mj.impact", None),
     "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
 }
 
 __all__ = [
     "Campaign",
+    "Model",
+    "Robot",
     "Run",
+    "Scenario",
     "Simulator",
     "Study",
     "compare",
@@ -57,7 +64,6 @@ __all__ = [
     "impact",
     "impact_map",
     "load_run",
-    "prepare",
     "run",
     "run_study",
     "sweep",

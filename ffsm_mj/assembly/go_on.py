@@ -34,7 +34,7 @@ def prepare_from(
     file = Path(run) / SCENARIO
     if not file.is_file():
         raise InputError(f"{run}: is no run folder that can go on: it has no {SCENARIO}")
-    given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
+    given = as_overrides(overrides)
     begin = ["initial.from=.", f"initial.at_s={from_s!r}"]
     try:
         return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators, check=check)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ffsm_mj.assembly.prepare import Scenario
+
 
 @dataclass(frozen=True)
 class ScriptClasses:
@@ -28,3 +30,10 @@ class ScriptClasses:
 
 
 NO_CLASSES = ScriptClasses()
+
+
+def own_classes(scenario: object, controllers: Mapping[str, Any], estimators: Mapping[str, Any]) -> ScriptClasses:
+    """Control laws and estimators of a caller, with those of a scenario that he built."""
+    if isinstance(scenario, Scenario):
+        controllers, estimators = {**scenario.controllers, **controllers}, {**scenario.estimators, **estimators}
+    return ScriptClasses(dict(controllers), dict(estimators))

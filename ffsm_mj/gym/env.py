@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.assembly.step import Step
 from ffsm_mj.controller_protocol import GivenCommand
@@ -41,7 +42,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
 
     def __init__(
         self,
-        scenario: str | Path,
+        scenario: Scenario | Mapping[str, Any] | str | Path,
         env: Mapping[str, Any] | None = None,
         overrides: Sequence[str] | Mapping[str, Any] = (),
         *,
@@ -57,7 +58,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         """Read, validate and compile a scenario; :meth:`reset` must follow.
 
         Args:
-            scenario: A path, or the name of a shipped scenario.
+            scenario: See :func:`ffsm_mj.run`.
             env: Keys of the section ``env`` that replace those of the file; ``reward`` may be a function of a
                 :class:`~ffsm_mj.gym.rewards.Transition`.
             overrides: Overrides of the scenario; see :func:`ffsm_mj.run`.

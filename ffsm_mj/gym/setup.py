@@ -70,7 +70,7 @@ def split_env(
     Raises:
         InputError: A value is not one of YAML.
     """
-    given, keys = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides), dict(env or {})
+    given, keys = as_overrides(overrides), dict(env or {})
     reward = keys.pop("reward") if callable(keys.get("reward")) else None
     return reward, [*given, *(f"env.{key}={_json(key, value)}" for key, value in keys.items())]
 

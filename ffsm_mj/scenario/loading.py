@@ -7,13 +7,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pydantic import ValidationError
+import mujoco
+import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from ffsm_controllers import kinds
 from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, plugin_fault
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.model.inline import inline_model
 from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.estimator_config import TruthConfig
 from ffsm_mj.scenario.faults import KindNames, plain_faults
@@ -47,10 +50,51 @@ def load_scenario(
     Raises:
         InputError: One line per fault, with file, line and column.
     """
-    refuse_script_classes("controllers", laws, kinds().classes)
-    refuse_script_classes("estimators", own_estimators, {"truth", *estimators().classes})
+    refuse_own_classes(laws, own_estimators)
     source = read_yaml(path, overrides)
     return validated(source, laws, own_estimators), source
+
+
+def refuse_own_classes(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> None:
+    """Refuse classes of a script that are not control laws, or not estimators.
+
+    Raises:
+        InputError: One line per fault.
+    """
+    refuse_script_classes("controllers", laws, kinds().classes)
+    refuse_script_classes("estimators", own_estimators, {"truth", *estimators().classes})
+
+
+def stated_source(keys: Mapping[str, Any], name: str = "scenario") -> YamlSource:
+    """Source of what a program states: a fault names its key, and paths are relative to the current folder.
+
+    Args:
+        keys: Values by key: plain ones, arrays, paths, models, configurations such as
+            :class:`~ffsm_mj.scenario.model_config.Robot`, and mappings and sequences of them.
+        name: What it is.
+    """
+    return YamlSource(Path(name), plain(keys), None)
+
+
+def plain(value: Any, path: tuple[str, ...] = ()) -> Any:
+    """A value of a program, at a path of keys, as that of a file; a model in memory stays one.
+
+    Raises:
+        InputError: A ``mujoco.MjSpec`` does not compile.
+    """
+    if isinstance(value, BaseModel):
+        fields = type(value).model_fields
+        value = {fields[key].alias or key: getattr(value, key) for key in fields if key in value.model_fields_set}
+    if isinstance(value, Mapping):
+        return {key: plain(item, (*path, str(key))) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item, (*path, str(i))) for i, item in enumerate(value)]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    try:
+        return inline_model(value) if isinstance(value, Path | mujoco.MjSpec) else value
+    except InputError as error:
+        raise InputError([f"{'.'.join(path)}: {line}" for line in error.lines]) from error
 
 
 def validated(

@@ -24,7 +24,7 @@ from ffsm_mj.scenario.env_config import EnvConfig
 from ffsm_mj.scenario.estimator_config import EstimatorConfig, ToldAboveConfig, TruthConfig
 from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
-from ffsm_mj.scenario.model_config import ObjectConfig, RobotConfig
+from ffsm_mj.scenario.model_config import Model, Robot
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.scenario.task_config import TaskConfig
@@ -108,8 +108,8 @@ class Scenario(StrictModel):
     always enter the balance."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
-    robot: RobotConfig
-    objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
+    robot: Robot
+    objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], Model] = {}
     """Floating and fixed objects by name; the name is the prefix of all elements of the object's model."""
     model: Trees = {}
     """Properties of bodies and their geoms, by ``robot`` or the object's name, then by body; files are not changed."""
