@@ -18,7 +18,7 @@ from ffsm_mj.model.properties import Overrides, PropertyChange
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import to_strip
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 
@@ -30,7 +30,7 @@ Reader = Callable[[Path, Sequence[Path], Sequence[Path]], ModelFiles]
 
 
 def compile_scenario(
-    scenario: Scenario, source: YamlSource, read: Reader = read_model
+    scenario: ScenarioConfig, source: YamlSource, read: Reader = read_model
 ) -> tuple[System, System | None, Mapping[str, GraspedSystem]]:
     """Compile robot and objects of a scenario.
 
@@ -68,7 +68,7 @@ def changes_of(system: System, controller_model: System | None) -> tuple[Propert
     return (*system.changes, *(change for change in others if change.path not in known))
 
 
-def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
+def _compiled(scenario: ScenarioConfig, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
     """Compile the scene with the changes of these keys, and with a grasped object if a grasp is given.
 
     Raises:
@@ -95,7 +95,7 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
     )
 
 
-def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
+def _model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
     """Files of all models, the robot's first, with stripped elements and added sites.
 
     Raises:

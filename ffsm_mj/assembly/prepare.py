@@ -31,7 +31,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.run import Run
 from ffsm_mj.scenario.loading import plain, refuse_own_classes, stated_source, validated
-from ffsm_mj.scenario.scenario import Scenario as ScenarioConfig
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 

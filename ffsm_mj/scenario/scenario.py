@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    ConfigDict,
     Field,
     NonNegativeFloat,
     PositiveFloat,
@@ -85,8 +86,10 @@ class LogConfig(StrictModel):
     """A run with more uncompressed samples than this is refused, GB; the log is a half to a fifth of their size."""
 
 
-class Scenario(StrictModel):
-    """A run of one robot and its objects."""
+class ScenarioConfig(StrictModel):
+    """Keys of a scenario file: a run of one robot and its objects."""
+
+    model_config = ConfigDict(title="Scenario")
 
     extends: Name | None = None
     """Scenario to extend: a YAML file relative to this one, or the name of a shipped scenario."""
@@ -179,7 +182,7 @@ class Scenario(StrictModel):
         return round(self.duration_s / self.control_period_s)
 
 
-def timing_faults(scenario: Scenario) -> list[Fault]:
+def timing_faults(scenario: ScenarioConfig) -> list[Fault]:
     """Faults of the combination of duration, control period and time step."""
     faults = []
     if scenario.actuation.control_jitter_s >= scenario.control_period_s:
@@ -204,7 +207,7 @@ def timing_faults(scenario: Scenario) -> list[Fault]:
     return faults
 
 
-def with_contact_models(scenario: Scenario) -> Scenario:
+def with_contact_models(scenario: ScenarioConfig) -> ScenarioConfig:
     """The scenario with validated contact models.
 
     Raises:
