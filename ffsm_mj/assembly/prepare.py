@@ -128,7 +128,7 @@ class Scenario(ScenarioConfig):
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
         """:meth:`with_overrides` under pydantic's name: a copy is validated."""
-        return cast("Self", self.with_overrides(plain(update or {})))
+        return cast("Self", self.with_overrides(update or {}))
 
     def __eq__(self, other: object) -> bool:
         """Whether all keys are equal, and the paths in them belong to the same folder."""
@@ -253,7 +253,8 @@ def scenario_of(
     """
     own: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
     if isinstance(scenario, Mapping):
-        return Scenario(**own, **scenario).with_overrides(overrides)
+        own = {key: {**scenario.get(key, {}), **classes} for key, classes in own.items()}
+        return Scenario(**{**scenario, **own}).with_overrides(overrides)
     if isinstance(scenario, Scenario):
         return scenario.with_overrides(overrides, **own)
     return Scenario.load(scenario, overrides, **own)
@@ -350,10 +351,19 @@ def prepare(
 
 
 def as_overrides(given: Overrides) -> list[str]:
-    """Overrides as on the command line, from these or from values by dotted key."""
-    if isinstance(given, Mapping):
-        return [f"{key}={json.dumps(value)}" for key, value in given.items()]
-    return list(given)
+    """Overrides as on the command line, from these or from values by dotted key.
+
+    Raises:
+        InputError: A value cannot stand in a file, such as a model in memory.
+    """
+    return [f"{key}={_json(key, value)}" for key, value in given.items()] if isinstance(given, Mapping) else list(given)
+
+
+def _json(key: str, value: Any) -> str:
+    try:
+        return json.dumps(plain(value, (key,)))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{key}: {error}; an override has a value that a file can have") from error
 
 
 def recipe(

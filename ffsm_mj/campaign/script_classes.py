@@ -33,7 +33,8 @@ NO_CLASSES = ScriptClasses()
 
 
 def own_classes(scenario: object, controllers: Mapping[str, Any], estimators: Mapping[str, Any]) -> ScriptClasses:
-    """Control laws and estimators of a caller, with those of a scenario that he built."""
-    if isinstance(scenario, Scenario):
-        controllers, estimators = {**scenario.controllers, **controllers}, {**scenario.estimators, **estimators}
-    return ScriptClasses(dict(controllers), dict(estimators))
+    """Control laws and estimators of a caller, with those of a scenario that he built, or states by its keys."""
+    of_scenario = vars(scenario) if isinstance(scenario, Scenario) else scenario if isinstance(scenario, Mapping) else {}
+    return ScriptClasses(
+        {**of_scenario.get("controllers", {}), **controllers}, {**of_scenario.get("estimators", {}), **estimators}
+    )

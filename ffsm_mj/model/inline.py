@@ -40,7 +40,9 @@ class InlineModel:
 
     def files(self, main: str) -> dict[str, bytes]:
         """Contents by name, with the model itself as ``main``."""
-        return {main: self.xml.encode()} | {posixpath.normpath(name): content for name, content in self.assets.items()}
+        return {main: self.xml.encode("utf-8", "surrogatepass")} | {
+            posixpath.normpath(name): content for name, content in self.assets.items()
+        }
 
 
 def inline_model(given: Any) -> Any:

@@ -237,6 +237,39 @@ def test_faults_name_the_key(changes, fault):
     assert len(caught.value.lines) == 1
 
 
+def test_overrides_are_values_of_a_file(scenario):
+    """Arrays are; a model in memory is given where the scenario is built."""
+    rates = np.array([0.0, 1.0, 0, 0, 0, 0])
+    assert scenario.with_overrides({"initial.rates": {"debris/free": rates}}).initial.rates["debris/free"] == tuple(rates)
+    with pytest.raises(InputError, match=r"^robot\.mjcf: .*InlineModel.*a value that a file can have"):
+        scenario.with_overrides({"robot.mjcf": chaser()})
+    with pytest.raises(InputError, match=r"robot\.xml:1:\d+: malformed XML"):
+        Scenario(**keys(robot={"xml": "<mujoco>\ud800</mujoco>"})).check()
+
+
+def test_a_simulator_raises_too_and_its_log_is_whole(tmp_path):
+    """The step raises; leaving the simulator closes the log."""
+    phase = {"name": "ask", "until": "end", "controller": {"kind": "asks"}}
+    stated = keys(phases=[phase], controllers={"asks": Asks})
+    with ffsm_mj.Simulator(stated, record=tmp_path / "run", rerun=False) as simulator:
+        simulator.reset()
+        with pytest.raises(KeyError, match="unknown sensor 'gyroo'") as caught:
+            simulator.step()
+    run = ffsm_mj.load_run(caught.value.run_folder)
+    assert (run.outcome, run.complete) == ("controller_failed", True)
+    with ffsm_mj.Simulator(stated, check=False) as simulator:
+        simulator.reset()
+        assert simulator.step().ended.outcome == "controller_failed"
+
+
+def test_sweeps_take_the_laws_of_a_mapping():
+    """In this process, where they cannot be imported by others."""
+    phase = {"name": "settle", "until": "end", "controller": {"kind": "tuned", "gain": 1.0}}
+    stated = keys(phases=[phase], controllers={"tuned": Gains})
+    table = ffsm_mj.sweep(stated, {"phases.0.controller.gain": [1.0, 2.0]}, metrics=["outcome"], workers=1)
+    assert table["outcome"].to_pylist() == ["completed"] * 2
+
+
 def test_a_fault_of_an_override_names_it(scenario):
     with pytest.raises(InputError, match=r"^overrides: duration_s=-1: duration_s: should be greater than 0"):
         scenario.with_overrides({"duration_s": -1})
