@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from ffsm_mj.assembly.assemble import Assembly, assemble
 from ffsm_mj.assembly.description import describe, notes
@@ -64,10 +64,10 @@ class Scenario(ScenarioConfig):
     """Control laws of the caller's own (:class:`ffsm_mj.controller_protocol.Controller`; a ``Config`` may be left out)."""
     estimators: Annotated[Classes, Field(exclude=True)] = {}
     """Estimators of the caller's own (:class:`ffsm_mj.controller_protocol.Estimator`)."""
-    _base: YamlSource
-    _overrides: tuple[str, ...]
-    _config: ScenarioConfig
-    _source: YamlSource
+    _base: YamlSource = PrivateAttr()
+    _overrides: tuple[str, ...] = PrivateAttr()
+    _config: ScenarioConfig = PrivateAttr()
+    _source: YamlSource = PrivateAttr()
 
     if not TYPE_CHECKING:  # a type checker derives the arguments from the keys
 

@@ -55,14 +55,18 @@ else:
     ]
 """An MJCF or URDF model: a path, its XML text, or a ``mujoco.MjSpec``, which is read once and not changed. The key of a file
 is ``mjcf``; Python also has ``model`` and, for text, ``xml``."""
+_REQUIRED: Any = ...
+"""No default for pydantic; type checkers, which do not know the other names, take one for it."""
 
 
 class Robot(StrictModel):
     """The free-floating manipulator."""
 
-    model: ModelSource
+    model: ModelSource = _REQUIRED
     """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
     as XML text or ``mujoco.MjSpec``; its root body is the base. Lengths in m; quaternions w, x, y, z."""
+    if TYPE_CHECKING:
+        xml: str = ""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
@@ -80,9 +84,11 @@ class Robot(StrictModel):
 class Model(StrictModel):
     """An object: floating, or fixed to the world."""
 
-    model: ModelSource
+    model: ModelSource = _REQUIRED
     """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
     as XML text or ``mujoco.MjSpec``. Lengths in m; quaternions w, x, y, z."""
+    if TYPE_CHECKING:
+        xml: str = ""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
