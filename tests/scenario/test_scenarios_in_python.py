@@ -308,9 +308,18 @@ def test_files_of_a_specification_come_along(tmp_path):
     assert kept.assets == {
         each: (tmp_path / path).read_bytes() for each, path in (("m.obj", "a/m.obj"), ("2/m.obj", "b/m.obj"))
     }
+    system = Scenario(**keys(robot=Robot(model=spec), objects={}, initial={}, contacts={})).system
+    np.testing.assert_allclose(system.mj.mesh_vert, spec.compile().mesh_vert, rtol=1e-12)
     (tmp_path / "b" / "m.obj").unlink()
     with pytest.raises(InputError, match=r"^robot\.model: \S*/b/m\.obj: the specification uses this file, .*spec\.assets"):
         Scenario(**keys(robot={"model": spec}))
+
+
+def test_what_xml_leaves_out_without_effect_is_no_loss():
+    """A sphere has one size, whatever stands beside it."""
+    spec = chaser()
+    spec.geom("tip").size = [0.1, 0.7, 0.3]
+    assert inline_model(spec) == inline_model(chaser())
 
 
 def test_a_specification_that_its_xml_loses_is_refused(tmp_path):
