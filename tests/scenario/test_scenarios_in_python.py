@@ -190,6 +190,7 @@ def test_it_is_immutable_and_comparable(scenario):
     assert (changed.duration_s, scenario.duration_s) == (0.1, 0.2)
     assert changed.contacts.rules[0].restitution == 0.25
     assert changed != scenario
+    assert changed.with_overrides({"seed": 1}).duration_s == 0.1
     assert changed.with_overrides(["duration_s=0.2"]).with_overrides({"contacts.rules.0.restitution": 0.5}) == scenario
     assert scenario.model_copy(update={"duration_s": 0.1}).run().time[-1] == pytest.approx(0.1)
     with pytest.raises(ValueError, match="frozen"):

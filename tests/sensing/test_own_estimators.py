@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -146,6 +147,13 @@ def test_what_fails_in_flight_ends_the_run_with_one_line_and_a_log(tmp_path, own
     loaded = ffsm_mj.load_run(tmp_path / "run")
     assert loaded.outcome == "controller_failed"
     assert replay_log(loaded.log).agrees
+
+
+def test_what_an_estimator_raises_is_raised(tmp_path):
+    """The exception itself, not the one that says whose it is."""
+    with pytest.raises(RuntimeError, match="lost the target") as caught:
+        ffsm_mj.run(scenario(tmp_path), estimators={"mine": Raises})
+    assert caught.traceback[-1].path == Path(__file__)
 
 
 @pytest.mark.parametrize(
