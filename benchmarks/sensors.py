@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 
 _ARM = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>
   <geom type="box" size=".3 .3 .3" mass="50"/><site name="imu" pos=".1 .05 .02"/>
@@ -51,7 +51,7 @@ def measured(repeats: int) -> list[float]:
         for sensors in ("", _SENSORS.replace('interval="0.01"', 'interval="100"'), _SENSORS):
             (Path(folder) / "arm.xml").write_text(_ARM.format(sensors))
             (Path(folder) / "scene.yaml").write_text(_SCENE)
-            prepared.append(ffsm_mj.prepare(Path(folder) / "scene.yaml"))
+            prepared.append(prepare(Path(folder) / "scene.yaml"))
         best = [float("inf")] * len(prepared)
         for _ in range(repeats):
             for i, each in enumerate(prepared):

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 
 SCENARIO, SETTINGS = "baseline", {"duration_s": 10.0}
 
@@ -27,7 +28,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--repeats", type=int, default=9, help="runs of each kind")
     repeats = parser.parse_args().repeats
-    prepared, simulator = ffsm_mj.prepare(SCENARIO, SETTINGS), ffsm_mj.Simulator(SCENARIO, SETTINGS)
+    prepared, simulator = prepare(SCENARIO, SETTINGS), ffsm_mj.Simulator(SCENARIO, SETTINGS)
 
     def whole() -> None:
         assert prepared.run().outcome == "completed"

@@ -17,7 +17,7 @@ GRASPS = {"left": BLUE, "right": VERMILION, "port": GREEN}
 
 def distance_m(run: ffsm_mj.Run) -> np.ndarray:
     """Distance of the ring of the satellite from the port, by row."""
-    model = ffsm_mj.prepare("berth").system.mj
+    model = ffsm_mj.Scenario.load("berth").system.mj
     data = mujoco.MjData(model)
     port, ring = (model.site(name).id for name in ("robot/port", "satellite/ring"))
     found = []

@@ -17,7 +17,7 @@ LOADS = tuple(f"contact.capture_{load}" for load in ("force_{}_N", "torque_{}_N_
 
 def relative_motion(run: ffsm_mj.Run) -> dict[str, np.ndarray]:
     """Motion of the cone against the head of the probe along and about its axis, and components of the load, by row."""
-    model = ffsm_mj.prepare("probe-and-cone").system.mj
+    model = ffsm_mj.Scenario.load("probe-and-cone").system.mj
     data = mujoco.MjData(model)
     head, cone = (model.site(name).id for name in ("robot/head", "satellite/cone"))
     force, torque = (np.column_stack([run[key.format(x)] for x in "xyz"]) for key in LOADS)

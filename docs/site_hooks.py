@@ -12,14 +12,16 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parent.parent
 API = {
     "Runs": (
-        "`ffsm_mj.run`, `load_run`, `prepare`, `compare` and their results.",
+        "`ffsm_mj.Scenario`, `run`, `load_run`, `compare` and their results.",
         *(
+            "ffsm_mj.assembly.prepare.Scenario",
+            "ffsm_mj.scenario.model_config",
             "ffsm_mj.assembly.prepare.run",
             "ffsm_mj.analysis.run.load_run",
             "ffsm_mj.analysis.run.Run",
             "ffsm_mj.analysis.logged_signals.LoggedSignals",
         ),
-        *("ffsm_mj.assembly.prepare.prepare", "ffsm_mj.assembly.prepare.PreparedRun", "ffsm_mj.analysis.run.compare"),
+        "ffsm_mj.analysis.run.compare",
     ),
     "Functions of a run": (
         "`ffsm_mj.explain`, `summary`, `effort`, `base_rotation`, `angular_momentum`, `plot`, `animate`, `sensitivity`.",

@@ -1,10 +1,11 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
-``run(scenario)`` simulates and returns a :class:`~ffsm_mj.analysis.run.Run`; ``Simulator(scenario)`` does so step by step,
-in a loop of the caller's own; ``load_run(path)`` reads a run back from its log, ``compare(a, b)`` tells two of them apart;
-``prepare(scenario)`` gives a recipe that runs again and again; ``Campaign`` and ``sweep`` run a scenario many times into one
-table; ``run_study`` compares variants of a scenario over the same samples; ``impact_map`` maps one contact over the
-configurations of the arm; ``impact`` resolves single collisions on any MuJoCo model.
+Four nouns: a ``Scenario``, built in Python or read from a file, is what is simulated; a ``Simulator`` steps it in a loop of
+the caller's own; a ``Run`` is what came out; a ``Campaign`` repeats a scenario with dispersed values. ``run(scenario)``
+simulates, ``resume(run, from_s)`` goes on from an instant of a logged run, ``load_run(path)`` reads a run back from its log,
+``compare(a, b)`` tells two of them apart; ``sweep`` runs a scenario many times into one table; ``run_study`` compares
+variants over the same samples; ``impact_map`` maps one contact over the configurations of the arm; ``impact`` resolves
+single collisions on any MuJoCo model.
 
 Functions of a run: ``explain(run)`` evaluates all of its checks and says why they fail; ``summary``, ``effort``,
 ``base_rotation`` and ``angular_momentum`` compute with its models; ``plot`` draws figures, ``animate`` a film;
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from ffsm_mj.analysis.run_models import base_rotation as base_rotation
     from ffsm_mj.analysis.run_models import effort as effort
     from ffsm_mj.analysis.run_models import summary as summary
-    from ffsm_mj.assembly.prepare import prepare as prepare
+    from ffsm_mj.assembly.prepare import Scenario as Scenario
     from ffsm_mj.assembly.prepare import run as run
     from ffsm_mj.assembly.resume import resume as resume
     from ffsm_mj.assembly.simulator import Simulator as Simulator
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from ffsm_mj.replay import explain as explain
     from ffsm_mj.report.film import animate as animate
     from ffsm_mj.report.plots.notebook import plot as plot
+    from ffsm_mj.scenario.model_config import Model as Model
+    from ffsm_mj.scenario.model_config import Robot as Robot
     from ffsm_mj.sensitivities.of_run import sensitivity as sensitivity
     from ffsm_mj.studies.script import run_study as run_study
     from ffsm_mj.studies.study import Study as Study
@@ -48,7 +51,7 @@ _LAZY = {
     "compare_campaigns": ("ffsm_mj.campaign.comparison", "compare_campaigns"),
     "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
     "resume": ("ffsm_mj.assembly.resume", "resume"),
-    "prepare": ("ffsm_mj.assembly.prepare", "prepare"),
+    "Scenario": ("ffsm_mj.assembly.prepare", "Scenario"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
     "SimulatorState": ("ffsm_mj.assembly.step", "SimulatorState"),
@@ -65,13 +68,18 @@ _LAZY = {
     "run_study": ("ffsm_mj.studies.script", "run_study"),
     "Study": ("ffsm_mj.studies.study", "Study"),
     "Run": ("ffsm_mj.analysis.run", "Run"),
+    "Robot": ("ffsm_mj.scenario.model_config", "Robot"),
+    "Model": ("ffsm_mj.scenario.model_config", "Model"),
     "impact": ("ffsm_mj.impact", None),
     "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
 }
 
 __all__ = [
     "Campaign",
+    "Model",
+    "Robot",
     "Run",
+    "Scenario",
     "Simulator",
     "SimulatorState",
     "Study",
@@ -86,7 +94,6 @@ __all__ = [
     "impact_map",
     "load_run",
     "plot",
-    "prepare",
     "resume",
     "run",
     "run_study",

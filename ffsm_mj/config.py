@@ -38,7 +38,7 @@ class StrictModel(BaseModel):
         described = handler(schema)
         keys = handler.resolve_ref_schema(described).get("properties", {})
         for name, text in attribute_docstrings(cls).items():
-            key = name.removesuffix("_")  # of a key that is a word of Python
+            key = cls.model_fields[name].alias or name if name in cls.model_fields else name
             if key in keys:
                 keys[key].setdefault("description", text)
         return described

@@ -6,12 +6,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from traceback import extract_tb
+from sysconfig import get_path
+from traceback import FrameSummary, extract_tb
 
 from ffsm_mj.installation import add_extra, build_again
-from ffsm_mj.similar_names import did_you_mean
+from ffsm_mj.similar_names import did_you_mean, most_similar_first
 
 _LONGEST_TEXT = 300
+_MOST_NAMES = 10
+_PACKAGE = Path(__file__).parent
+_LIBRARIES = tuple(map(Path, (get_path("stdlib"), get_path("purelib"), get_path("platlib"))))
 THE_LOG = "the log"
 """How a message begins where what raises it has no name for its log; :func:`working_on` puts the name there."""
 
@@ -86,6 +90,18 @@ class OutputLostError(FfsmError):
         super().__init__(f"{path}: output is lost ({reason})")
 
 
+class UnknownSensorError(FfsmError, KeyError):
+    """A sensor that no model has; the message lists the sensors that there are, the most similar names first."""
+
+    def __init__(self, name: object, sensors: Iterable[str]) -> None:
+        names = most_similar_first(str(name), sensors)
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        known = f"the sensors are {', '.join(names[:_MOST_NAMES])}{more}" if names else "the models have no sensors"
+        super().__init__(f"unknown sensor {str(name)!r}{did_you_mean(str(name), names)}; {known}")
+
+    __str__ = Exception.__str__  # that of KeyError puts the message in quotes
+
+
 class ControllerError(FfsmError):
     """A controller raised or returned something that no actuator can follow."""
 
@@ -153,9 +169,21 @@ def working_on(place: Path | str) -> Iterator[None]:
 
 
 def raised_at(error: BaseException) -> str:
-    """`` (file:line)`` of the deepest line of code that is no installed library's; empty where there is none."""
-    own = [f for f in extract_tb(error.__traceback__) if "site-packages" not in Path(f.filename).parts and f.lineno]
-    return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
+    """`` (file:line)`` of :func:`raised_in`; empty where there is none."""
+    frame = raised_in(error)
+    return f" ({Path(frame.filename).name}:{frame.lineno})" if frame is not None else ""
+
+
+def raised_in(error: BaseException) -> FrameSummary | None:
+    """Frame that a user wants to see of an exception: the innermost one of his code, or else of this package.
+
+    What his code calls, here or in a library, fails by what it was given: a wrong name of a sensor is a mistake of the law
+    that asks for it. None if the exception passed through libraries only.
+    """
+    frames = [f for f in extract_tb(error.__traceback__) if f.lineno and not f.filename.startswith("<frozen ")]
+    here = [f for f in frames if _PACKAGE in Path(f.filename).parents]
+    users = [f for f in frames if f not in here and not any(library in Path(f.filename).parents for library in _LIBRARIES)]
+    return next(iter((users or here)[::-1]), None)
 
 
 def unknown_name(kind: str, name: str, valid: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from pathlib import Path
 
 _SHORT = 4
@@ -15,6 +15,12 @@ def did_you_mean(name: str, valid: Iterable[str]) -> str:
     """`` (did you mean 'NAME'?)`` with the most similar of the valid names; empty if none is similar."""
     close = similar_name(name, sorted(set(valid)))
     return f" (did you mean {close!r}?)" if close else ""
+
+
+def most_similar_first(name: str, names: Iterable[str]) -> list[str]:
+    """Names by their similarity to one that does not exist, without the prefix of a model; equal ones by alphabet."""
+    asked = name.lower().rpartition("/")[2]
+    return sorted(names, key=lambda each: (-SequenceMatcher(None, asked, each.lower().rpartition("/")[2]).ratio(), each))
 
 
 def similar_name(name: str, names: Sequence[str]) -> str:

@@ -20,7 +20,7 @@ def python_blocks(page):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("word", ["resolve", "prepare", "animate"])
+@pytest.mark.parametrize("word", ["resolve", "Scenario.load", "animate"])
 def test_what_the_code_of_the_user_guide_prints(capsys, tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
     code = next(block for block in python_blocks("docs/user-guide.md") if word in block)

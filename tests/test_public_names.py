@@ -31,9 +31,9 @@ def test_completion_in_a_session_knows_them():
 import rlcompleter, ffsm_mj
 completer = rlcompleter.Completer({"ffsm_mj": ffsm_mj})
 print(completer.complete("ffsm_mj.load", 0))
-print(completer.complete("ffsm_mj.pre", 0))
+print(completer.complete("ffsm_mj.Sce", 0))
 """
-    assert python(code) == ["ffsm_mj.load_run(", "ffsm_mj.prepare("]
+    assert python(code) == ["ffsm_mj.load_run(", "ffsm_mj.Scenario("]
 
 
 def test_type_checkers_read_the_same_names():

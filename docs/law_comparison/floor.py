@@ -50,4 +50,4 @@ def reach_end_s(run: Run) -> float:
 
 @cache
 def _model() -> Any:
-    return ffsm_mj.prepare("baseline").system.mj
+    return ffsm_mj.Scenario.load("baseline").system.mj

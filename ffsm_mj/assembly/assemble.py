@@ -33,7 +33,7 @@ from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import Start
@@ -60,7 +60,7 @@ class Assembly:
         held: The systems in which captures hold, by the names of these.
     """
 
-    scenario: Scenario
+    scenario: ScenarioConfig
     plant: Plant
     controller_data: Any
     controller_system: System | None
@@ -107,7 +107,7 @@ class Assembly:
 
 
 def assemble(
-    scenario: Scenario,
+    scenario: ScenarioConfig,
     source: YamlSource,
     system: System,
     laws: Mapping[str, Any],
@@ -182,7 +182,7 @@ def assemble(
 
 
 def _phase_machine(
-    scenario: Scenario,
+    scenario: ScenarioConfig,
     phases: Sequence[Phase],
     context: ControllerContext,
     controller_model: ControllerModel | None,
@@ -205,7 +205,7 @@ def _phase_machine(
     return EstimatePhaseMachine(phases, estimator, scenario.estimator.kind, context.system, controller_model, models)
 
 
-def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
+def _refuse_endless(scenario: ScenarioConfig, contacts: Contacts) -> None:
     """Refuse phases and grasps that wait for an event that cannot occur.
 
     Raises:
@@ -230,7 +230,7 @@ def _refuse_endless(scenario: Scenario, contacts: Contacts) -> None:
 
 
 def _contexts(
-    scenario: Scenario, system: System, plant: Plant, held: Mapping[str, GraspedSystem]
+    scenario: ScenarioConfig, system: System, plant: Plant, held: Mapping[str, GraspedSystem]
 ) -> dict[str, ControllerContext]:
     """What control laws are made for: in the scene (empty name), and while an object is grasped, by the grasp's name."""
     systems = {"": system} | {name: each.controller_system or each.system for name, each in held.items()}

@@ -21,11 +21,11 @@ from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.records.effort_change import EFFORT_CHANGE
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 
 
 def contact_models_of(
-    scenario: Scenario,
+    scenario: ScenarioConfig,
     scene: Scene,
     motion: Motion,
     pairs: tuple[ContactPair, ...],
@@ -57,7 +57,7 @@ def contact_models_of(
     return (impacts, loops, persistent, events, *declared)
 
 
-def _rules(scenario: Scenario) -> ImpactRules:
+def _rules(scenario: ScenarioConfig) -> ImpactRules:
     interval = scenario.impact.rest_interval_s
     return ImpactRules(
         law=scenario.impact.law,
@@ -67,7 +67,7 @@ def _rules(scenario: Scenario) -> ImpactRules:
     )
 
 
-def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
+def _declared(scenario: ScenarioConfig, scene: Scene) -> tuple[ContactModel, ...]:
     """The contact models that a scenario declares, in its order.
 
     Raises:
@@ -88,7 +88,7 @@ def _declared(scenario: Scenario, scene: Scene) -> tuple[ContactModel, ...]:
 
 
 def record_kinds(
-    scenario: Scenario, constraints: Sequence[UnilateralConstraint], *, delayed_control: bool = False
+    scenario: ScenarioConfig, constraints: Sequence[UnilateralConstraint], *, delayed_control: bool = False
 ) -> tuple[str, ...]:
     """Names of the kinds of records of friction, joint limits, delays, grasps and declared contact models."""
     limits = any(isinstance(each, JointLimit) for each in constraints)

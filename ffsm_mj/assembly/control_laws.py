@@ -20,11 +20,11 @@ from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerConte
 from ffsm_mj.errors import Fault, ScenarioFaults, described
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.phase_config import PhaseConfig
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 
 
 def build_phases(
-    scenario: Scenario,
+    scenario: ScenarioConfig,
     context: ControllerContext,
     laws: Mapping[str, Any],
     grasped: Mapping[str, ControllerContext],

@@ -16,7 +16,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.phase_graph import graph_lines, is_branching
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sensor import Sensor
 
 
@@ -64,7 +64,7 @@ def describe(assembly: Assembly) -> list[str]:
     return lines + [f"note: {note}" for note in (*notes(assembly), *mesh_notes(assembly.contacts, system))]
 
 
-def _phases(scenario: Scenario) -> list[str]:
+def _phases(scenario: ScenarioConfig) -> list[str]:
     """The phases in a line, or their graph where they branch."""
     phases = scenario.phases
     if not is_branching(phases):

@@ -13,7 +13,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System, Tree
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class GraspedSystem:
         return GraspedSystem(self.grasp, self.system.copy(), controller_system)
 
 
-def grasps_of(scenario: Scenario, system: System) -> tuple[Grasp, ...]:
+def grasps_of(scenario: ScenarioConfig, system: System) -> tuple[Grasp, ...]:
     """Grasps of a scenario, in its order.
 
     Raises:
@@ -123,7 +123,7 @@ def _on_base(system: System, site: str, tree: Tree) -> bool:
 
 
 def held_systems(
-    scenario: Scenario, system: System, compiled: Callable[[Grasp, bool], System]
+    scenario: ScenarioConfig, system: System, compiled: Callable[[Grasp, bool], System]
 ) -> Mapping[str, GraspedSystem]:
     """Compile the systems with grasped objects, by the name of the grasp; none for grasps between two objects.
 
@@ -150,7 +150,7 @@ def held_systems(
 
 
 def grasp_models_of(
-    scenario: Scenario,
+    scenario: ScenarioConfig,
     scene: Scene,
     free: Motion,
     held: Mapping[str, GraspedSystem],

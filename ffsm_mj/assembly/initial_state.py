@@ -11,12 +11,12 @@ from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.number_faults import LEAST_SHARE, weakest_dof
 from ffsm_mj.model.system import Joint, System
-from ffsm_mj.scenario.scenario import JointValue, Scenario
+from ffsm_mj.scenario.scenario import JointValue, ScenarioConfig
 
 _HUGE = 1e10
 
 
-def initial_state(scenario: Scenario, system: System) -> Any:
+def initial_state(scenario: ScenarioConfig, system: System) -> Any:
     """Data at t = 0 with all derived quantities.
 
     Raises:

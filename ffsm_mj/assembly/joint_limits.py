@@ -10,11 +10,11 @@ import numpy as np
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.tolerances import CONTACT_GAP_M
 
 
-def joint_limits(scenario: Scenario, system: System) -> tuple[JointLimit, ...]:
+def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, ...]:
     """Both ends of the range of every limited joint, in the order of the joints.
 
     Models whose limits are ignored are compiled without them.
@@ -45,7 +45,7 @@ def joint_limits(scenario: Scenario, system: System) -> tuple[JointLimit, ...]:
     )
 
 
-def refuse_outside(scenario: Scenario, system: System, data: Any, limits: tuple[JointLimit, ...]) -> None:
+def refuse_outside(scenario: ScenarioConfig, system: System, data: Any, limits: tuple[JointLimit, ...]) -> None:
     """Refuse joints that start past a limit.
 
     Raises:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
@@ -12,11 +13,12 @@ from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.inline import InlineModel
 from ffsm_mj.model.properties import Overrides, PropertyChange
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import to_strip
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 
@@ -28,7 +30,7 @@ Reader = Callable[[Path, Sequence[Path], Sequence[Path]], ModelFiles]
 
 
 def compile_scenario(
-    scenario: Scenario, source: YamlSource, read: Reader = read_model
+    scenario: ScenarioConfig, source: YamlSource, read: Reader = read_model
 ) -> tuple[System, System | None, Mapping[str, GraspedSystem]]:
     """Compile robot and objects of a scenario.
 
@@ -66,7 +68,7 @@ def changes_of(system: System, controller_model: System | None) -> tuple[Propert
     return (*system.changes, *(change for change in others if change.path not in known))
 
 
-def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
+def _compiled(scenario: ScenarioConfig, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
     """Compile the scene with the changes of these keys, and with a grasped object if a grasp is given.
 
     Raises:
@@ -93,18 +95,19 @@ def _compiled(scenario: Scenario, files: Mapping[str, ModelFiles], *keys: str, g
     )
 
 
-def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
+def _model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
     """Files of all models, the robot's first, with stripped elements and added sites.
 
     Raises:
         InputError: A file is missing or malformed.
     """
-    paths: dict[str, tuple[Path, tuple[Path, ...], tuple[Path, ...]]] = {}
+    readers: dict[str, Callable[[], ModelFiles]] = {}
     faults = []
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
     for keys, part in models.items():
-        path = _beside(source, (*keys, "mjcf"), part.mjcf)
-        if not os.path.isfile(path):  # without an exception for a name that is too long
+        inline = part.model if isinstance(part.model, InlineModel) else None
+        path = _beside(source, (*keys, "mjcf"), f"{keys[-1]}.xml" if inline is not None else str(part.model))
+        if inline is None and not os.path.isfile(path):  # without an exception for a name that is too long
             what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
             faults.append(Fault(f"{what} {path}{similar_file(path)}", (*keys, "mjcf")))
         found: dict[str, tuple[Path, ...]] = {}
@@ -113,14 +116,18 @@ def _model_files(scenario: Scenario, source: YamlSource, read: Reader) -> dict[s
             for i, folder in enumerate(found[key]):
                 if not os.path.isdir(folder):
                     faults.append(Fault(f"no such folder: {folder}", (*keys, key, i)))
-        paths[keys[-1]] = path, found["asset_folders"], found["package_paths"]
+        folders = found["asset_folders"], found["package_paths"]
+        # A reader keeps files, which those in memory are already.
+        readers[keys[-1]] = (
+            partial(read, path, *folders) if inline is None else partial(read_model, path, *folders, inline.files(path.name))
+        )
     if faults:
         raise located(ScenarioFaults(faults), source)
     parts = {keys[-1]: part for keys, part in models.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
     files = {
-        name: replace(read(*given), strip=to_strip(parts[name].strip, parts[name].limits), pose=poses.get(name))
-        for name, given in paths.items()
+        name: replace(read_files(), strip=to_strip(parts[name].strip, parts[name].limits), pose=poses.get(name))
+        for name, read_files in readers.items()
     }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}

@@ -28,7 +28,7 @@ from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.log.run_folder import SCENARIO, find_log, holds_log
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 from ffsm_mj.simulation.loop import Simulation
@@ -154,7 +154,7 @@ def _states_before(folder: Path, until_s: float) -> Iterator[Any]:
                 yield state
 
 
-def origin_of(config: Scenario, source: YamlSource, prepare: Callable[[Path], PreparedRun]) -> Origin | None:
+def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Path], PreparedRun]) -> Origin | None:
     """The instant of another run at which a scenario begins; None if it begins at t = 0.
 
     Args:
@@ -191,7 +191,7 @@ def origin_of(config: Scenario, source: YamlSource, prepare: Callable[[Path], Pr
     return Origin(folder, before, initial.at_s)
 
 
-def with_initial_state(config: Scenario, origin: Origin, source: YamlSource) -> Scenario:
+def with_initial_state(config: ScenarioConfig, origin: Origin, source: YamlSource) -> ScenarioConfig:
     """The scenario with the state at t = 0 of the run that it goes on from.
 
     Raises:

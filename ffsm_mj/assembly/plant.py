@@ -19,7 +19,7 @@ from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import RunEnded
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
@@ -29,7 +29,7 @@ from ffsm_mj.simulation.state_signals import StateSignals
 
 
 def build_plant(
-    scenario: Scenario,
+    scenario: ScenarioConfig,
     system: System,
     data: Any,
     pairs: tuple[ContactPair, ...],
@@ -76,7 +76,7 @@ def start_contacts(plant: Plant) -> None:
         raise ScenarioFaults([Fault(f"no run begins in this state: {ended.message}", ("initial",))]) from None
 
 
-def _delayed_control(scenario: Scenario, scene: Scene, actuation: Actuation) -> DelayedControl | None:
+def _delayed_control(scenario: ScenarioConfig, scene: Scene, actuation: Actuation) -> DelayedControl | None:
     """Timing of control; None if every command acts at once."""
     system, given = scene.system, {name: config.delay_s for name, config in scenario.actuators.items()}
     own = {system.resolve("actuator", name): delay for name, delay in given.items()}
@@ -86,7 +86,7 @@ def _delayed_control(scenario: Scenario, scene: Scene, actuation: Actuation) -> 
 
 
 def _sampler(
-    scenario: Scenario, scene: Scene, integrator: EventDrivenIntegrator, pairs: tuple[ContactPair, ...]
+    scenario: ScenarioConfig, scene: Scene, integrator: EventDrivenIntegrator, pairs: tuple[ContactPair, ...]
 ) -> SensorSampler | None:
     """Sensors of the models; None: there are none.
 

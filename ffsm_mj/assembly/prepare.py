@@ -1,15 +1,17 @@
-"""Preparation of a scenario: read, validated and compiled once, it can be run any number of times."""
+"""A scenario: built or read, validated, compiled once, and run any number of times."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
+
+from pydantic import Field, PrivateAttr
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly, assemble
@@ -23,34 +25,258 @@ from ffsm_mj.assembly.resolved import resolved_yaml
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.assembly.target_file import with_waypoints
 from ffsm_mj.errors import InputError, raised_by_plugin
-from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.log.run_folder import RunFolder, write_scenario
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.scenario.loading import load_scenario, validated
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.loading import plain, refuse_own_classes, stated_source, validated
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.shipped import scenario_path
-from ffsm_mj.scenario.source import YamlSource
+from ffsm_mj.scenario.source import YamlSource, read_yaml
+
+_NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+Overrides: TypeAlias = Sequence[str] | Mapping[str, Any]
+"""Changes of a scenario: ``key=value`` strings as on the command line, or a mapping of dotted keys to values."""
+Classes: TypeAlias = Mapping[str, Any]
+"""Control laws or estimators of a script: classes by the ``kind`` under which a scenario asks for them."""
+
+
+class Scenario(ScenarioConfig):
+    """What is simulated: a robot, objects, control laws by phase, contacts, sensors, and the numbers of the integration.
+
+    Built from its keys, ``Scenario(name="...", duration_s=2.0, robot=Robot(...), phases=[...])``, or read by :meth:`load`.
+    The keys are those of a scenario file; each takes its class, or a mapping as in a file. Units are in the names of the
+    keys. Positions are in m and in the world frame unless a key says otherwise; quaternions are w, x, y, z. Paths are
+    relative to the file that names them, in Python to the current folder.
+
+    Immutable, comparable and picklable. Models are read and compiled once, when a method or attribute first needs them, and
+    every run has its own copy of them and its own components, so that runs are identical bit for bit, in sequence, in
+    threads or in other processes.
+
+    Raises:
+        InputError: One line per fault: the dotted key, what is wrong, and what is allowed.
+    """
+
+    controllers: Annotated[Classes, Field(exclude=True)] = {}
+    """Control laws of the caller's own (:class:`ffsm_mj.controller_protocol.Controller`; a ``Config`` may be left out)."""
+    estimators: Annotated[Classes, Field(exclude=True)] = {}
+    """Estimators of the caller's own (:class:`ffsm_mj.controller_protocol.Estimator`)."""
+    _base: YamlSource = PrivateAttr()
+    _overrides: tuple[str, ...] = PrivateAttr()
+    _config: ScenarioConfig = PrivateAttr()
+    _source: YamlSource = PrivateAttr()
+
+    if not TYPE_CHECKING:  # a type checker derives the arguments from the keys
+
+        def __init__(self, *, controllers: Classes = _NONE, estimators: Classes = _NONE, **keys: Any) -> None:
+            self._validate(stated_source(keys), (), controllers, estimators)
+
+    @classmethod
+    def load(
+        cls, scenario: str | Path, overrides: Overrides = (), *, controllers: Classes = _NONE, estimators: Classes = _NONE
+    ) -> Scenario:
+        """Read and validate a scenario file; its models are not read yet.
+
+        Args:
+            scenario: A path, a run folder, or the name of a shipped scenario.
+            overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
+            controllers: Control laws of the caller's own, classes by kind.
+            estimators: Estimators of the caller's own, likewise.
+
+        Raises:
+            InputError: One line per fault, with file, line and column.
+        """
+        made = cls.__new__(cls)
+        made._validate(read_yaml(scenario_path(scenario)), as_overrides(overrides), controllers, estimators)
+        return made
+
+    def _validate(self, base: YamlSource, overrides: Sequence[str], controllers: Classes, estimators: Classes) -> None:
+        """Become the scenario of a source with overrides.
+
+        Raises:
+            InputError: One line per fault.
+        """
+        refuse_own_classes(controllers, estimators)
+
+        def validate(some: Sequence[str]) -> tuple[ScenarioConfig, YamlSource]:
+            source = base.overridden(some)
+            return validated(source, controllers, estimators), source
+
+        with overrides_named(overrides, validate):
+            config, source = validate(overrides)
+        private = {"_base": base, "_overrides": tuple(overrides), "_config": config, "_source": source}
+        own = {"controllers": dict(controllers), "estimators": dict(estimators)}
+        state = config.__getstate__()
+        self.__setstate__(state | {"__dict__": state["__dict__"] | own, "__pydantic_private__": private})
+
+    def with_overrides(self, overrides: Overrides, *, controllers: Classes = _NONE, estimators: Classes = _NONE) -> Scenario:
+        """The scenario with other values; see :meth:`load` for the arguments, which are added to its own.
+
+        Raises:
+            InputError: One line per fault, with the override that causes it.
+        """
+        if not overrides and not controllers and not estimators:
+            return self
+        changed = self.__class__.__new__(self.__class__)
+        given = [*self._overrides, *as_overrides(overrides)]
+        own, others = {**self.controllers, **controllers}, {**self.estimators, **estimators}
+        changed._validate(self._base, given, own, others)
+        return changed
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:  # noqa: ARG002
+        """:meth:`with_overrides` under pydantic's name: a copy is validated."""
+        return cast("Self", self.with_overrides(update or {}))
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all keys are equal, and the paths in them belong to the same folder."""
+        if not isinstance(other, Scenario):
+            return False
+        return self._folders == other._folders and all(
+            getattr(self, key) == getattr(other, key) for key in type(self).model_fields
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # its mappings have none
+
+    @property
+    def _folders(self) -> list[Path]:
+        """Folders to which the paths of models are relative."""
+        keys: list[tuple[str, ...]] = [("robot", "mjcf"), *(("objects", name, "mjcf") for name in self.objects)]
+        return [self._source.folder(path).resolve() for path in keys]
+
+    @cached_property
+    def prepared(self) -> PreparedRun:
+        """The scenario with its models compiled, and the components of one run as proof that there are no faults.
+
+        Raises:
+            InputError: One line per fault of the models, the control laws or other components.
+        """
+
+        def assembled(config: ScenarioConfig, source: YamlSource) -> PreparedRun:
+            made = recipe(config, source, self.controllers, estimators=self.estimators)
+            made.unused.append(made.assemble())  # reports faults of the components
+            return made
+
+        def prepare_with(some: Sequence[str]) -> PreparedRun:
+            source = self._base.overridden(some)
+            return assembled(validated(source, self.controllers, self.estimators), source)
+
+        with overrides_named(self._overrides, prepare_with):
+            return assembled(self._config, self._source)
+
+    def check(self) -> list[str]:
+        """Compile the models and assemble a run, which stays for the next one.
+
+        Returns:
+            What a user should know before it runs, one line each.
+
+        Raises:
+            InputError: One line per fault of the models, the control laws or other components.
+        """
+        return self.prepared.notes()
+
+    def describe(self) -> list[str]:
+        """Lines of text that describe the scenario, with what :meth:`check` returns.
+
+        Raises:
+            InputError: See :meth:`check`.
+        """
+        return self.prepared.describe()
+
+    @property
+    def system(self) -> System:
+        """Robot and objects, compiled: the MuJoCo model ``system.mj`` with names and index maps.
+
+        Raises:
+            InputError: See :meth:`check`.
+        """
+        return self.prepared.system
+
+    @property
+    def changes(self) -> tuple[PropertyChange, ...]:
+        """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in.
+
+        Raises:
+            InputError: See :meth:`check`.
+        """
+        return self.prepared.changes
+
+    def run(
+        self,
+        out: str | Path | None = None,
+        *,
+        force: bool = False,
+        rerun: bool | None = None,
+        live: str | None = None,
+        report: Callable[[float, float], None] | None = None,
+        check: bool = True,
+    ) -> Run:
+        """Simulate; see :func:`ffsm_mj.run` for the arguments and for what is raised."""
+        folder = RunFolder(Path(out), force=force) if out is not None else None
+        if folder is not None:
+            folder.refuse_earlier_run()
+        with law_errors(check):
+            prepared = self.prepared
+        return uninterrupted(prepared.run(folder=folder, rerun=rerun, live=live, report=report, check=check))
+
+    def to_yaml(self, folder: str | Path) -> Path:
+        """Write ``scenario.yaml`` with every default, its models and recorded files, all by paths relative to it.
+
+        ``ffsm run FOLDER`` gives the rows that :meth:`run` gives, bit for bit; classes of a script must be passed again.
+
+        Args:
+            folder: Created if it does not exist.
+
+        Returns:
+            The file.
+
+        Raises:
+            InputError: The folder holds one of the files already, or cannot be written; or see :meth:`check`.
+        """
+        prepared = self.prepared
+        return write_scenario(Path(folder), prepared.scenario_yaml, prepared.logged_files)
+
+
+def scenario_of(
+    scenario: Scenario | Mapping[str, Any] | str | Path,
+    overrides: Overrides = (),
+    *,
+    controllers: Classes = _NONE,
+    estimators: Classes = _NONE,
+) -> Scenario:
+    """A scenario as it was given: an object, its keys, a path, or the name of a shipped one; with overrides and classes.
+
+    Raises:
+        InputError: One line per fault.
+    """
+    own: dict[str, Any] = {"controllers": controllers, "estimators": estimators}
+    if isinstance(scenario, Mapping):
+        own = {key: {**scenario.get(key, {}), **classes} for key, classes in own.items()}
+        return Scenario(**{**scenario, **own}).with_overrides(overrides)
+    if isinstance(scenario, Scenario):
+        return scenario.with_overrides(overrides, **own)
+    return Scenario.load(scenario, overrides, **own)
 
 
 def run(
-    scenario: str | Path,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
+    scenario: Scenario | Mapping[str, Any] | str | Path,
+    overrides: Overrides = (),
     *,
-    controllers: Mapping[str, Any] = MappingProxyType({}),
-    estimators: Mapping[str, Any] = MappingProxyType({}),
+    controllers: Classes = _NONE,
+    estimators: Classes = _NONE,
     out: str | Path | None = None,
     force: bool = False,
     rerun: bool | None = None,
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
-    raise_errors: bool = False,
+    check: bool = True,
 ) -> Run:
     """Simulate a scenario.
 
     Args:
-        scenario: A path, or the name of a shipped scenario.
+        scenario: A :class:`Scenario`, a mapping of its keys, a path, or the name of a shipped scenario.
         overrides: ``key=value`` strings as on the command line, or a mapping of dotted keys to values.
         controllers: Control laws of the caller's own, classes by the ``kind`` under which the scenario asks for them
             (:class:`ffsm_mj.controller_protocol.Controller`; a ``Config`` may be left out): no package is needed.
@@ -60,22 +286,22 @@ def run(
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
         live: ``host:port`` of a Rerun viewer to stream to; one that is missing or goes away never ends the run.
         report: Told (simulation time, duration) in s as the run goes.
-        raise_errors: Raise an exception of a control law or of a contact model again, with its traceback, when the log is
-            closed; without it such a run ends with the outcome ``controller_failed`` or ``internal_error``.
+        check: Raise what a control law, an estimator, a contact model or another callback raised, when the log is closed:
+            the same exception with its traceback, a note on the end of the run, and the attribute ``run_folder``, a
+            ``Path`` or None. If false, the run is returned, with the outcome ``controller_failed`` or ``internal_error``.
 
     Returns:
         The run, the same object that :func:`ffsm_mj.load_run` reads from the log.
 
     Raises:
         InputError: The scenario or a model is wrong, or the folder holds a run.
-        Exception: With ``raise_errors``, whatever a control law or a contact model raised.
+        Exception: With ``check``, whatever a control law, an estimator or a contact model raised.
         KeyboardInterrupt: Ctrl-C or SIGTERM, when the log is closed: a loop over runs ends.
     """
-    folder = RunFolder(Path(out), force=force) if out is not None else None
-    if folder is not None:
-        folder.refuse_earlier_run()
-    made = prepare(scenario, overrides, controllers=controllers, estimators=estimators, raise_errors=raise_errors)
-    return uninterrupted(made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors))
+    if out is not None:
+        RunFolder(Path(out), force=force).refuse_earlier_run()  # before the models are compiled
+    chosen = scenario_of(scenario, overrides, controllers=controllers, estimators=estimators)
+    return chosen.run(out, force=force, rerun=rerun, live=live, report=report, check=check)
 
 
 def uninterrupted(finished: Run) -> Run:
@@ -89,55 +315,64 @@ def uninterrupted(finished: Run) -> Run:
     return finished
 
 
-def prepare(
-    scenario: str | Path,
-    overrides: Sequence[str] | Mapping[str, Any] = (),
-    *,
-    controllers: Mapping[str, Any] = MappingProxyType({}),
-    estimators: Mapping[str, Any] = MappingProxyType({}),
-    raise_errors: bool = False,
-) -> PreparedRun:
-    """Read, validate and compile a scenario without running it.
-
-    Args:
-        scenario: A path, or the name of a shipped scenario.
-        overrides: See :func:`run`.
-        controllers: See :func:`run`.
-        estimators: See :func:`run`.
-        raise_errors: Raise an exception in the constructor of a control law again, with its traceback.
-
-    Raises:
-        InputError: The scenario or a model is wrong.
-    """
-    given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
-
-    def prepared(some: Sequence[str]) -> PreparedRun:
-        config, source = load_scenario(scenario_path(scenario), some, controllers, estimators)
-        made = recipe(config, source, controllers, estimators=estimators)
-        made.unused.append(made.assemble())  # reports faults of the components
-        return made
-
+@contextmanager
+def law_errors(check: bool) -> Iterator[None]:
+    """Context that raises, with ``check``, what the constructor of a plug-in raised, in place of the fault that it is."""
     try:
-        with overrides_named(given, prepared):
-            return prepared(given)
+        yield
     except InputError as error:
-        if raise_errors and (raised := raised_by_plugin(error)) is not None:
+        if check and (raised := raised_by_plugin(error)) is not None:
             raise raised from None
         raise
 
 
-def as_overrides(values: Mapping[str, Any]) -> list[str]:
-    """Values by dotted key as command-line overrides."""
-    return [f"{key}={json.dumps(value)}" for key, value in values.items()]
+def prepare(
+    scenario: Scenario | Mapping[str, Any] | str | Path,
+    overrides: Overrides = (),
+    *,
+    controllers: Classes = _NONE,
+    estimators: Classes = _NONE,
+    check: bool = False,
+) -> PreparedRun:
+    """Read, validate and compile a scenario without running it.
+
+    Args:
+        scenario: See :func:`run`, likewise the others.
+        overrides: Changes of the scenario.
+        controllers: Control laws of the caller's own.
+        estimators: Estimators of the caller's own.
+        check: Raise an exception in the constructor of a control law itself, not the fault that it is.
+
+    Raises:
+        InputError: The scenario or a model is wrong.
+    """
+    with law_errors(check):
+        return scenario_of(scenario, overrides, controllers=controllers, estimators=estimators).prepared
+
+
+def as_overrides(given: Overrides) -> list[str]:
+    """Overrides as on the command line, from these or from values by dotted key.
+
+    Raises:
+        InputError: A value cannot stand in a file, such as a model in memory.
+    """
+    return [f"{key}={_json(key, value)}" for key, value in given.items()] if isinstance(given, Mapping) else list(given)
+
+
+def _json(key: str, value: Any) -> str:
+    try:
+        return json.dumps(plain(value, (key,)))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{key}: {error}; an override has a value that a file can have") from error
 
 
 def recipe(
-    config: Scenario,
+    config: ScenarioConfig,
     source: YamlSource,
-    controllers: Mapping[str, Any] = MappingProxyType({}),
+    controllers: Classes = _NONE,
     read: Reader = read_model,
     *,
-    estimators: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Classes = _NONE,
 ) -> PreparedRun:
     """Compile a scenario that was read; faults of its components are reported at assembly.
 
@@ -186,7 +421,7 @@ class PreparedRun:
         unused: Components that were made to find their faults, and that the next run takes.
     """
 
-    scenario: Scenario
+    scenario: ScenarioConfig
     source: YamlSource
     system: System
     laws: Mapping[str, Any]
@@ -257,11 +492,11 @@ class PreparedRun:
         rerun: bool | None = None,
         live: str | None = None,
         report: Callable[[float, float], None] | None = None,
-        raise_errors: bool = False,
+        check: bool = False,
     ) -> Run:
         """Simulate; see :func:`run`."""
         with_rerun, assembly = self.scenario.log.rerun if rerun is None else rerun, self.assemble()
-        return simulate(assembly, folder, with_rerun=with_rerun, live=live, report=report, raise_errors=raise_errors)
+        return simulate(assembly, folder, with_rerun=with_rerun, live=live, report=report, check=check)
 
     def notes(self) -> list[str]:
         """What a user should know about the scenario before it runs, one line each."""

@@ -14,7 +14,7 @@ from ffsm_mj.log.earlier_run import RECORDED
 from ffsm_mj.log.mcap.format import is_plain
 from ffsm_mj.log.recorded_files import RecordedFile, read_recorded
 from ffsm_mj.records.recorded_table import RecordedTable
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 
@@ -46,7 +46,7 @@ class RecordedFiles:
         return found
 
 
-def recorded_files(scenario: Scenario, source: YamlSource) -> RecordedFiles:
+def recorded_files(scenario: ScenarioConfig, source: YamlSource) -> RecordedFiles:
     """Read the files.
 
     Raises:
@@ -72,7 +72,7 @@ def recorded_files(scenario: Scenario, source: YamlSource) -> RecordedFiles:
     return RecordedFiles(tables, names, contents)
 
 
-def _named(scenario: Scenario) -> Iterator[tuple[KeyPath, str]]:
+def _named(scenario: ScenarioConfig) -> Iterator[tuple[KeyPath, str]]:
     """Keys of the scenario that name a file, and its path."""
     for i, phase in enumerate(scenario.phases):
         for law, config in phase.laws.items():

@@ -45,7 +45,7 @@ from ffsm_mj.records.metadata import (
     terminal_metadata,
 )
 from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.rows import RowWriter
@@ -166,7 +166,7 @@ def _header(assembly: Assembly, start_s: float, *, is_whole: bool) -> RunHeader:
     )
 
 
-def _models(config: Scenario, system: System, recorded: RecordedFiles) -> tuple[System, dict[str, Any]]:
+def _models(config: ScenarioConfig, system: System, recorded: RecordedFiles) -> tuple[System, dict[str, Any]]:
     """The models of a run, and its scenario as its log has it."""
     return system, resolved_data(config, system, recorded)
 
@@ -180,7 +180,7 @@ def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
     return replace(outcome, outcome=Outcome.INTERNAL_ERROR.value, message=message)
 
 
-def _settings(config: Scenario) -> Settings:
+def _settings(config: ScenarioConfig) -> Settings:
     keeps = config.log.states == "events"
     return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.told_above_N_s, keeps)
 

@@ -8,16 +8,16 @@ from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.log.earlier_run import BEFORE
 from ffsm_mj.model.files import logged_name
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.yaml.parser import write_yaml
 
 
-def resolved_yaml(scenario: Scenario, system: System, recorded: RecordedFiles) -> str:
+def resolved_yaml(scenario: ScenarioConfig, system: System, recorded: RecordedFiles) -> str:
     """YAML of a scenario that runs again from a run folder."""
     return write_yaml(resolved_data(scenario, system, recorded))
 
 
-def resolved_data(scenario: Scenario, system: System, recorded: RecordedFiles) -> dict[str, Any]:
+def resolved_data(scenario: ScenarioConfig, system: System, recorded: RecordedFiles) -> dict[str, Any]:
     """The same as plain data."""
     data = scenario.model_dump(mode="json", by_alias=True)
     if scenario.initial.from_ is not None:

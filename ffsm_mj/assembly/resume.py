@@ -21,12 +21,12 @@ def prepare_from(
     *,
     controllers: Mapping[str, Any] = MappingProxyType({}),
     estimators: Mapping[str, Any] = MappingProxyType({}),
-    raise_errors: bool = False,
+    check: bool = False,
 ) -> PreparedRun:
     """Prepare a run that goes on from an instant of a logged one; see :func:`resume`.
 
     It is the scenario of the logged run, with changes, and with its own folder and the instant as ``initial.from`` and
-    ``initial.at_s``. ``raise_errors`` is that of :func:`ffsm_mj.prepare`.
+    ``initial.at_s``. ``check`` is that of :func:`ffsm_mj.assembly.prepare.prepare`.
 
     Raises:
         InputError: The folder has no scenario, the instant is not one of the run, or a setting cannot change there.
@@ -34,10 +34,10 @@ def prepare_from(
     file = Path(run) / SCENARIO
     if not file.is_file():
         raise InputError(f"{run}: is no run folder that can go on: it has no {SCENARIO}")
-    given = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)
+    given = as_overrides(overrides)
     begin = ["initial.from=.", f"initial.at_s={from_s!r}"]
     try:
-        return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators, raise_errors=raise_errors)
+        return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators, check=check)
     except InputError as error:
         name = "--from" if on_command_line() else "from_s"
         lines = [line.replace(f"{override(begin[1])}: initial.at_s", f"{name} {from_s:g}") for line in error.lines]
@@ -56,7 +56,7 @@ def resume(
     rerun: bool | None = None,
     live: str | None = None,
     report: Callable[[float, float], None] | None = None,
-    raise_errors: bool = False,
+    check: bool = True,
 ) -> Run:
     """Simulate on from an instant of a logged run, bit for bit, or with some of its settings changed there.
 
@@ -73,7 +73,7 @@ def resume(
         rerun: Write ``run.rrd`` into the folder.
         live: ``host:port`` of a Rerun viewer.
         report: Told (simulation time, duration) in s as the run goes.
-        raise_errors: Raise an exception of a control law or of a contact model again.
+        check: Raise what ended the run by an exception, as :func:`ffsm_mj.run` does.
 
     Returns:
         The run from the instant on; its times are those of the logged run.
@@ -84,5 +84,5 @@ def resume(
     folder = RunFolder(Path(out), force=force) if out is not None else None
     if folder is not None:
         folder.refuse_earlier_run()
-    made = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, raise_errors=raise_errors)
-    return made.run(folder=folder, rerun=rerun, live=live, report=report, raise_errors=raise_errors)
+    made = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, check=check)
+    return made.run(folder=folder, rerun=rerun, live=live, report=report, check=check)

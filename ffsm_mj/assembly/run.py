@@ -15,6 +15,7 @@ from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome
+from ffsm_mj.simulation.ending import Ended
 
 
 # A run ends if its state is not finite; numpy's warnings would only repeat that.
@@ -30,7 +31,7 @@ def simulate(
     report: Callable[[float, float], None] | None = None,
     columns: Collection[str] | None = None,
     watchers: Sequence[Sink] = (),
-    raise_errors: bool = False,
+    check: bool = False,
 ) -> Run:
     """Run an assembly once; its components are left at the end of the run.
 
@@ -43,11 +44,11 @@ def simulate(
         columns: What a run in memory keeps of its rows, beside the time; None: all. One that keeps a part of them is no log
             that can be made again, and carries no scenario.
         watchers: Further receivers of rows and events during the run.
-        raise_errors: Raise an exception of a control law or an unexpected one again when the log is closed.
+        check: Raise what ended the run by an exception, of a control law or an unexpected one, when the log is closed.
 
     Raises:
         InputError: The folder cannot be used, or there is no room for the run.
-        Exception: With ``raise_errors``, the exception that ended the run.
+        Exception: With ``check``, the exception that ended the run; see :func:`with_run`.
     """
     start = assembly.start() if assembly.start is not None else None
     start_s = start.time_s if start is not None else 0.0
@@ -63,6 +64,20 @@ def simulate(
             if report is not None and simulation.ended and simulation.ended.outcome == Outcome.COMPLETED:
                 report(duration_s, duration_s)  # what is left is to close the log
         finished = recording.run()  # writes the summary
-    if raise_errors and simulation.error is not None:
-        raise simulation.error
+    if check and simulation.error is not None:
+        raise with_run(simulation.error, simulation.ended, folder)
     return finished
+
+
+def with_run(error: Exception, ended: Ended | None, folder: RunFolder | None) -> Exception:
+    """An exception that ended a run, with the end of the run as a note, and its folder as the attribute ``run_folder``.
+
+    The traceback shows the note below the exception. The folder is a ``Path``; None of a run in memory.
+    """
+    # The exception is of any class, so that the attribute is declared nowhere.
+    vars(error)["run_folder"] = folder.path if folder is not None else None
+    if ended is not None:
+        error.add_note(f"the run has ended: {ended.outcome.value}: {ended.message}")
+    if folder is not None:
+        error.add_note(f"log of the run: {folder.log}")
+    return error

@@ -11,7 +11,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
-from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, law_errors, scenario_of
 from ffsm_mj.assembly.step import SimulatorError, SimulatorState, Step
 from ffsm_mj.assembly.stepped_run import SteppedRun, seeded
 from ffsm_mj.controller_protocol import Observation
@@ -33,7 +33,7 @@ class Simulator:
 
     def __init__(
         self,
-        scenario: str | Path,
+        scenario: Scenario | Mapping[str, Any] | str | Path,
         overrides: Sequence[str] | Mapping[str, Any] = (),
         *,
         record: str | Path | bool | None = None,
@@ -43,12 +43,12 @@ class Simulator:
         rerun: bool | None = None,
         live: str | None = None,
         force: bool = False,
-        raise_errors: bool = False,
+        check: bool = True,
     ) -> None:
         """Read, validate and compile a scenario; :meth:`reset` must follow.
 
         Args:
-            scenario: A path, or the name of a shipped scenario.
+            scenario: A :class:`ffsm_mj.Scenario`, a mapping of its keys, a path, or the name of a shipped scenario.
             overrides: See :func:`ffsm_mj.run`, likewise ``controllers``, ``estimators``, ``rerun``, ``live``, ``force``.
             record: Run folder to write; each further run goes to a folder with a number appended. None keeps the rows of the
                 run in memory; False keeps only its events.
@@ -58,14 +58,15 @@ class Simulator:
             rerun: Write ``run.rrd`` into the folder.
             live: ``host:port`` of a Rerun viewer to stream to.
             force: Replace a run that ``record`` already holds.
-            raise_errors: Raise an exception of a control law, an estimator or a contact model, with its traceback.
+            check: Let a step raise what a control law, an estimator or a contact model raised, as :func:`ffsm_mj.run` does.
+                If false, the step ends the run, and the run says how.
 
         Raises:
             InputError: The scenario or a model is wrong, or the folder holds a run.
         """
-        self._scenario, self._controllers, self._estimators = scenario, controllers, estimators
-        self._overrides, self._seed, self._record = _as_list(overrides), seed, record
-        self._rerun, self._live, self._force, self._raises = rerun, live, force, raise_errors
+        self._scenario = scenario_of(scenario, overrides, controllers=controllers, estimators=estimators)
+        self._seed, self._record = seed, record
+        self._rerun, self._live, self._force, self._check = rerun, live, force, check
         self._runs = 0
         self._prepared: dict[tuple[str, ...], PreparedRun] = {}
         self._run: SteppedRun | None = None
@@ -86,7 +87,9 @@ class Simulator:
         Raises:
             InputError: The scenario does not allow an override, or the folder cannot be used.
         """
-        return self._begin(tuple(_as_list(overrides or ())), self._seed if seed is None else seed).simulation.observation()
+        return self._begin(
+            tuple(as_overrides(overrides or ())), self._seed if seed is None else seed
+        ).simulation.observation()
 
     def _begin(self, overrides: tuple[str, ...], seed: int | None, start_s: float | None = None) -> SteppedRun:
         """Begin a run in place of one under way, which goes on if the overrides or the seed are wrong."""
@@ -105,7 +108,7 @@ class Simulator:
                 live=self._live,
                 columns=() if self._record is False else None,
                 start_s=start_s,
-                raise_errors=self._raises,
+                check=self._check,
             )
         self._runs += 1
         return self._run
@@ -225,15 +228,11 @@ class Simulator:
     def _recipe(self, overrides: tuple[str, ...]) -> PreparedRun:
         """The scenario with further overrides; the latest is kept."""
         if overrides not in self._prepared:
-            given = [*self._overrides, *overrides]
-            made = prepare(self._scenario, given, controllers=self._controllers, estimators=self._estimators)
+            with law_errors(self._check):
+                made = self._scenario.with_overrides(overrides).prepared
             self._prepared = {key: value for key, value in self._prepared.items() if not key} | {overrides: made}
         return self._prepared[overrides]
 
     def _folder(self) -> RunFolder:
         path = Path(str(self._record))
         return RunFolder(path.with_name(f"{path.name}-{self._runs + 1}") if self._runs else path, force=self._force)
-
-
-def _as_list(overrides: Sequence[str] | Mapping[str, Any]) -> list[str]:
-    return as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides)

@@ -8,11 +8,11 @@ from typing import Any
 from ffsm_mj.dynamics.joint_springs import FastestMode, JointSprings
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.tolerances import DAMPER_STEP, MODE_STEP
 
 
-def spring_lines(scenario: Scenario, system: System, data: Any) -> list[str]:
+def spring_lines(scenario: ScenarioConfig, system: System, data: Any) -> list[str]:
     """Lines of ``ffsm check`` on springs and dampers; none if there are none.
 
     Args:
@@ -37,7 +37,7 @@ def spring_lines(scenario: Scenario, system: System, data: Any) -> list[str]:
     return lines
 
 
-def refuse_coarse_steps(scenario: Scenario, system: System, data: Any) -> None:
+def refuse_coarse_steps(scenario: ScenarioConfig, system: System, data: Any) -> None:
     """Refuse a time step that does not resolve the springs and dampers, unless ``accuracy`` divides steps.
 
     Args:

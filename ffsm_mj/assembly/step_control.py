@@ -8,7 +8,7 @@ from ffsm_mj.actuation.step_error import StepError
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.simulation.step_control import StepControl
 from ffsm_mj.verification.residuals import STRETCH_STEPS
 
@@ -19,7 +19,7 @@ Errors of many steps add up to less than their sum, so a run is well within what
 """
 
 
-def step_control(scenario: Scenario, system: System, data: Any, balance: Balance) -> StepControl | None:
+def step_control(scenario: ScenarioConfig, system: System, data: Any, balance: Balance) -> StepControl | None:
     """What cuts the steps of a run, or of its replay; None where the scenario asks for no accuracy.
 
     Args:

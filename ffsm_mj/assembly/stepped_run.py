@@ -19,6 +19,7 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.given_command import given_command
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.assembly.recording import Recording
+from ffsm_mj.assembly.run import with_run
 from ffsm_mj.assembly.step import SimulatorError, SimulatorState, Step
 from ffsm_mj.assembly.step_interrupts import StepInterrupts
 from ffsm_mj.controller_protocol import Observation
@@ -58,7 +59,7 @@ class SteppedRun:
         live: str | None,
         columns: Collection[str] | None,
         start_s: float | None,
-        raise_errors: bool,
+        check: bool,
     ) -> None:
         """Begin the run.
 
@@ -71,15 +72,16 @@ class SteppedRun:
             live: ``host:port`` of a Rerun viewer.
             columns: See :class:`~ffsm_mj.assembly.recording.Recording`.
             start_s: Time of the state that is restored next, s; None: the run begins as the scenario says.
-            raise_errors: Raise an exception of a control law, an estimator or a contact model.
+            check: Raise what ended the run by an exception, of a control law, an estimator or a contact model.
 
         Raises:
             InputError: The folder of the run cannot be used.
         """
-        self._prepared, self.origin, self._raises = prepared, (overrides, seed), raise_errors
+        self._prepared, self.origin, self._check = prepared, (overrides, seed), check
         self._tap, self.assembly = EventTap(), seeded(prepared, seed).assemble()
         start = self.assembly.start() if self.assembly.start is not None else None
         begins_s = start.time_s if start is not None else 0.0
+        self._folder = folder
         self._recording = Recording(
             self.assembly,
             folder,
@@ -131,8 +133,8 @@ class SteppedRun:
     def _raise_failure(self) -> None:
         """Raise what ended the run: an interrupt, or an exception that the caller wants."""
         simulation = self.simulation
-        if self._raises and simulation.error is not None:
-            raise simulation.error
+        if self._check and simulation.error is not None:
+            raise with_run(simulation.error, simulation.ended, self._folder)
         if self._interrupts.is_noted or (simulation.ended is not None and simulation.ended.outcome == Outcome.INTERRUPTED):
             simulation.interrupt()  # by a signal that came after the last time that the step looked for one
             raise KeyboardInterrupt

@@ -10,7 +10,7 @@ import numpy as np
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.log.recorded_files import read_recorded
 from ffsm_mj.records.recorded_table import RecordedTable, TableError
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.scenario.task_config import TargetWaypoint, TaskConfig, TrajectoryConfig
 from ffsm_mj.similar_names import similar_file
@@ -19,7 +19,7 @@ _MOST = 2000
 _PATH = ("task", "trajectory", "file")
 
 
-def with_waypoints(scenario: Scenario, source: YamlSource) -> Scenario:
+def with_waypoints(scenario: ScenarioConfig, source: YamlSource) -> ScenarioConfig:
     """The scenario with the waypoints of the file that its task names; the same one if it names none.
 
     Raises:

@@ -9,13 +9,13 @@ from ffsm_mj.dynamics.moving_frame import MovingFrame
 from ffsm_mj.dynamics.target_motion import PathMotion, SiteTarget, TargetMotion
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.task_config import TaskConfig
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def task_of(scenario: Scenario, system: System) -> Task | None:
+def task_of(scenario: ScenarioConfig, system: System) -> Task | None:
     """Task of a scenario; None if it has none.
 
     Raises:
@@ -32,7 +32,7 @@ def task_of(scenario: Scenario, system: System) -> Task | None:
     return Task(site, axes, np.array(config.target_m, dtype=np.float64), _motion(config, axes, scenario, system))
 
 
-def _motion(config: TaskConfig, axes: tuple[int, ...], scenario: Scenario, system: System) -> TargetMotion | None:
+def _motion(config: TaskConfig, axes: tuple[int, ...], scenario: ScenarioConfig, system: System) -> TargetMotion | None:
     """How the target moves.
 
     Raises:
@@ -49,7 +49,7 @@ def _motion(config: TaskConfig, axes: tuple[int, ...], scenario: Scenario, syste
     return PathMotion(times, np.array([config.target_m, *(waypoint.position_m for waypoint in waypoints)]))
 
 
-def _site(name: str, scenario: Scenario, system: System) -> int:
+def _site(name: str, scenario: ScenarioConfig, system: System) -> int:
     """Id of the site that a target is fixed to.
 
     Raises:

@@ -17,7 +17,7 @@ from ffsm_mj.campaign.execution.rerun import Rerun, rerun
 from ffsm_mj.campaign.execution.stopping import FIRST, StoppingRule
 from ffsm_mj.campaign.execution.worker import Job
 from ffsm_mj.campaign.plan.loading import Plan, load_campaign
-from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
+from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses, own_classes
 from ffsm_mj.campaign.storage.folder import CAMPAIGN, CampaignFolder
 from ffsm_mj.campaign.storage.settings import campaign_settings, differences, row_versions, settings_hash
 from ffsm_mj.campaign.storage.status import Status
@@ -33,7 +33,7 @@ class Campaign(StoredCampaign):
     @classmethod
     def load(
         cls,
-        campaign: str | Path,
+        campaign: Mapping[str, Any] | str | Path,
         out: str | Path,
         *,
         overrides: Sequence[str] = (),
@@ -43,7 +43,8 @@ class Campaign(StoredCampaign):
         """Create a campaign, or continue the one in the folder if it has the same settings.
 
         Args:
-            campaign: A campaign file, or the name of a shipped campaign.
+            campaign: A campaign file, the name of a shipped campaign, or the keys of one, with a scenario as
+                :func:`ffsm_mj.run` takes it.
             out: Folder of the campaign.
             overrides: ``key=value`` overrides of the campaign file.
             controllers: Control laws of the caller, classes by kind.
@@ -53,7 +54,7 @@ class Campaign(StoredCampaign):
             InputError: The file is invalid, or the folder holds a campaign with other settings.
             LogWriteError: The folder cannot be written (full disk).
         """
-        own = ScriptClasses(dict(controllers), dict(estimators))
+        own = own_classes(campaign.get("scenario") if isinstance(campaign, Mapping) else None, controllers, estimators)
         return cls.begin(load_campaign(campaign, overrides, own), Path(out), own)
 
     @classmethod

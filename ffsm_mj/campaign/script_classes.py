@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ffsm_mj.assembly.prepare import Scenario
+
 
 @dataclass(frozen=True)
 class ScriptClasses:
@@ -28,3 +30,11 @@ class ScriptClasses:
 
 
 NO_CLASSES = ScriptClasses()
+
+
+def own_classes(scenario: object, controllers: Mapping[str, Any], estimators: Mapping[str, Any]) -> ScriptClasses:
+    """Control laws and estimators of a caller, with those of a scenario that he built, or states by its keys."""
+    of_scenario = vars(scenario) if isinstance(scenario, Scenario) else scenario if isinstance(scenario, Mapping) else {}
+    return ScriptClasses(
+        {**of_scenario.get("controllers", {}), **controllers}, {**of_scenario.get("estimators", {}), **estimators}
+    )

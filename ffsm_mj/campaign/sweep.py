@@ -10,21 +10,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
+from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.engines import importable
-from ffsm_mj.campaign.plan.loading import make_plan
-from ffsm_mj.campaign.script_classes import ScriptClasses
+from ffsm_mj.campaign.plan.loading import stated_plan
+from ffsm_mj.campaign.script_classes import own_classes
 from ffsm_mj.scenario.shipped import scenario_path
-from ffsm_mj.scenario.source import source_of
-from ffsm_mj.yaml.parser import parse, write_yaml
 
 _DEFAULT = ("impacts.0.time_s", "impacts.0.impulse_N_s", "tip.min_error_m", "tip.final_error_m")
 
 
 def sweep(
-    scenario: str | Path,
+    scenario: Scenario | Mapping[str, Any] | str | Path,
     values: Mapping[str, Sequence[Any]],
     *,
     metrics: Sequence[str] = _DEFAULT,
@@ -39,7 +36,7 @@ def sweep(
     Works in a script without a main guard, from standard input and in a notebook.
 
     Args:
-        scenario: A file, or the name of a shipped scenario.
+        scenario: See :func:`ffsm_mj.run`.
         values: Values by dotted key of the scenario.
         metrics: Metrics of each run; see docs/campaigns.md.
         overrides: Overrides of the scenario for all runs, by dotted key.
@@ -56,16 +53,15 @@ def sweep(
     """
     stated = {
         "campaign": "sweep",
-        "scenario": str(scenario_path(scenario).resolve()),
-        "overrides": _plain(overrides),
+        "scenario": str(scenario_path(scenario).resolve()) if isinstance(scenario, str | Path) else scenario,
+        "overrides": overrides,
         "samples": {"kind": "grid"},
-        "dispersions": {key: {"choice": [_plain(value) for value in each]} for key, each in values.items()},
+        "dispersions": {key: {"choice": each} for key, each in values.items()},
         "metrics": list(metrics),
         "limits": {"max_failed": 1.0},
     }
-    own = ScriptClasses(dict(controllers), dict(estimators))
-    name = Path("sweep")  # replaces the file name in messages
-    plan = make_plan(source_of(parse(write_yaml(stated), name), name), own)
+    own = own_classes(scenario, controllers, estimators)
+    plan = stated_plan(stated, own=own, name="sweep")
     with ExitStack() as stack:
         if out is None:
             out = stack.enter_context(tempfile.TemporaryDirectory(prefix="ffsm-sweep-"))
@@ -78,12 +74,3 @@ def sweep(
             )
         campaign.run(workers=workers)
         return campaign.table()
-
-
-def _plain(value: Any) -> Any:
-    """Nested data with NumPy numbers converted to Python numbers."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

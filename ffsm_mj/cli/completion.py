@@ -154,7 +154,7 @@ def _keys(words: Sequence[str]) -> list[str]:
     """Keys that ``-s`` can set, dotted: of the file that a command line names, else of any scenario."""
     from ffsm_mj.campaign.plan.schema import campaign_schema
     from ffsm_mj.scenario.key_paths import ANY, key_paths
-    from ffsm_mj.scenario.scenario import Scenario
+    from ffsm_mj.scenario.scenario import ScenarioConfig
     from ffsm_mj.scenario.source import read_yaml
     from ffsm_mj.studies.schema import study_schema
     from ffsm_mj.yaml.parser import read_node
@@ -166,7 +166,7 @@ def _keys(words: Sequence[str]) -> list[str]:
                 data = read_node(files.path(word)).plain()
                 return [".".join(path) for path in key_paths(schema(), data)]
             data = read_yaml(scenario_path(word)).data
-            return [".".join(path) for path in key_paths(Scenario.model_json_schema(), data)]
+            return [".".join(path) for path in key_paths(ScenarioConfig.model_json_schema(), data)]
         except (InputError, OSError):
             continue
-    return [".".join(path) for path in key_paths(Scenario.model_json_schema()) if ANY not in path]
+    return [".".join(path) for path in key_paths(ScenarioConfig.model_json_schema()) if ANY not in path]

@@ -17,6 +17,7 @@ try:
 except ImportError as error:
     raise MissingPackageError("ffsm_mj.gym", "gymnasium", "gym") from error
 
+from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.gym.env import ScenarioEnv
 from ffsm_mj.gym.errors import EnvError
 from ffsm_mj.gym.rendering import RenderError
@@ -29,15 +30,17 @@ _ENTRY_POINT = "ffsm_mj.gym.env:ScenarioEnv"
 _SCENARIO = "ffsm_mj/Scenario-v0"
 
 
-def make(scenario: str | Path, env: Mapping[str, Any] | None = None, **settings: Any) -> gymnasium.Env[Any, Any]:
+def make(
+    scenario: Scenario | Mapping[str, Any] | str | Path, env: Mapping[str, Any] | None = None, **settings: Any
+) -> gymnasium.Env[Any, Any]:
     """An environment of any scenario, in the wrappers of ``gymnasium.make``.
 
     Args:
-        scenario: A path, or the name of a shipped scenario.
+        scenario: See :func:`ffsm_mj.run`.
         env: Keys of the section ``env`` that replace those of the file; see :class:`ScenarioEnv`.
         **settings: Further arguments of :class:`ScenarioEnv`, and of ``gymnasium.make``, such as ``render_mode``.
     """
-    return gymnasium.make(_SCENARIO, scenario=str(scenario), env=env, **settings)
+    return gymnasium.make(_SCENARIO, scenario=str(scenario) if isinstance(scenario, Path) else scenario, env=env, **settings)
 
 
 _SHIPPED = {"Touch": "touch", "CapturePlanar": "capture-planar", "Capture": "capture"}

@@ -12,6 +12,7 @@ from gymnasium.spaces import Box
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.assembly.step import Step
 from ffsm_mj.controller_protocol import GivenCommand
@@ -41,7 +42,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
 
     def __init__(
         self,
-        scenario: str | Path,
+        scenario: Scenario | Mapping[str, Any] | str | Path,
         env: Mapping[str, Any] | None = None,
         overrides: Sequence[str] | Mapping[str, Any] = (),
         *,
@@ -57,7 +58,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         """Read, validate and compile a scenario; :meth:`reset` must follow.
 
         Args:
-            scenario: A path, or the name of a shipped scenario.
+            scenario: See :func:`ffsm_mj.run`.
             env: Keys of the section ``env`` that replace those of the file; ``reward`` may be a function of a
                 :class:`~ffsm_mj.gym.rewards.Transition`.
             overrides: Overrides of the scenario; see :func:`ffsm_mj.run`.
@@ -83,7 +84,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         def simulator(changes: Sequence[str]) -> Simulator:
             live = viewer if render_mode == "rerun" else None
             kept = record or False  # no rows in memory
-            return Simulator(scenario, changes, record=kept, force=force, live=live, rerun=False, raise_errors=True)
+            return Simulator(scenario, changes, record=kept, force=force, live=live, rerun=False)
 
         self.simulator = simulator(changes)
         plan = campaign_of(self.simulator.prepared)

@@ -12,7 +12,7 @@ from ffsm_mj.campaign.plan.design import Design
 from ffsm_mj.campaign.plan.loading import Plan, load_campaign
 from ffsm_mj.campaign.plan.targets import Targets
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.scenario.scenario import Scenario, located
+from ffsm_mj.scenario.scenario import ScenarioConfig, located
 
 _SEEDS = 2**63
 
@@ -57,7 +57,7 @@ def campaign_of(prepared: PreparedRun) -> Plan | None:
     Raises:
         InputError: There is no such campaign, or it is invalid.
     """
-    config: Scenario = prepared.scenario
+    config: ScenarioConfig = prepared.scenario
     if config.env is None or config.env.design is None:
         return None
     path, text = ("env", "design"), config.env.design

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -70,9 +69,9 @@ def split_env(
     Raises:
         InputError: A value is not one of YAML.
     """
-    given, keys = as_overrides(overrides) if isinstance(overrides, Mapping) else list(overrides), dict(env or {})
+    given, keys = as_overrides(overrides), dict(env or {})
     reward = keys.pop("reward") if callable(keys.get("reward")) else None
-    return reward, [*given, *(f"env.{key}={_json(key, value)}" for key, value in keys.items())]
+    return reward, [*given, *as_overrides({f"env.{key}": value for key, value in keys.items()})]
 
 
 def env_of(prepared: PreparedRun) -> EnvConfig:
@@ -85,13 +84,6 @@ def env_of(prepared: PreparedRun) -> EnvConfig:
         fault = Fault("is missing: the scenario is no environment yet; see docs/gymnasium.md", ("env",))
         raise InputError(prepared.source.line(fault))
     return prepared.scenario.env
-
-
-def _json(key: str, value: Any) -> str:
-    try:
-        return json.dumps(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"env: {key}: {error}; allowed are the values of YAML") from error
 
 
 def reward_of(function: Callable[..., float] | None, prepared: PreparedRun) -> NamedReward:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -218,6 +218,27 @@ class RunFolder:
         except OSError:
             with suppress(OSError):
                 unfinished.unlink(missing_ok=True)
+
+
+def write_scenario(folder: Path, scenario_yaml: str, files: Mapping[str, bytes]) -> Path:
+    """Write a scenario and the files that it names into a folder.
+
+    Returns:
+        The scenario file.
+
+    Raises:
+        InputError: The folder holds one of the files already, or cannot be written.
+    """
+    contents = {SCENARIO: scenario_yaml.encode(), **files}
+    if taken := existing(folder, contents):
+        raise InputError(f"{folder}: already contains {taken[0]}; choose another folder")
+    try:
+        for name, content in contents.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
+    return folder / SCENARIO
 
 
 class _Inputs:

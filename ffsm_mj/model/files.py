@@ -12,6 +12,7 @@ import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.collection import Shelf, collect
@@ -76,7 +77,12 @@ def logged_name(model: str, name: str) -> str:
     return f"mjcf/{model}/{name}"
 
 
-def read_model(main: Path, folders: Sequence[Path] = (), packages: Sequence[Path] = ()) -> ModelFiles:
+def read_model(
+    main: Path,
+    folders: Sequence[Path] = (),
+    packages: Sequence[Path] = (),
+    given: Mapping[str, bytes] = MappingProxyType({}),
+) -> ModelFiles:
     """Read a model from disk.
 
     A file of a package is stored under its name in the URDF without ``package://``, by which it is found again.
@@ -85,12 +91,14 @@ def read_model(main: Path, folders: Sequence[Path] = (), packages: Sequence[Path
         main: The MJCF or URDF file.
         folders: Folders, in addition to its own, from which the model may use files.
         packages: Folders in which to look for packages of a URDF, in addition to those above it.
+        given: Contents of files that are in memory, by names relative to the folder of the main one.
 
     Raises:
         InputError: A file is missing, malformed, outside these folders or too large, or the model has too many.
     """
     home = Path(os.path.abspath(main.parent))
-    found = collect(main.name, _Disk(main.parent, [home, *folders], [Path(os.path.abspath(each)) for each in packages]))
+    shelf = _Disk(main.parent, [home, *folders], [Path(os.path.abspath(each)) for each in packages], given)
+    found = collect(main.name, shelf)
     paths = {Path(os.path.normpath(home / name)): content for name, content in found.items()}
     root = Path(os.path.commonpath([path.parent for path in paths]))
     label = os.path.normpath(main.parent / os.path.relpath(root, home))
@@ -116,19 +124,24 @@ def logged_model(main: str, files: Mapping[str, bytes], label: str) -> ModelFile
 
 
 class _Disk(Shelf):
-    """Files on disk, in permitted folders or in packages of a URDF, within the limits of one model."""
+    """Files in memory, or else on disk, in permitted folders or in packages of a URDF, within the limits of one model."""
 
-    def __init__(self, home: Path, folders: Sequence[Path], packages: Sequence[Path]) -> None:
+    def __init__(self, home: Path, folders: Sequence[Path], packages: Sequence[Path], given: Mapping[str, bytes]) -> None:
         self._home, self._folders, self._packages = home, [folder.resolve() for folder in folders], packages
+        self._given = given
         self._count = self._bytes = 0
 
     def label(self, name: str) -> str:
         return os.path.normpath(self._home / name)
 
     def has(self, name: str) -> bool:
-        return os.path.isfile(self.label(name))  # unlike Path.is_file, False for a name that is too long
+        return name in self._given or os.path.isfile(
+            self.label(name)
+        )  # unlike Path.is_file, False for a name that is too long
 
     def take(self, name: str, place: str) -> bytes:
+        if name in self._given:
+            return self._given[name]
         path = Path(self.label(name))
         if place:
             self._refuse_outside(path, self._folders, place)

@@ -59,9 +59,18 @@ def stopped_clock() -> Iterator[None]:
 @cache
 def _place() -> Any:
     """MuJoCo's pointer to its clock; None if its library is not found."""
-    names = {"win32": "mujoco.dll", "darwin": f"libmujoco.{mujoco.__version__}.dylib"}
-    path = Path(mujoco.__file__).parent / names.get(sys.platform, f"libmujoco.so.{mujoco.__version__}")
     try:
-        return ctypes.c_void_p.in_dll(ctypes.CDLL(str(path)), "mjcb_time") if path.is_file() else None
+        return ctypes.c_void_p.in_dll(library(), "mjcb_time")
     except (OSError, ValueError):
         return None
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """MuJoCo's library, for what the Python bindings have not.
+
+    Raises:
+        OSError: It is not in MuJoCo's package.
+    """
+    names = {"win32": "mujoco.dll", "darwin": f"libmujoco.{mujoco.__version__}.dylib"}
+    return ctypes.CDLL(str(Path(mujoco.__file__).parent / names.get(sys.platform, f"libmujoco.so.{mujoco.__version__}")))

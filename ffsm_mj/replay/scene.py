@@ -16,7 +16,7 @@ from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.impact_law import UNUSABLE_LAW
-from ffsm_mj.scenario.scenario import Scenario, timing_faults, with_contact_models
+from ffsm_mj.scenario.scenario import ScenarioConfig, timing_faults, with_contact_models
 from ffsm_mj.simulation.plant import Plant
 
 _NO_CONTROL = {
@@ -32,7 +32,7 @@ _NO_CONTROL = {
 class LogScene:
     """Scenario and plant of a run without its control laws; see :class:`ffsm_mj.assembly.assemble.Assembly`."""
 
-    scenario: Scenario
+    scenario: ScenarioConfig
     plant: Plant
 
 
@@ -54,14 +54,14 @@ def log_scene(log: RunLog) -> LogScene:
         raise InputError([f"{'.'.join(map(str, fault.path))}: {fault.message}" for fault in error.faults]) from error
 
 
-def _scenario(log: RunLog) -> Scenario:
+def _scenario(log: RunLog) -> ScenarioConfig:
     """The scenario without its control laws.
 
     Raises:
         InputError: It does not match the schema of this version.
     """
     try:
-        scenario = with_contact_models(Scenario.model_validate(scenario_data(log) | _NO_CONTROL))
+        scenario = with_contact_models(ScenarioConfig.model_validate(scenario_data(log) | _NO_CONTROL))
     except ValidationError as error:
         for item in error.errors():
             if item["type"] == UNUSABLE_LAW:

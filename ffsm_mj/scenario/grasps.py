@@ -9,12 +9,12 @@ from ffsm_mj.errors import Fault, unknown_name
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.phase_graph import is_branching
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 
 _OWN = "ffsm_controllers"
 
 
-def capture_faults(scenario: Scenario) -> list[Fault]:
+def capture_faults(scenario: ScenarioConfig) -> list[Fault]:
     """Faults of grasps in phases: unknown grasps, and a grasp armed while it is closed."""
     faults = []
     for i, phase in enumerate(scenario.phases):
@@ -31,7 +31,7 @@ def capture_faults(scenario: Scenario) -> list[Fault]:
     return faults or [*_armed_while_closed(scenario), *_ends_at_no_capture(scenario)]
 
 
-def never_armed(scenario: Scenario) -> Iterator[str]:
+def never_armed(scenario: ScenarioConfig) -> Iterator[str]:
     """Messages for grasps that no phase arms; a control law may still request them."""
     armed = {name for phase in scenario.phases for name in phase.arm}
     asking = [phase.name for phase in scenario.phases if not _asks_for_nothing(phase)]
@@ -41,7 +41,7 @@ def never_armed(scenario: Scenario) -> Iterator[str]:
             yield f"no phase arms the capture {name!r}, so it never closes{law}; write 'arm: [{name}]' in a phase"
 
 
-def _ends_at_no_capture(scenario: Scenario) -> Iterator[Fault]:
+def _ends_at_no_capture(scenario: ScenarioConfig) -> Iterator[Fault]:
     """Phases that wait for a capture that cannot occur: no grasp is armed, and no control law may request one."""
     for i, phase in enumerate(scenario.phases):
         if not _asks_for_nothing(phase):
@@ -51,7 +51,7 @@ def _ends_at_no_capture(scenario: Scenario) -> Iterator[Fault]:
             yield Fault(message, ("phases", i, "until"))
 
 
-def _armed_while_closed(scenario: Scenario) -> Iterator[Fault]:
+def _armed_while_closed(scenario: ScenarioConfig) -> Iterator[Fault]:
     """Grasps that a phase arms while they are certainly closed: alone armed they ended a phase, and nothing ended them."""
     closed: dict[str, str] = {}
     for i, phase in enumerate(scenario.phases):
@@ -71,7 +71,7 @@ def _armed_while_closed(scenario: Scenario) -> Iterator[Fault]:
             closed[waiting[0]] = phase.name
 
 
-def _sites(scenario: Scenario, name: str) -> tuple[str, str]:
+def _sites(scenario: ScenarioConfig, name: str) -> tuple[str, str]:
     """Sites that a grasp joins, without prefixes that may be left out."""
     config = scenario.captures[name]
     return config.robot_site.rpartition("/")[2], config.object_site.rpartition("/")[2]

@@ -7,20 +7,23 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pydantic import ValidationError
+import mujoco
+import numpy as np
+from pydantic import BaseModel, ValidationError
 
 from ffsm_controllers import kinds
 from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.actuator_config import ACTUATOR_KINDS
 from ffsm_mj.contact_models.impact.installed_laws import impact_law, plugin_fault
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.model.inline import inline_model
 from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.estimator_config import TruthConfig
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.grasps import capture_faults
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.phase_graph import graph_faults, is_branching
-from ffsm_mj.scenario.scenario import Scenario, located, timing_faults, with_contact_models
+from ffsm_mj.scenario.scenario import ScenarioConfig, located, timing_faults, with_contact_models
 from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
@@ -32,7 +35,7 @@ def load_scenario(
     overrides: Sequence[str] = (),
     laws: Mapping[str, Any] = MappingProxyType({}),
     own_estimators: Mapping[str, Any] = MappingProxyType({}),
-) -> tuple[Scenario, YamlSource]:
+) -> tuple[ScenarioConfig, YamlSource]:
     """Read and validate a scenario.
 
     Args:
@@ -47,17 +50,58 @@ def load_scenario(
     Raises:
         InputError: One line per fault, with file, line and column.
     """
-    refuse_script_classes("controllers", laws, kinds().classes)
-    refuse_script_classes("estimators", own_estimators, {"truth", *estimators().classes})
+    refuse_own_classes(laws, own_estimators)
     source = read_yaml(path, overrides)
     return validated(source, laws, own_estimators), source
+
+
+def refuse_own_classes(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> None:
+    """Refuse classes of a script that are not control laws, or not estimators.
+
+    Raises:
+        InputError: One line per fault.
+    """
+    refuse_script_classes("controllers", laws, kinds().classes)
+    refuse_script_classes("estimators", own_estimators, {"truth", *estimators().classes})
+
+
+def stated_source(keys: Mapping[str, Any], name: str = "scenario") -> YamlSource:
+    """Source of what a program states: a fault names its key, and paths are relative to the current folder.
+
+    Args:
+        keys: Values by key: plain ones, arrays, paths, models, configurations such as
+            :class:`~ffsm_mj.scenario.model_config.Robot`, and mappings and sequences of them.
+        name: What it is.
+    """
+    return YamlSource(Path(name), plain(keys), None)
+
+
+def plain(value: Any, path: tuple[str, ...] = ()) -> Any:
+    """A value of a program, at a path of keys, as that of a file; a model in memory stays one.
+
+    Raises:
+        InputError: A ``mujoco.MjSpec`` does not compile.
+    """
+    if isinstance(value, BaseModel):
+        fields = type(value).model_fields
+        value = {fields[key].alias or key: getattr(value, key) for key in fields if key in value.model_fields_set}
+    if isinstance(value, Mapping):
+        return {key: plain(item, (*path, str(key))) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item, (*path, str(i))) for i, item in enumerate(value)]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    try:
+        return inline_model(value) if isinstance(value, Path | mujoco.MjSpec) else value
+    except InputError as error:
+        raise InputError([f"{'.'.join(path)}: {line}" for line in error.lines]) from error
 
 
 def validated(
     source: YamlSource,
     laws: Mapping[str, Any] = MappingProxyType({}),
     own_estimators: Mapping[str, Any] = MappingProxyType({}),
-) -> Scenario:
+) -> ScenarioConfig:
     """Validate the data of a source.
 
     Args:
@@ -69,7 +113,7 @@ def validated(
         InputError: One line per fault, with file, line and column.
     """
     installed = kinds()
-    model = _model_with(laws, own_estimators) if laws or own_estimators else Scenario
+    model = _model_with(laws, own_estimators) if laws or own_estimators else ScenarioConfig
     try:
         scenario = model.model_validate(source.data)
     except ValidationError as error:
@@ -92,13 +136,13 @@ def validated(
     return scenario
 
 
-def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[Scenario]:
+def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[ScenarioConfig]:
     """Scenario model that accepts these beside what is installed."""
     configs = [
         (*(cls.Config for cls in installed.classes.values()), *(config_of(each, kind) for kind, each in own.items()))
         for installed, own in ((kinds(), laws), (estimators(), own_estimators))
     ]
-    return model_with(Scenario, PhaseConfig, configs[0], (TruthConfig, *configs[1]))
+    return model_with(ScenarioConfig, PhaseConfig, configs[0], (TruthConfig, *configs[1]))
 
 
 def controller_kinds() -> tuple[str, ...]:
@@ -112,7 +156,9 @@ def _script_laws(data: Any) -> tuple[str, ...]:
     return tuple(map(str, named)) if isinstance(named, list | tuple) else ()
 
 
-def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> Scenario:
+def _with_script_laws(
+    scenario: ScenarioConfig, laws: Mapping[str, Any], own_estimators: Mapping[str, Any]
+) -> ScenarioConfig:
     """Scenario that lists which of these laws and estimators it uses."""
     if not laws and not own_estimators:
         return scenario.model_copy(update={"script_laws": None})
@@ -120,10 +166,10 @@ def _with_script_laws(scenario: Scenario, laws: Mapping[str, Any], own_estimator
     used += tuple(kind for kind in own_estimators if scenario.estimator.kind == kind)
     phases, estimator = as_phases(scenario.phases, PhaseConfig, laws), importable(scenario.estimator, own_estimators)
     changes = {"phases": phases, "estimator": estimator, "script_laws": used or None}
-    return Scenario.model_construct(**dict(scenario) | changes)
+    return ScenarioConfig.model_construct(**dict(scenario) | changes)
 
 
-def _other_faults(scenario: Scenario) -> list[Fault]:
+def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
     faults = timing_faults(scenario) + _impact_law_faults(scenario)
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
     if frames > _MOST_FRAMES and not faults:
@@ -161,7 +207,7 @@ def _broken_plugins(phase: PhaseConfig) -> Iterator[tuple[tuple[str, ...], str]]
             yield (*keys, "kind"), f"the plugin for kind {law.kind!r} cannot be used ({reason})"
 
 
-def _impact_law_faults(scenario: Scenario) -> list[Fault]:
+def _impact_law_faults(scenario: ScenarioConfig) -> list[Fault]:
     """Friction and restitution of pairs that the impact law does not cover; several contacts are known at an impact only."""
     law, faults = impact_law(scenario.impact.law), []
     contacts = scenario.contacts

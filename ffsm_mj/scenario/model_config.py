@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
 from pydantic import (
+    AliasChoices,
+    Field,
+    PlainSerializer,
     ValidationInfo,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
     field_validator,
 )
 
 from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.errors import InputError
 from ffsm_mj.model.flex import JointFlex
+from ffsm_mj.model.inline import InlineModel, inline_model
 from ffsm_mj.model.properties import Pose
 from ffsm_mj.model.strip import LimitsMode, Strippable
 
@@ -22,11 +33,40 @@ class SiteConfig(StrictModel):
     """Position in the body's frame, m."""
 
 
-class RobotConfig(StrictModel):
+def _source(given: Any, as_path: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        kept = inline_model(given)
+    except InputError as error:
+        raise ValueError(" ".join(error.lines)) from error
+    return kept if isinstance(kept, InlineModel) else as_path(kept)
+
+
+if TYPE_CHECKING:
+    import mujoco
+
+    ModelSource: TypeAlias = str | Path | mujoco.MjSpec | InlineModel
+else:
+    ModelSource = Annotated[
+        Name,
+        WrapValidator(_source),
+        PlainSerializer(lambda kept: kept if isinstance(kept, str) else kept.xml),
+        WithJsonSchema({"type": "string", "minLength": 1}),
+        Field(alias="mjcf", validation_alias=AliasChoices("mjcf", "model", "xml")),
+    ]
+"""An MJCF or URDF model: a path, its XML text, or a ``mujoco.MjSpec``, which is read once and not changed. The key of a file
+is ``mjcf``; Python also has ``model`` and, for text, ``xml``."""
+_REQUIRED: Any = ...
+"""No default for pydantic; type checkers, which do not know the other names, take one for it."""
+
+
+class Robot(StrictModel):
     """The free-floating manipulator."""
 
-    mjcf: Name
-    """MJCF or URDF file, relative to the scenario file that names it; its root body is the base."""
+    model: ModelSource = _REQUIRED
+    """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
+    as XML text or ``mujoco.MjSpec``; its root body is the base. Lengths in m; quaternions w, x, y, z."""
+    if TYPE_CHECKING:
+        xml: str = ""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
@@ -41,11 +81,14 @@ class RobotConfig(StrictModel):
     """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
 
 
-class ObjectConfig(StrictModel):
+class Model(StrictModel):
     """An object: floating, or fixed to the world."""
 
-    mjcf: Name
-    """MJCF or URDF file, relative to the scenario file that names it."""
+    model: ModelSource = _REQUIRED
+    """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
+    as XML text or ``mujoco.MjSpec``. Lengths in m; quaternions w, x, y, z."""
+    if TYPE_CHECKING:
+        xml: str = ""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()

@@ -6,6 +6,7 @@ import math
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    ConfigDict,
     Field,
     NonNegativeFloat,
     PositiveFloat,
@@ -24,7 +25,7 @@ from ffsm_mj.scenario.env_config import EnvConfig
 from ffsm_mj.scenario.estimator_config import EstimatorConfig, ToldAboveConfig, TruthConfig
 from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
-from ffsm_mj.scenario.model_config import ObjectConfig, RobotConfig
+from ffsm_mj.scenario.model_config import Model, Robot
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.scenario.task_config import TaskConfig
@@ -88,8 +89,10 @@ class LogConfig(StrictModel):
     run that goes on from an instant (``--from``) need not be made again from its beginning; some 10 to 100 kB each."""
 
 
-class Scenario(StrictModel):
-    """A run of one robot and its objects."""
+class ScenarioConfig(StrictModel):
+    """Keys of a scenario file: a run of one robot and its objects."""
+
+    model_config = ConfigDict(title="Scenario")
 
     extends: Name | None = None
     """Scenario to extend: a YAML file relative to this one, or the name of a shipped scenario."""
@@ -111,8 +114,8 @@ class Scenario(StrictModel):
     always enter the balance."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
-    robot: RobotConfig
-    objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], ObjectConfig] = {}
+    robot: Robot
+    objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], Model] = {}
     """Floating and fixed objects by name; the name is the prefix of all elements of the object's model."""
     model: Trees = {}
     """Properties of bodies and their geoms, by ``robot`` or the object's name, then by body; files are not changed."""
@@ -182,7 +185,7 @@ class Scenario(StrictModel):
         return round(self.duration_s / self.control_period_s)
 
 
-def timing_faults(scenario: Scenario) -> list[Fault]:
+def timing_faults(scenario: ScenarioConfig) -> list[Fault]:
     """Faults of the combination of duration, control period and time step."""
     faults = []
     if scenario.actuation.control_jitter_s >= scenario.control_period_s:
@@ -207,7 +210,7 @@ def timing_faults(scenario: Scenario) -> list[Fault]:
     return faults
 
 
-def with_contact_models(scenario: Scenario) -> Scenario:
+def with_contact_models(scenario: ScenarioConfig) -> ScenarioConfig:
     """The scenario with validated contact models.
 
     Raises:

@@ -9,7 +9,7 @@ from copy import deepcopy
 from typing import Any
 
 from ffsm_mj.scenario.inheritance import EXTENDS
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 
 _WHOLE, _CHANGES = "Scenario", "Changes"
 _NAMED_ITEMS = ("PhaseConfig", "ContactRuleConfig")  # list items that are merged with the parent's item of the same name
@@ -18,7 +18,7 @@ _REF = "#/$defs/"
 
 def scenario_schema() -> dict[str, Any]:
     """Schema of a scenario file."""
-    whole = Scenario.model_json_schema()
+    whole = ScenarioConfig.model_json_schema()
     models = whole.pop("$defs") | {_WHOLE: whole}
     changes: dict[str, Any] = {}
     _loosen(_WHOLE, models, changes)

@@ -1,4 +1,7 @@
-"""Data of a scenario file with the location of each key, and overrides applied. No other module handles YAML."""
+"""Data of a scenario, of a file with the location of each key or of a program, and overrides applied.
+
+No other module handles YAML.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +29,13 @@ class YamlSource:
     """Data of a scenario and its origin.
 
     Attributes:
-        path: The file as given by the user.
+        path: The file as given by the user; a name in the current folder for what a program states.
         data: Plain dicts, lists and scalars: of the file, of the scenarios it extends, and of overrides.
     """
 
     path: Path
     data: Any
-    _root: Node
+    _root: Node | None
     _overrides: dict[KeyPath, str] = field(default_factory=dict)
 
     def line(self, fault: Fault) -> str:
@@ -43,15 +46,16 @@ class YamlSource:
         if found:
             # The override of the key itself rather than that of a mapping around it.
             return f"{override(self._overrides[max(found, key=len)])}: {label}{fault.message}"
-        return f"{self._root.find(fault.path).place}: {label}{fault.message}"
+        return f"{self._root.find(fault.path).place}: {label}{fault.message}" if self._root else f"{label}{fault.message}"
 
     def lines(self, faults: Iterable[Fault]) -> list[str]:
         """One line per fault, in the order of the file."""
-        return [self.line(fault) for fault in sorted(faults, key=lambda fault: self._root.find(fault.path).place)]
+        root = self._root
+        return [self.line(fault) for fault in (sorted(faults, key=lambda f: root.find(f.path).place) if root else faults)]
 
     def folder(self, path: KeyPath) -> Path:
         """Folder of the file that sets a key; keys of an override belong to the file given by the user."""
-        if any(path[: len(known)] == known for known in self._overrides):
+        if self._root is None or any(path[: len(known)] == known for known in self._overrides):
             return self.path.parent
         return self._root.find(path).place.path.parent
 

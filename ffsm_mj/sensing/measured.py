@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.errors import UnknownSensorError
 from ffsm_mj.sensing.group import SensorGroup
 from ffsm_mj.sensing.measurement import Measurement
 
@@ -57,8 +58,15 @@ class Measured(Mapping[str, Measurement]):
         self._places, self._shown, self._time_s = places, shown, time_s
 
     def __getitem__(self, name: str) -> Measurement:
-        """Newest sample of a sensor."""
-        group, value, time, valid, impulse, mean = self._places[name]
+        """Newest sample of a sensor.
+
+        Raises:
+            UnknownSensorError: No model has it; a ``KeyError`` too.
+        """
+        try:
+            group, value, time, valid, impulse, mean = self._places[name]
+        except KeyError:
+            raise UnknownSensorError(name, self._places) from None
         sample = self._shown[group]
         if sample is None:
             return Measurement(np.full(value.stop - value.start, np.nan), math.nan, math.nan, False)

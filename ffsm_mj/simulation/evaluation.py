@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.contact_models.interface import EventEffect
@@ -12,14 +10,14 @@ from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.events import Outcome, RunEnded
-from ffsm_mj.sensing.measurement import Measurement
+from ffsm_mj.sensing.measured import Measured
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, records_as_state, records_of_state
 from ffsm_mj.simulation.task_controller import TaskController
 from ffsm_mj.simulation.told_records import calls_controller, told_records
 from ffsm_mj.state import entries
 
-_NOT_MEASURED: Mapping[str, Measurement] = MappingProxyType({})
+_NO_SENSORS = Measured({}, (), 0.0)
 
 
 class Evaluation:
@@ -66,7 +64,7 @@ class Evaluation:
         free, integrator, sampler = self._plant.data, self._plant.integrator, self._plant.sampler
         motion = integrator.motion
         shown = motion.data if motion.grasp else free
-        measured = sampler.measured(time_s) if sampler is not None else _NOT_MEASURED
+        measured = sampler.measured(time_s) if sampler is not None else _NO_SENSORS
         contacts = ActiveContacts(integrator.contacts) if integrator.pushed else ()
         return Observation(time_s, shown, self.pending, at_tick, contacts, free, motion.grasps, measured)
 

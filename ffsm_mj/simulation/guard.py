@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
+from ffsm_mj.errors import ControllerError
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.records.events import ControllerReport, Outcome, RunEnded
 from ffsm_mj.simulation.ending import Ended, last_reports, outcome_of
@@ -37,7 +38,7 @@ class Guard:
             if error is self.passed_on:
                 raise
             if isinstance(error, RunEnded) and error.outcome == Outcome.CONTROLLER_FAILED:
-                self.error = error.__cause__ if isinstance(error.__cause__, Exception) else None
+                self.error = _cause(error)
             self.ended = outcome_of(error) or self._failed(error)
 
     def _failed(self, error: BaseException) -> Ended:
@@ -71,3 +72,11 @@ class Guard:
             self.error, outcome, message = error, Outcome.CONTROLLER_FAILED, failure
         self.ended = Ended(outcome, message)
         return reports
+
+
+def _cause(error: BaseException) -> Exception | None:
+    """What a plug-in raised: the exception below those that only say whose it is."""
+    cause = error.__cause__
+    if isinstance(cause, ControllerError) and cause.__cause__ is not None:
+        return _cause(cause)
+    return cause if isinstance(cause, Exception) else None

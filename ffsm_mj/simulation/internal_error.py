@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from traceback import extract_tb, format_exception
+from traceback import format_exception
 
-from ffsm_mj.errors import described
+from ffsm_mj.errors import described, raised_in
 from ffsm_mj.records.events import InternalErrorRecord
 
 _LONGEST_TRACEBACK = 20_000
@@ -27,12 +27,10 @@ def internal_error(error: BaseException, time_s: float, step: int) -> InternalEr
 
 
 def _raised_in(error: BaseException) -> str:
-    """File, line and function of the innermost frame in this package, or of the innermost frame if there is none."""
-    frames = extract_tb(error.__traceback__)
-    own = [frame for frame in frames if _PACKAGE in Path(frame.filename).parents] or frames
-    if not own:
+    """File, line and function of :func:`ffsm_mj.errors.raised_in`."""
+    frame = raised_in(error)
+    if frame is None:
         return "unknown"
-    frame = own[-1]
     place = Path(frame.filename)
     return f"{place.relative_to(_PACKAGE) if _PACKAGE in place.parents else place.name}:{frame.lineno} in {frame.name}"
 

@@ -8,6 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.balance.gravity import Gravity
 from ffsm_mj.errors import InputError
@@ -150,7 +151,7 @@ def test_one_gravity_acts_on_a_scene(tmp_path):
     robot.write_text(robot.read_text().replace(HEAD, FALLS))
     target.write_text(target.read_text().replace(HEAD, '<option gravity="0 0 -1.62"/>'))
     with pytest.raises(InputError) as refused:
-        ffsm_mj.prepare(path)
+        prepare(path)
     (line,) = refused.value.lines
     assert line == f"{target}: gravity is 0 0 -1.62, and 1 -2 -9 in {robot}; all models of a scene have one gravity"
     silent = FILES["otto.urdf"]

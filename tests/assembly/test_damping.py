@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.damping import unstable_damping
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Damping, mass_matrix, reduced_model
 from tests.model.test_own_robot import FILES
 from tests.scenes import ARM, HEAD, ball, scene
@@ -36,7 +37,7 @@ def spinner(folder: Path, law: dict, robot: str = SPINNER, **more) -> Path:
 
 
 def notes(path: Path, *overrides: str) -> list[str]:
-    return [line for line in ffsm_mj.prepare(path, overrides).describe() if line.startswith("note: phase")]
+    return [line for line in prepare(path, overrides).describe() if line.startswith("note: phase")]
 
 
 def told(note: str) -> tuple[float, float]:
@@ -87,7 +88,7 @@ def test_many_joints_are_held_against_the_reduced_model(tmp_path):
     law = {"kind": "pd", "kp": 1.0, "kd": [3.0, 40.0]}
     path = spinner(tmp_path, law, ARM)
     (note,) = notes(path)
-    assembly = ffsm_mj.prepare(path).assemble()
+    assembly = prepare(path).assemble()
     M = mass_matrix(assembly.system.mj, assembly.data)[:8, :8]
     none = np.zeros((0, 8))
     M_c = reduced_model(M, np.zeros(8), none, np.zeros(0), np.array([6, 7]), np.arange(6)).M_c
@@ -129,7 +130,7 @@ def test_who_does_not_damp_is_left_alone(tmp_path, law):
 
 
 def test_a_law_that_cannot_tell_is_a_note_and_no_more(tmp_path):
-    assembly = ffsm_mj.prepare(spinner(tmp_path, {"kind": "pd", "kp": 0.0, "kd": 1.0})).assemble()
+    assembly = prepare(spinner(tmp_path, {"kind": "pd", "kp": 0.0, "kd": 1.0})).assemble()
     law = assembly.controller.phases[0].controller
     law.damping_at = lambda _: Damping("gain", np.array([6]), np.ones(1), np.ones((2, 2)))
     (note,) = unstable_damping(assembly)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.scenes import two_balls
 
 
 def faults(path, *overrides):
     with pytest.raises(InputError) as caught:
-        ffsm_mj.prepare(path, overrides)
+        prepare(path, overrides)
     return caught.value.lines
 
 

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import ffsm_mj
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.model import composition
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.replay import replay_log
@@ -174,7 +175,7 @@ def test_two_models_compiled_at_once_leave_the_filters_of_warnings_alone(tmp_pat
     part, second_in, first_done = composition.part, Event(), Event()
     path = two_balls(tmp_path, duration_s=0.01)
     before = list(warnings.filters)
-    second = Thread(target=ffsm_mj.prepare, args=(path,))
+    second = Thread(target=prepare, args=(path,))
 
     def meeting(*arguments):
         if current_thread() is second:
@@ -186,7 +187,7 @@ def test_two_models_compiled_at_once_leave_the_filters_of_warnings_alone(tmp_pat
         return part(*arguments)
 
     monkeypatch.setattr(composition, "part", meeting)
-    ffsm_mj.prepare(path)
+    prepare(path)
     first_done.set()
     second.join()
     assert list(warnings.filters) == before

@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.dynamics.joint_springs import JointSprings
@@ -183,7 +184,7 @@ def test_a_damper_needs_its_step_too(tmp_path):
 
 
 def test_check_prints_the_fastest_mode(tmp_path):
-    lines = ffsm_mj.prepare(scene(tmp_path, mass_on_bus(3.0), {})).describe()
+    lines = prepare(scene(tmp_path, mass_on_bus(3.0), {})).describe()
     (spring,) = [line for line in lines if "joint springs" in line]
     assert spring.strip().startswith("joint springs: fastest mode 16.33 rad/s (2.599 Hz), mostly of joint 'robot/s'; ")
     assert "steps up to 0.0183 s" in spring
@@ -279,7 +280,7 @@ def test_what_breaks_the_balance_is_refused(tmp_path, old, new, message):
     assert old in text
     path = scene(tmp_path, text.replace(old, new), {})
     with pytest.raises(InputError) as refused:
-        ffsm_mj.prepare(path)
+        prepare(path)
     (line,) = refused.value.lines
     assert line.startswith(f"{tmp_path / 'robot.xml'}")
     assert message in line
@@ -342,7 +343,7 @@ def test_accelerations_agree_with_pinocchio():
     """A flexible arm and a flexible panel in 50 states: springs and dampers as joint efforts written down here."""
     drive = {"stiffness": 8000.0, "damping": 4.0, "gear": 100.0, "rotor_inertia": 1e-4}
     changes = {"robot.joint_flex": {"shoulder": drive, "elbow": drive}, "time_step_s": 1e-3}
-    system = ffsm_mj.prepare("capture-flexible", changes).system
+    system = prepare("capture-flexible", changes).system
     model, data, rng = system.mj, mujoco.MjData(system.mj), np.random.default_rng(1)
     other, _ = oracle(model)
     other.gravity.setZero()

@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from tests.model.test_model_files import TETRA
 from tests.scenes import ARM
@@ -96,7 +97,7 @@ def test_what_is_written_runs_as_it_stands(vendor, name, text, stripped, capfd):
     assert run.impacts[0].time_s == pytest.approx(1.0, abs=1e-4)
     assert run.unhandled_contacts == ()
     assert run.tip_error()[0] < 1e-3  # the tip begins at its target, which is written to 1e-4 m
-    assert ffsm_mj.prepare("my.yaml").scenario.robot.strip == tuple(stripped)
+    assert prepare("my.yaml").scenario.robot.strip == tuple(stripped)
     assert Path(path).read_text() == text
     shutil.rmtree("../vendor")
     np.testing.assert_array_equal(ffsm_mj.run("out").log.rows, run.log.rows)  # it needs the vendor's file no more
@@ -106,7 +107,7 @@ def test_an_arm_gets_a_base_motors_and_a_tip(vendor):
     """A cube of the mass that is asked for, with the inertia of a cube; motors with the limits that the file states."""
     vendor("servos.xml", SERVO_ARM)
     assert main(["new", "my", "--robot", "../vendor/servos.xml", "--base-mass", "120"]) == 0
-    system = ffsm_mj.prepare("my.yaml").system
+    system = prepare("my.yaml").system
     model, bus = system.mj, system.mj.body("robot/bus")
     edge = 2.0 * model.geom("robot/bus_hull").size[0]
     assert bus.mass[0] == 120.0
@@ -117,7 +118,7 @@ def test_an_arm_gets_a_base_motors_and_a_tip(vendor):
     assert set(system.names("actuator")) == {f"robot/{name}" for name in ("lift_motor", "bend_motor", "left", "right_motor")}
     np.testing.assert_array_equal(model.actuator("robot/lift_motor").ctrlrange, [-50.0, 50.0])
     assert not model.actuator("robot/bend_motor").ctrllimited[0]
-    scenario = ffsm_mj.prepare("my.yaml").scenario
+    scenario = prepare("my.yaml").scenario
     assert scenario.initial.joints["lift"] == 0.4  # of the keyframe
     site = model.site("robot/tip")
     assert model.body(site.bodyid[0]).name == "robot/fore"  # the hand, not one of its two fingers
@@ -127,7 +128,7 @@ def test_an_arm_gets_a_base_motors_and_a_tip(vendor):
 def test_the_effort_that_a_urdf_states_limits_its_motor(vendor):
     vendor("rod.urdf", URDF.format(shape=ROD))
     assert main(["new", "my", "--robot", "../vendor/rod.urdf"]) == 0
-    model = ffsm_mj.prepare("my.yaml").system.mj
+    model = prepare("my.yaml").system.mj
     np.testing.assert_array_equal(model.actuator("robot/swing_motor").ctrlrange, [-20.0, 20.0])
     assert model.body(model.site("robot/tip").bodyid[0]).name == "robot/tool0"
     assert model.body("robot/foot").mass[0] == 3.0  # the root link keeps its mass
@@ -137,7 +138,7 @@ def test_a_robot_that_floats_gets_no_base(vendor, capfd):
     vendor("floating.xml", ARM)
     assert main(["new", "my", "--robot", "../vendor/floating.xml"]) == 0
     assert "base: none is added, the robot floats already\n" in capfd.readouterr().out
-    system = ffsm_mj.prepare("my.yaml").system
+    system = prepare("my.yaml").system
     assert system.mj.body(system.robot.root).name == "robot/base"
     assert [joint.kind for joint in system.robot.joints] == ["free", "hinge", "hinge"]
     line = refused(capfd, "it", "--robot", "../vendor/floating.xml", "--base-mass", "5")
@@ -149,7 +150,7 @@ def test_the_tip_may_be_named(vendor, tip, body):
     """A site of the file, or a body; and the ball comes to it."""
     vendor("arm.xml", ARM.replace('<geom name="tip"', '<site name="centre" pos="0.2 0 0"/><geom name="tip"'))
     assert main(["new", "my", "--robot", "../vendor/arm.xml", "--tip", tip]) == 0
-    prepared = ffsm_mj.prepare("my.yaml")
+    prepared = prepare("my.yaml")
     model = prepared.system.mj
     assert model.body(model.site(prepared.assemble().task.tip_site).bodyid[0]).name == body
     assert prepared.run().impacts
@@ -214,7 +215,7 @@ def test_a_tree_of_several_may_be_chosen(vendor):
     """The other one stays behind."""
     vendor("two.xml", TWO)
     assert main(["new", "my", "--robot", "../vendor/two.xml", "--root", "base"]) == 0
-    names = ffsm_mj.prepare("my.yaml").system.names("body")
+    names = prepare("my.yaml").system.names("body")
     assert "robot/lower" in names
     assert "robot/other" not in names
 
@@ -224,7 +225,7 @@ def test_names_that_the_file_has_are_left_to_it(vendor):
     text = SERVO_ARM.replace('name="pedestal"', 'name="bus"').replace('<motor name="left"', '<motor name="lift_motor"')
     vendor("arm.xml", text.replace('<body name="upper"', '<site name="tip"/><body name="upper"'))
     assert main(["new", "my", "--robot", "../vendor/arm.xml"]) == 0
-    prepared = ffsm_mj.prepare("my.yaml")
+    prepared = prepare("my.yaml")
     assert {"robot/bus", "robot/bus_2"} <= set(prepared.system.names("body"))
     assert {"robot/lift_motor", "robot/lift_motor_2"} <= set(prepared.system.names("actuator"))
     assert prepared.scenario.task.tip == "new_tip"
@@ -234,7 +235,7 @@ def test_what_mujoco_warns_of_attaching_is_not_told(vendor):
     """Names stay the vendor's, which MuJoCo warns of for models that are saved; the vendor's solver is of no consequence."""
     vendor("servos.xml", SERVO_ARM)
     assert main(["new", "my", "--robot", "../vendor/servos.xml"]) == 0
-    assert not [note for note in ffsm_mj.prepare("my.yaml").system.notes if "MuJoCo" in note]
+    assert not [note for note in prepare("my.yaml").system.notes if "MuJoCo" in note]
 
 
 NO_WAY = """<mujoco><option gravity="0 0 0"/><worldbody><body name="hub"><freejoint/>
@@ -273,7 +274,7 @@ def test_a_robot_without_motors_coasts(vendor):
     vendor("robot.xml", hub)
     assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
     run = ffsm_mj.run("my.yaml", rerun=False)
-    assert [phase.name for phase in ffsm_mj.prepare("my.yaml").scenario.phases] == ["coast"]
+    assert [phase.name for phase in prepare("my.yaml").scenario.phases] == ["coast"]
     assert run.impacts[0].time_s == pytest.approx(1.0, abs=1e-4)
 
 
@@ -282,7 +283,7 @@ def test_a_spacecraft_of_a_urdf_floats_on_its_own_root(vendor, capfd):
     path = vendor("rod.urdf", URDF.format(shape=ROD))
     assert main(["new", "my", "--robot", path, "--base", "none"]) == 0
     assert "base: the root of the robot floats; --base-mass KG mounts it on a base instead" in capfd.readouterr().out
-    system = ffsm_mj.prepare("my.yaml").system
+    system = prepare("my.yaml").system
     assert system.mj.body(system.robot.root).name == "robot/foot"
     assert system.mj.body_mass[list(system.robot.bodies)].sum() == pytest.approx(4.0)
     assert all(check.passes for check in all_checks(ffsm_mj.run("my.yaml", rerun=False)))
@@ -292,7 +293,7 @@ def test_springs_and_dampers_of_joints_stay(vendor):
     """They are modelled, so the plant is the vendor's."""
     vendor("robot.xml", ARM.replace('<joint name="elbow"', '<joint name="elbow" stiffness="3" damping="0.2"'))
     assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
-    prepared = ffsm_mj.prepare("my.yaml")
+    prepared = prepare("my.yaml")
     assert prepared.scenario.robot.strip == ()
     joint = prepared.system.mj.joint("robot/elbow")
     assert (joint.stiffness[0], joint.damping[0]) == (3.0, 0.2)
@@ -313,14 +314,14 @@ def test_another_folder_may_be_written_to(vendor, capfd):
     path = vendor("servos.xml", SERVO_ARM)
     assert main(["new", "my", "--robot", path, "--out", "deep/er"]) == 0
     assert "next: ffsm check deep/er/my.yaml && ffsm run deep/er/my.yaml\n" in capfd.readouterr().out
-    assert ffsm_mj.prepare("deep/er/my.yaml").scenario.robot.asset_folders == ("../../../vendor",)
+    assert prepare("deep/er/my.yaml").scenario.robot.asset_folders == ("../../../vendor",)
 
 
 def test_a_name_may_look_like_a_number(vendor):
     """YAML would make one of it."""
     vendor("floating.xml", ARM)
     assert main(["new", "2024", "--robot", "../vendor/floating.xml"]) == 0
-    assert ffsm_mj.prepare("2024.yaml").scenario.name == "2024"
+    assert prepare("2024.yaml").scenario.name == "2024"
 
 
 def test_a_link_that_leads_nowhere_is_not_written_through(vendor, tmp_path, capfd):
@@ -357,11 +358,11 @@ def test_the_pose_that_is_written_is_within_the_limits(vendor):
     past = SERVO_ARM.replace('qpos="0.4 1.2 0 0"', 'qpos="1.00004 2.6 0 0"')
     vendor("servos.xml", past)
     assert main(["new", "my", "--robot", "../vendor/servos.xml"]) == 0
-    joints = ffsm_mj.prepare("my.yaml").scenario.initial.joints
+    joints = prepare("my.yaml").scenario.initial.joints
     assert (joints["lift"], joints["bend"]) == (1.0, 2.5)
     vendor("other.xml", re.sub(r"<keyframe>.*</keyframe>", "", SERVO_ARM))
     assert main(["new", "other", "--robot", "../vendor/other.xml"]) == 0
-    joints = ffsm_mj.prepare("other.yaml").scenario.initial.joints
+    joints = prepare("other.yaml").scenario.initial.joints
     assert (joints["lift"], joints["bend"]) == (0.3, 1.5)
 
 

@@ -10,6 +10,7 @@ from ffsm_controllers.endings import Ending, EventTrigger, TimeTrigger
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_controllers.stop_condition import StopCondition
 from ffsm_mj import Simulator
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import InputError
@@ -145,7 +146,7 @@ def test_a_phase_stops_when_the_base_is_slow_for_a_time(tmp_path):
         phases=phases,
     )
     run = ffsm_mj.run(path)
-    mass = float(ffsm_mj.prepare(path).system.mj.body("robot/ball").mass[0])
+    mass = float(prepare(path).system.mj.body("robot/ball").mass[0])
     speed = np.abs(run["state.v_robot_x_m_s"])
     first = run.time[np.argmax(speed < 0.1)]
     assert first == pytest.approx(np.log(10.0) * mass / 4.0, abs=0.003)
@@ -203,4 +204,4 @@ def test_wrong_graphs_are_refused_with_their_place(tmp_path, phases, message):
 def test_loops_that_take_time_or_exclude_each_other_are_none(tmp_path):
     """One that lasts, and two bounds on one quantity that cannot both hold: hysteresis."""
     for back in ("base_speed < 0.1 m/s for 0.2 s", "base_rate > 0.2 rad/s"):
-        ffsm_mj.prepare(bouncing(tmp_path, [STOP, {**BACK, "stop_when": back}]))
+        prepare(bouncing(tmp_path, [STOP, {**BACK, "stop_when": back}]))

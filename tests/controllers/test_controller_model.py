@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.properties import property_value
@@ -61,7 +62,7 @@ def test_nor_in_shipped_scenarios(scenario, base, duration):
     """Contact that lasts, thrusters and wheels, eight joints."""
     short = {"duration_s": duration}
     true = ffsm_mj.run(scenario, short)
-    mass = property_value(ffsm_mj.prepare(scenario).system.mj, key := f"controller_model.robot.{base}.mass_kg")
+    mass = property_value(prepare(scenario).system.mj, key := f"controller_model.robot.{base}.mass_kg")
     assert_same_rows(true, ffsm_mj.run(scenario, short | {key: mass}))
 
 
@@ -110,7 +111,7 @@ def test_a_law_sees_the_true_state_and_the_model_it_believes_in(tmp_path):
 
     path = reaching(tmp_path, {"kind": "look"}, duration_s=0.1)
     run = ffsm_mj.run(path, {"controller_model": HEAVY}, controllers={"look": Look})
-    heavy = ffsm_mj.prepare(path, {"model": HEAVY}, controllers={"look": Look}).system.mj
+    heavy = prepare(path, {"model": HEAVY}, controllers={"look": Look}).system.mj
     data = mujoco.MjData(heavy)
     assert len(seen) == 50
     for i, (time_s, clock_s, qpos, qvel, M) in enumerate(seen):
@@ -126,7 +127,7 @@ def test_a_belief_starts_from_the_true_model(tmp_path):
     """A mass of the controller model scales the inertia that the scenario gives."""
     path = self_hit(tmp_path)
     given = {"model.robot.base.inertia_kg_m2": [0.4, 0.5, 0.6], "controller_model.robot.base.mass_kg": 10.0}
-    prepared = ffsm_mj.prepare(path, given)
+    prepared = prepare(path, given)
     base = prepared.system.mj.body("robot/base").id
     assert prepared.system.mj.body_mass[base] == 5.0
     assert prepared.controller_system.mj.body_mass[base] == 10.0
@@ -146,7 +147,7 @@ def test_log_analysis_and_rerun_have_it_too(tmp_path, capfd):
 
 
 def test_a_recipe_with_a_belief_runs_again_and_elsewhere_the_same(tmp_path):
-    recipe = ffsm_mj.prepare(reaching(tmp_path, duration_s=0.2), {"controller_model": HEAVY})
+    recipe = prepare(reaching(tmp_path, duration_s=0.2), {"controller_model": HEAVY})
     first = recipe.run()
     assert_same_rows(recipe.run(), first)
     assert_same_rows(pickle.loads(pickle.dumps(recipe)).run(), first)

@@ -9,6 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_controllers.detumble import law as module
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.controllers.detumbling import JETS, ORTHOGONAL, POSE, PYRAMID, RATES, SPIN, detumbled, left, spacecraft
@@ -221,4 +222,4 @@ def test_bad_input_is_one_line(tmp_path, law, where, words):
 def test_a_share_of_a_load_limit_that_there_is_not_is_refused():
     law = {"kind": "detumble", "latch": {"share": 0.5}}
     with pytest.raises(InputError, match=r"'grasp' has no 'load_limit'"):
-        ffsm_mj.prepare("capture", {"phases.3.controller": law})
+        prepare("capture", {"phases.3.controller": law})

@@ -7,6 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.scenes import HEAD, ball, scene
 
@@ -157,7 +158,7 @@ def test_an_arm_that_tracks_leaves_the_fingers_to_their_law(tmp_path):
     start = {"rock/free": [0.5, 0.3, 0, 1, 0, 0, 0], **PLACES}
     laws = {"controllers": {"arm": arm, "fingers": fingers}}
     changes = {"initial.joints": start, "duration_s": 2.0, "phases": [{"name": "all", "until": "end", **laws}]}
-    prepared = ffsm_mj.prepare(path, changes)
+    prepared = prepare(path, changes)
     assert not any("drives" in line for line in prepared.describe())
     run = prepared.run()
     assert run.outcome == "completed", run.message

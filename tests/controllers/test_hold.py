@@ -8,6 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import InputError
 from tests.controllers.test_track import ARM, WHEELS
@@ -21,7 +22,7 @@ PARTS = {"wrist_alone": ["wrist"], "arm": ARM, "arm_and_wheels": [*ARM, *WHEELS]
 
 def arm(law, **changes):
     """The seven-joint arm on its free base at rest, with ideal motors, its satellite far away."""
-    return ffsm_mj.prepare(
+    return prepare(
         "capture",
         {
             "actuators": {},
@@ -102,7 +103,7 @@ def test_a_run_follows_the_sampled_closed_form(share):
     for _ in run.time:
         expected.append(error[0])
         error = step @ error
-    system = ffsm_mj.prepare("capture").system
+    system = prepare("capture").system
     told = run.qpos[:, [system.joint(name).qpos.start for name in ARM]] - (START + offset)
     # Coriolis terms and the change of M_c are of the square of the step: 1e-8 rad times w^2 / w^2.
     np.testing.assert_allclose(told, np.outer(expected, -offset), atol=2e-7)

@@ -10,6 +10,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
 from ffsm_mj.errors import InputError
 from tests.controllers.test_hold import START, slider
@@ -86,7 +87,7 @@ def test_extremes_are_found_wherever_they_are(rng):
 def arm(law, **changes):
     """The seven-joint arm on its free base, turning slowly, with ideal motors."""
     path = {"kind": "joint_path", "joints": ARM, "bandwidth_rad_s": 5.0, **law}
-    return ffsm_mj.prepare(
+    return prepare(
         "capture",
         {
             "actuators": {},
@@ -103,7 +104,7 @@ GOAL = (START + np.array([0.4, 0.3, -0.5, -0.6, 0.2, 0.4, -0.3])).tolist()
 
 
 def off_path(run, length=2.0):
-    system = ffsm_mj.prepare("capture").system
+    system = prepare("capture").system
     q = run.qpos[:, [system.joint(name).qpos.start for name in ARM]]
     s = np.minimum(run.time / length, 1.0)[:, None]
     return np.abs(q - START - (np.array(GOAL) - START) * (10 * s**3 - 15 * s**4 + 6 * s**5)).max()

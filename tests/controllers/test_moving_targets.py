@@ -11,6 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_controllers import kinds
 from ffsm_mj.analysis.run import Run
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Task
 from ffsm_mj.dynamics.target_motion import PathMotion
@@ -201,5 +202,5 @@ ONE = {"at_s": 2.0, "position_m": [1.0, 0.0]}
 )
 def test_wrong_trajectories_are_refused_with_their_place(trajectory, message):
     with pytest.raises(InputError, match="task") as error:
-        ffsm_mj.prepare("baseline", {"task": {**MOVE, "trajectory": trajectory}}).run()
+        prepare("baseline", {"task": {**MOVE, "trajectory": trajectory}}).run()
     assert message in str(error.value)

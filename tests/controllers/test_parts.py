@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Signal, driven_joints
 from ffsm_mj.errors import InputError
 from tests.controllers.test_track import ARM, GAINS, WHEELS, following, scene
@@ -113,7 +114,7 @@ def test_an_actuator_of_two_parts_is_refused_with_both_lines(tmp_path):
     parts["wrist"] = "{kind: pd, kp: 1.0, kd: 1.0, joints: [joint_2, joint_3]}"
     path = written(tmp_path, parts)
     with pytest.raises(InputError) as refused:
-        ffsm_mj.prepare(path)
+        prepare(path)
     first, second = refused.value.lines
     said = "drives robot/motor_2, and so does the part"
     assert first == f"{path}:9:7: phases.0.controllers.arm: {said} 'wrist'; each actuator has one part"
@@ -122,28 +123,28 @@ def test_an_actuator_of_two_parts_is_refused_with_both_lines(tmp_path):
 
 def test_joints_that_are_left_out_are_those_of_no_other_part(tmp_path):
     parts = {"rest": "{kind: pd, kp: 1.0, kd: 1.0}", "wrist": "{kind: pd, kp: 1.0, kd: 1.0, joints: [joint_3]}"}
-    (phase,) = ffsm_mj.prepare(written(tmp_path, parts)).assemble().controller.phases
+    (phase,) = prepare(written(tmp_path, parts)).assemble().controller.phases
     rest, wrist = phase.controller.parts
     assert (rest.name, rest.law.driven_actuators.tolist()) == ("rest", [3, 4])
     assert (wrist.name, wrist.law.driven_actuators.tolist()) == ("wrist", [5])
     with pytest.raises(InputError, match=r"controllers\.two\.joints: no joint is left to drive"):
-        ffsm_mj.prepare(written(tmp_path, {"one": parts["rest"], "two": parts["rest"]}))
+        prepare(written(tmp_path, {"one": parts["rest"], "two": parts["rest"]}))
     # The same in a section of a law.
     gains = "{kp: 1.0, kd: 1.0}"
     more = {"free": f"{{kind: free_flying, arm: {gains}}}", "wrist": parts["wrist"]}
-    (phase,) = ffsm_mj.prepare(written(tmp_path, more)).assemble().controller.phases
+    (phase,) = prepare(written(tmp_path, more)).assemble().controller.phases
     assert phase.controller.parts[0].law.driven_actuators.tolist() == [3, 4]
 
 
 def test_check_says_what_no_part_drives(tmp_path):
-    lines = ffsm_mj.prepare(written(tmp_path, {"arm": "{kind: pd, kp: 1.0, kd: 1.0, joints: [joint_1]}"})).describe()
+    lines = prepare(written(tmp_path, {"arm": "{kind: pd, kp: 1.0, kd: 1.0, joints: [joint_1]}"})).describe()
     assert "  phases: safety_pause (arm: pd)" in lines
     names = "robot/thruster_x, robot/thruster_y, robot/wheel, robot/motor_2, robot/motor_3"
     assert f"note: no part of phase 'safety_pause' drives {names}" in lines
     single = {"phases": [{"name": "a", "until": "end", "controller": {"kind": "pd", "joints": ["joint_1"], **HOLD}}]}
-    lines = ffsm_mj.prepare("free-flying", single).describe()
+    lines = prepare("free-flying", single).describe()
     assert "note: nothing drives robot/motor_2, robot/motor_3 in phase 'a' (pd): these joints move freely" in lines
-    assert not any("drives" in line for line in ffsm_mj.prepare("coasting").describe())
+    assert not any("drives" in line for line in prepare("coasting").describe())
 
 
 def test_damping_of_all_parts_counts_together(tmp_path):
@@ -151,7 +152,7 @@ def test_damping_of_all_parts_counts_together(tmp_path):
     parts = {f"j{i}": f"{{kind: pd, kp: 0.0, kd: {kd}, joints: [joint_{i}]}}" for i, kd in ((1, 390.0), (2, 350.0))}
 
     def told(**laws):
-        notes = ffsm_mj.prepare(written(tmp_path, laws), {"control_period_s": 0.01}).describe()
+        notes = prepare(written(tmp_path, laws), {"control_period_s": 0.01}).describe()
         return [re.findall(r"eigenvalue ([\d.]+)", note)[0] for note in notes if "unstable" in note]
 
     assert [told(**{name: law}) for name, law in parts.items()] == [[], []]
@@ -189,9 +190,9 @@ class Second(Push):
     joint = "joint_2"
 
 
-def outside(**kinds):
+def outside(*, check=True, **kinds):
     laws = {"duration_s": 0.01, **phase(controllers={name: {"kind": kind} for name, kind in kinds.items()})}
-    return ffsm_mj.run("free-flying", laws, controllers={"first": First, "second": Second})
+    return ffsm_mj.run("free-flying", laws, controllers={"first": First, "second": Second}, check=check)
 
 
 def test_laws_from_outside_are_parts_as_they_are():
@@ -206,7 +207,7 @@ def test_laws_from_outside_are_parts_as_they_are():
 
 
 def test_laws_from_outside_that_drive_the_same_end_the_run():
-    run = outside(one="first", two="first")
+    run = outside(one="first", two="first", check=False)
     assert run.outcome == "controller_failed"
     expected = "phase 'all', part 'two' (first) at t = 0 s: it drives robot/motor_1, which part 'one' (first) drives too"
     assert run.message == expected
@@ -214,7 +215,7 @@ def test_laws_from_outside_that_drive_the_same_end_the_run():
 
 def test_check_says_which_parts_are_not_known():
     laws = phase(controllers={"one": {"kind": "first"}, "rest": {"kind": "pd", "joints": ["joint_2", "joint_3"], **HOLD}})
-    lines = ffsm_mj.prepare("free-flying", laws, controllers={"first": First}).describe()
+    lines = prepare("free-flying", laws, controllers={"first": First}).describe()
     assert any("part 'one' (first) of phase 'all' does not state which actuators it drives" in line for line in lines)
     names = "robot/thruster_x, robot/thruster_y, robot/wheel, robot/motor_1"
     assert f"note: only part 'one' of phase 'all' may drive {names}" in lines
@@ -231,7 +232,7 @@ def test_what_a_law_from_outside_states_is_not_trusted():
     def refused(law):
         laws = phase(controllers={"one": {"kind": "odd"}, "two": {"kind": "off"}})
         with pytest.raises(InputError) as error:
-            ffsm_mj.prepare("free-flying", laws, controllers={"odd": law}).assemble()
+            prepare("free-flying", laws, controllers={"odd": law}).assemble()
         (line,) = error.value.lines
         return line.partition("controllers.one.")[2]
 
@@ -253,7 +254,7 @@ class Asks(First):
 
 def test_requests_of_parts_are_heard():
     laws = phase(controllers={"one": {"kind": "asks"}, "two": {"kind": "second"}})
-    run = ffsm_mj.run("free-flying", {"duration_s": 0.01, **laws}, controllers={"asks": Asks, "second": Second})
+    run = ffsm_mj.run("free-flying", {"duration_s": 0.01, **laws}, controllers={"asks": Asks, "second": Second}, check=False)
     assert run.outcome == "controller_failed"
     assert "at t = 0.001 s: unknown request 'nobody.release'" in run.message
 
@@ -275,26 +276,26 @@ def test_faults_of_parts_in_one_line(tmp_path, parts, said):
     text = f"    controllers: {parts}\n"
     path.write_text(f"extends: free-flying\nname: mine\nphases:\n  - name: only\n    until: end\n{text}")
     with pytest.raises(InputError, match=said) as refused:
-        ffsm_mj.prepare(path)
+        prepare(path)
     assert len(refused.value.lines) == 1
 
 
 def test_parts_replace_an_inherited_law_and_the_other_way_round(tmp_path):
     path = written(tmp_path, {"arm": "{kind: pd, kp: 1.0, kd: 1.0}"})  # the parent's phase has one controller
-    (first,) = ffsm_mj.prepare(path).scenario.phases
+    (first,) = prepare(path).scenario.phases
     assert first.controller is None
     child = tmp_path / "child.yaml"
     child.write_text("extends: mine.yaml\nname: child\nphases: [{name: safety_pause, controller: {kind: 'off'}}]\n")
-    (second,) = ffsm_mj.prepare(child).scenario.phases
+    (second,) = prepare(child).scenario.phases
     assert (second.controllers, second.kind) == (None, "off")
     for override, kind in {"controller={kind: 'off'}": "off", "controller.kind='off'": "off"}.items():
-        (third,) = ffsm_mj.prepare(path, [f"phases.0.{override}"]).scenario.phases
+        (third,) = prepare(path, [f"phases.0.{override}"]).scenario.phases
         assert (third.controllers, third.kind) == (None, kind)
-    (fourth,) = ffsm_mj.prepare(child, ["phases.safety_pause.controllers.arm={kind: pd, kp: 1.0, kd: 1.0}"]).scenario.phases
+    (fourth,) = prepare(child, ["phases.safety_pause.controllers.arm={kind: pd, kp: 1.0, kd: 1.0}"]).scenario.phases
     assert (fourth.controller, fourth.kind) == (None, "arm: pd")
     both = "{name: only, until: end, controller: {kind: 'off'}, controllers: {arm: {kind: 'off'}}}"
     with pytest.raises(InputError, match="has both 'controller' and 'controllers'"):
-        ffsm_mj.prepare(path, [f"phases=[{both}]"])
+        prepare(path, [f"phases=[{both}]"])
 
 
 def test_a_run_folder_with_parts_runs_again(tmp_path):
@@ -307,8 +308,8 @@ def test_a_run_folder_with_parts_runs_again(tmp_path):
 def test_fingers_are_left_alone_by_the_law_of_the_arm():
     """Without joints the law that tracks takes those that move its site: neither wheels nor what hangs on another branch."""
     law = {key: value for key, value in following().items() if key != "joints"}
-    (phase,) = ffsm_mj.prepare("capture", scene(law)).assemble().controller.phases
-    system = ffsm_mj.prepare("capture").system
+    (phase,) = prepare("capture", scene(law)).assemble().controller.phases
+    system = prepare("capture").system
     driven = [system.names("actuator")[i] for i in phase.controller.driven_actuators]
     assert driven == [f"robot/{name}" for name in ARM]
     two = phase_of(law, {"kind": "pd", "joints": ["hand_roll"], **HOLD})
@@ -318,4 +319,4 @@ def test_fingers_are_left_alone_by_the_law_of_the_arm():
 
 def phase_of(arm, hand):
     changes = scene(None) | phase(controllers={"arm": arm, "hand": hand})
-    return ffsm_mj.prepare("capture", changes).assemble().controller.phases[0].controller
+    return prepare("capture", changes).assemble().controller.phases[0].controller

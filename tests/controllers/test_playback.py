@@ -14,6 +14,7 @@ import pytest
 import ffsm_mj
 from ffsm_controllers.playback.record import EffortRecord
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import FileName, StrictModel
 from ffsm_mj.errors import InputError
 from tests.model.test_pinocchio import oracle
@@ -194,7 +195,7 @@ def test_a_phase_ends_with_the_record(tmp_path):
             ("finished", pytest.approx(end_s)),
         ]
     with pytest.raises(InputError, match=r"phases.0.until: off never finishes; playback and joint_path do"):
-        ffsm_mj.prepare(path, {"phases": [rest | {"until": "finished"}]})
+        prepare(path, {"phases": [rest | {"until": "finished"}]})
 
 
 def test_several_parts_play_files_of_their_own(tmp_path):
@@ -279,7 +280,7 @@ FINAL = {
 
 def test_the_published_robot_keeps_its_centre_of_mass():
     """Model and digits agree: at rest before, the centre of mass never moves; the tip is where it was computed to be."""
-    made = ffsm_mj.prepare("air-bearing").assemble()
+    made = prepare("air-bearing").assemble()
     model, data = made.system.mj, made.data
     centre = data.subtree_com[0].copy()
     for name, value in FINAL.items():
@@ -293,7 +294,7 @@ def test_the_published_robot_keeps_its_centre_of_mass():
 def test_the_published_robot_moves_as_pinocchio_says():
     """The shipped torques, held for 10 ms each, integrated by Pinocchio's forward dynamics and RK4 at 2.5 ms."""
     run = ffsm_mj.run("air-bearing")
-    made = ffsm_mj.prepare("air-bearing").assemble()
+    made = prepare("air-bearing").assemble()
     model, _ = oracle(made.system.mj)
     held, h = model.createData(), 0.0025
     torques = np.array([run[f"actuators.robot_motor_{i}_applied_N_m"] for i in (1, 2, 3)]).T
@@ -402,7 +403,7 @@ def test_faults_name_file_line_key_and_what_is_allowed(content, law, message, tm
     path = pushed(tmp_path, [(0.0, 1.0)], **{"file": "force.csv", **law})
     (tmp_path / "force.csv").write_bytes(content.encode("utf-8", "surrogateescape"))
     with pytest.raises(InputError) as error:
-        ffsm_mj.prepare(path)
+        prepare(path)
     wanted = message.format(csv=tmp_path / "force.csv", folder=tmp_path)
     assert str(error.value).startswith(f"{path}:1:")
     assert f": phases.0.controller.{wanted}" in str(error.value)

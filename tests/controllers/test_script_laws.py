@@ -12,6 +12,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
 
@@ -131,15 +132,15 @@ def test_settings_are_checked_and_used():
     assert first[1] == pytest.approx(2.0 * first[0], rel=1e-15)
     assert first[0] != 0.0
     with pytest.raises(InputError, match=r"phases\.0\.controller\.gian: unknown key.*gain"):
-        ffsm_mj.prepare("coasting", settle(kind="tuned", gian=2.0), controllers={"tuned": Tuned})
+        prepare("coasting", settle(kind="tuned", gian=2.0), controllers={"tuned": Tuned})
     with pytest.raises(InputError, match=r"phases\.0\.controller\.gain: is missing"):
-        ffsm_mj.prepare("coasting", settle(kind="tuned"), controllers={"tuned": Tuned})
+        prepare("coasting", settle(kind="tuned"), controllers={"tuned": Tuned})
     with pytest.raises(InputError, match=r"controller\.kind: unknown kind 'mime'.*mine"):
-        ffsm_mj.prepare("coasting", settle(kind="mime"), controllers={"mine": Damp})
+        prepare("coasting", settle(kind="mime"), controllers={"mine": Damp})
 
 
 def test_a_recipe_with_a_law_of_a_script_can_be_pickled():
-    recipe = ffsm_mj.prepare("coasting", settle(kind="mine"), controllers={"mine": Damp})
+    recipe = prepare("coasting", settle(kind="mine"), controllers={"mine": Damp})
     again = pickle.loads(pickle.dumps(recipe))
     np.testing.assert_array_equal(again.run().log.rows, recipe.run().log.rows)
 
@@ -163,7 +164,7 @@ def test_laws_that_are_not_asked_for_leave_no_trace(tmp_path):
 )
 def test_what_is_no_law_is_refused(laws, fault):
     with pytest.raises(InputError, match=fault):
-        ffsm_mj.prepare("coasting", controllers=laws)
+        prepare("coasting", controllers=laws)
 
 
 def test_a_law_of_a_script_that_fails_ends_the_run_with_its_line(tmp_path):
@@ -171,7 +172,9 @@ def test_a_law_of_a_script_that_fails_ends_the_run_with_its_line(tmp_path):
         def control(self, observation, command):
             raise ZeroDivisionError("nothing to divide by")
 
-    run = ffsm_mj.run("coasting", settle(kind="mine"), controllers={"mine": Broken}, out=tmp_path / "run", rerun=False)
+    run = ffsm_mj.run(
+        "coasting", settle(kind="mine"), controllers={"mine": Broken}, out=tmp_path / "run", rerun=False, check=False
+    )
     assert run.outcome == "controller_failed"
     assert "mine" in run.message
     assert "nothing to divide by" in run.message
@@ -185,14 +188,38 @@ def test_an_error_of_a_law_is_raised_again_with_its_traceback(tmp_path, method):
         raise ZeroDivisionError("in the law")
 
     law = type("Wrong", (Damp,), {method: wrong})
-    arguments = {"controllers": {"wrong": law}, "out": tmp_path / "a", "raise_errors": True}
+    arguments = {"controllers": {"wrong": law}, "out": tmp_path / "a"}
     with pytest.raises(ZeroDivisionError, match="in the law") as caught:
         ffsm_mj.run("coasting", settle(kind="wrong"), **arguments)
     assert caught.traceback[-1].name == "wrong"
     if method == "__init__":
         assert not (tmp_path / "a").exists()
     else:
-        assert ffsm_mj.load_run(tmp_path / "a").outcome == "controller_failed"
+        assert ffsm_mj.load_run(caught.value.run_folder).outcome == "controller_failed"
+        ended, log = caught.value.__notes__
+        assert ended.startswith("the run has ended: controller_failed: ")
+        assert log == f"log of the run: {tmp_path / 'a' / 'run.mcap'}"
+
+
+class Asks(Damp):
+    """Asks for a sensor that no model has."""
+
+    def control(self, observation, command):
+        observation.measured["gyroo"]
+
+
+def test_a_wrong_name_of_a_sensor_is_a_mistake_of_the_law():
+    """The message names the line of the law, not ours, and lists the sensors; of the run in memory there is no folder."""
+    sensors = {f"site_{i}": {"kind": "framepos", "of": "robot/tip"} for i in range(12)}
+    sensors["gyro"] = {"kind": "frameangvel", "of": "robot/tip"}
+    changes = settle(kind="asks") | {"sensors": sensors}
+    run = ffsm_mj.run("coasting", changes, controllers={"asks": Asks}, check=False)
+    line = Asks.control.__code__.co_firstlineno + 1
+    assert "unknown sensor 'gyroo' (did you mean 'gyro'?); the sensors are gyro, site_0, " in run.message
+    assert run.message.endswith(f" and 3 more (test_script_laws.py:{line})")
+    with pytest.raises(KeyError, match="unknown sensor 'gyroo'") as caught:
+        ffsm_mj.run("coasting", changes, controllers={"asks": Asks})
+    assert caught.value.run_folder is None
 
 
 def test_a_folder_that_holds_a_run_is_refused_before_the_scenario_is_read(tmp_path):

@@ -10,6 +10,7 @@ import scipy.linalg
 import ffsm_mj
 from ffsm_controllers import kinds
 from ffsm_mj import Simulator
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.step import SimulatorState
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, ScenarioFaults, Task
 from tests.controllers.task_laws import (
@@ -193,7 +194,7 @@ def test_an_impedance_stays_with_a_site_that_moves():
 
 def test_an_impedance_carries_the_tip_along_with_a_site_that_tumbles():
     """With next to no spring the tip has the acceleration of the site, by finite differences of the satellite alone."""
-    system = ffsm_mj.prepare("capture").system
+    system = prepare("capture").system
     context = ControllerContext(system, Task(system.index("site", "tip"), (0, 1, 2), np.zeros(3)), 1e-3)
     position = {"stiffness_N_m": 1.0, "max_force_N": 1e-9}
     config = {"object_site": "satellite/grapple", "offset_m": (-0.5, 0.2, 0.1), "position": position}

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import ControllerContext, ScenarioFaults, Task, mass_matrix, reduced_model
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.task_model import TaskModel
@@ -21,7 +21,7 @@ TARGET_M = np.array([3.0, 0.0])
 @pytest.fixture(scope="module")
 def planar():
     """The case study at its start, and what its laws are made for."""
-    system = ffsm_mj.prepare("baseline").system
+    system = prepare("baseline").system
     data = mujoco.MjData(system.mj)
     for name, value in {"base_x": 5.0, "base_y": -1.75, "base_yaw": 0.1, "object/x": 3.5, "object/y": -0.5}.items():
         data.qpos[system.joint(name).qpos] = value

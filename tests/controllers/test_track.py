@@ -9,6 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_controllers.task_space.damped_inverse import damped_inverse
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import ControllerContext, SiteMotion
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.run_report import run_report
@@ -83,7 +84,7 @@ def start(run):
 
     Nothing of the law is used: the sites are moved by the state's own rates for a moment.
     """
-    system = ffsm_mj.prepare("capture").system
+    system = prepare("capture").system
     data = mujoco.MjData(system.mj)
 
     def at(time_s):
@@ -101,7 +102,7 @@ def recipes():
     """The scene with the base afloat, and held by its wheels."""
     base = {"wheels": WHEELS, "rotation": {"kp_N_m_rad": 8.0, "kd_N_m_s_rad": 30.0}}
     laws = {"afloat": following(joint_damping_N_m_s_rad=2.0), "held": following(base=base)}
-    return {name: ffsm_mj.prepare("capture", scene(law)) for name, law in laws.items()}
+    return {name: prepare("capture", scene(law)) for name, law in laws.items()}
 
 
 # Torques are held for 5 ms, an error of first order: measured 7.3e-4 m and 3.7e-4 rad, half of it at half the period.
@@ -249,7 +250,7 @@ def test_a_stretched_arm_is_near_a_singularity_and_says_so():
     run = ffsm_mj.run("capture-planar", changes | {"phases": [{"name": "all", "until": "end", "controller": law}]})
     assert run.outcome == "completed", run.message
     (phase,) = run.summary()["controller"]["phases"]
-    system = ffsm_mj.prepare("capture-planar").system
+    system = prepare("capture-planar").system
     task = TaskModel(ControllerContext(system, None, 0.01), site="tip", axes=(0, 1))
     data = mujoco.MjData(system.mj)
     inertia = []
@@ -295,7 +296,7 @@ def test_what_holds_the_object_follows_nothing():
 )
 def test_damping_that_the_period_is_too_long_for_is_told(change, note):
     """A rate that is taken to 1 - dt kd of itself: dt is 5 ms here, so that kd is stable up to 400 per second."""
-    notes = [line for line in ffsm_mj.prepare("capture", scene(following(**change))).describe() if "unstable" in line]
+    notes = [line for line in prepare("capture", scene(following(**change))).describe() if "unstable" in line]
     assert len(notes) == bool(note)
     assert all(note in line for line in notes)
     if "kd_1_s" in note:  # 400 up to rounding, then rounded down to three digits
@@ -321,7 +322,7 @@ def test_damping_that_the_period_is_too_long_for_is_told(change, note):
 def test_what_is_wrong_is_told_with_its_place(change, place, what):
     law = {key: value for key, value in (following() | change).items() if value is not None}
     with pytest.raises(InputError) as error:
-        ffsm_mj.prepare("capture", scene(law))
+        prepare("capture", scene(law))
     line = error.value.lines[0]
     assert f"phases.0.controller.{place}: " in line
     assert what in line

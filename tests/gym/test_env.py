@@ -58,6 +58,15 @@ def test_motion_under_an_action_is_that_of_the_force(tmp_path):
     assert steps[-1][4]["ending"] == "duration"
 
 
+def test_a_scenario_of_a_program_is_one_too(tmp_path):
+    """The same episode as of its file."""
+    path = pushed_ball(tmp_path)
+    files = episode(ffsm_mj.gym.make(path))
+    for scenario in (ffsm_mj.Scenario.load(path), ffsm_mj.Scenario.load(path).with_overrides({"description": "again"})):
+        for one, other in zip(episode(ffsm_mj.gym.make(scenario)), files, strict=True):
+            np.testing.assert_array_equal(one[0], other[0])
+
+
 def test_contact_force_and_records(tmp_path):
     """E = 0 at 1 m/s on 3 kg: impulse 1.2 N s, then 4 N on both of 5 kg presses with 4 N * 3/5."""
     env = ScenarioEnv(pushed_ball(tmp_path), overrides=FAST | {"duration_s": 0.05})

@@ -14,6 +14,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run import load_run
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.analyze import _judge, _tolerance
 from ffsm_mj.cli.exit_codes import BAD_INPUT, DAMAGED
 from ffsm_mj.errors import FfsmError
@@ -73,7 +74,7 @@ def logs(tmp_path_factory):
         if (name, duration_s) not in known:
             folder = tmp_path_factory.mktemp("log") / name
             # What is to be reached at the end of a scenario is not reached by one that is cut short.
-            period_s = float(ffsm_mj.prepare(name).scenario.control_period_s)
+            period_s = float(prepare(name).scenario.control_period_s)
             if duration_s >= 1.0:
                 period_s *= max(round(PERIOD_S / period_s), 1)
             cut = {"duration_s": period_s * round(duration_s / period_s), "control_period_s": period_s, "terminal": None}
@@ -111,7 +112,7 @@ PARTS = [(name, part) for name in scenario_names() for part in range(25)]
 @pytest.mark.parametrize(("name", "part"), PARTS)
 def test_damage_of_shipped_scenarios_is_damage(logs, name, part, tmp_path):
     size = -(-2000 // len(PARTS))
-    duration_s = min(LONG_S, ffsm_mj.prepare(name).scenario.duration_s)
+    duration_s = min(LONG_S, prepare(name).scenario.duration_s)
     assert complaints(logs(name, duration_s), range(part * size, (part + 1) * size), tmp_path) == []
 
 

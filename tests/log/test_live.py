@@ -12,6 +12,7 @@ import pytest
 import rerun as rr
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.rerun import live as rerun_live
 from ffsm_mj.log.rerun.viewer import viewer_command
@@ -111,7 +112,7 @@ def test_an_invalid_address_is_refused(tmp_path, capsys):
 
 def test_each_run_is_a_recording_of_its_own_in_the_viewer(tmp_path, monkeypatch):
     """Also of runs that begin in the same second, as episodes do: a viewer would draw them over each other."""
-    made = ffsm_mj.prepare(two_balls(tmp_path, duration_s=0.01))
+    made = prepare(two_balls(tmp_path, duration_s=0.01))
     header, names, begin = made.run().log.header, [], rr.RecordingStream
 
     def noted(*args, recording_id, **options):

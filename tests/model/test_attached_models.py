@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import read_log
@@ -108,7 +109,7 @@ def test_run_folder_and_log_suffice_without_the_original_files(models, tmp_path,
 def test_each_attached_model_has_the_meshes_of_its_own_folder(models):
     """As in MuJoCo from disk, where all meshes are different."""
     from_disk = mujoco.MjSpec.from_file(str(models / "hub" / "hub.xml")).compile()
-    from_memory = ffsm_mj.prepare(scenario(models)).system.mj
+    from_memory = prepare(scenario(models)).system.mj
     assert from_memory.nmesh == 5
     assert np.array_equal(from_memory.mesh_vert, from_disk.mesh_vert)
     first = from_memory.mesh_vertadr

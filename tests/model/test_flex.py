@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import grasping
@@ -121,14 +122,14 @@ def test_laws_see_the_rigid_robot_at_the_motors(tmp_path):
 def test_the_drive_has_nothing_of_the_file(tmp_path):
     """No defaults, and the axis and the anchor of its joint; the armature of the file is replaced."""
     pushed(tmp_path)
-    system = ffsm_mj.prepare(tmp_path / "scene.yaml", {"phases.0.controller.kind": "off"}).system
+    system = prepare(tmp_path / "scene.yaml", {"phases.0.controller.kind": "off"}).system
     model, drive, flex = system.mj, *(system.joints[f"robot/{name}"] for name in ("drive", "drive_flex"))
     assert model.dof_armature[[drive.dofs.start, flex.dofs.start]] == pytest.approx([REFLECTED, 0.0])
     assert model.dof_damping[flex.dofs.start] == 0.0
     first, second = (model.joint(joint.name) for joint in (drive, flex))
     np.testing.assert_array_equal(first.axis, second.axis)
     np.testing.assert_array_equal(first.pos, second.pos)
-    lines = ffsm_mj.prepare(tmp_path / "scene.yaml", {"phases.0.controller.kind": "off"}).describe()
+    lines = prepare(tmp_path / "scene.yaml", {"phases.0.controller.kind": "off"}).describe()
     assert any(f"fastest mode {W:.4g} rad/s" in line and "drive_flex" in line for line in lines)
 
 
@@ -182,6 +183,6 @@ def test_damping_gains_are_judged_by_the_rotor(tmp_path):
     for share in (1.01, 0.99):
         law = {"kind": "pd", "kp": 0.0, "kd": share * most}
         pushed(tmp_path, phases=[{"name": "push", "until": "end", "controller": law}])
-        notes = ffsm_mj.prepare(tmp_path / "scene.yaml").notes()
+        notes = prepare(tmp_path / "scene.yaml").notes()
         noted.append([note for note in notes if "kd is unstable at the control period" in note and "robot/drive'" in note])
     assert [len(each) for each in noted] == [1, 0]

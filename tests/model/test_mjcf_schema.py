@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.model.mjcf_cases import COMPARED, MARKED, WITHOUT_FORCE, mjcf, written
 from tests.scenes import ball, compile_paths, scene
@@ -150,7 +150,7 @@ def test_a_height_field_is_noted(tmp_path):
     robot = ball("robot", extra='<geom name="field" type="hfield" hfield="h"/>').replace("<worldbody>", field)
     rules = {"rules": [{"between": ["robot", "ball"]}]}
     at = {"joints": {"ball/free": [5, 0, 0, 1, 0, 0, 0]}}
-    (note,) = ffsm_mj.prepare(scene(tmp_path, robot, {"ball": ball()}, contacts=rules, initial=at)).notes()
+    (note,) = prepare(scene(tmp_path, robot, {"ball": ball()}, contacts=rules, initial=at)).notes()
     assert "geom 'robot/field' is a height field" in note
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults
@@ -84,12 +85,10 @@ def test_explicit_inertials_change_nothing(kind):
 @pytest.mark.long
 @pytest.mark.parametrize("scenario", scenario_names())
 def test_explicit_inertials_change_nothing_in_what_is_shipped(scenario):
-    prepared = ffsm_mj.prepare(scenario)
+    prepared = prepare(scenario)
     bodies = [name.split("/") for name in prepared.system.names("body") if not name.endswith("/world")]
     given = prepared.scenario.model
-    same = ffsm_mj.prepare(
-        scenario, {f"model.{tree}.{body}": {} for tree, body in bodies if body not in given.get(tree, {})}
-    )
+    same = prepare(scenario, {f"model.{tree}.{body}": {} for tree, body in bodies if body not in given.get(tree, {})})
     assert len(same.scenario.model) > 0
     assert_same(prepared.system.mj, same.system.mj)
 
@@ -301,7 +300,7 @@ def test_invalid_properties_give_one_line_with_their_place(tmp_path, key, asked,
     path = two_balls(tmp_path)
     path.write_text(json.dumps(json.loads(path.read_text()) | {key: asked}))
     with pytest.raises(InputError, match=r"scene\.yaml:1:\d+: .*" + said.replace(r"model\.", rf"{key}\.", 1)) as error:
-        ffsm_mj.prepare(path)
+        prepare(path)
     assert len(error.value.lines) == 1
     assert main(["check", str(path)]) == 2
 
@@ -312,8 +311,8 @@ def test_properties_without_effect_are_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"model\.wall\.world\.mass_kg: it is fixed: its mass has no effect; remove the key"
     ):
-        ffsm_mj.prepare(path, {"model.wall.world.mass_kg": 3})
-    system = ffsm_mj.prepare(path, {"model.wall.world.geoms.wall.size_m": [0.2, 1, 1]}).system
+        prepare(path, {"model.wall.world.mass_kg": 3})
+    system = prepare(path, {"model.wall.world.geoms.wall.size_m": [0.2, 1, 1]}).system
     assert property_value(system.mj, "model.wall.world.geoms.wall.size_m") == (0.2, 1.0, 1.0)
     static = mjcf("inferred").replace("</worldbody>", '<body name="lamp"><geom name="lamp" size="1"/></body></worldbody>')
     with pytest.raises(ScenarioFaults, match="the body does not move: its mass has no effect"):
@@ -379,7 +378,7 @@ def test_log_replay_and_rerun_have_the_properties_too(tmp_path, capfd):
     }
     assert json.loads((out / "summary.json").read_text())["model"] == expected
     assert "model" not in ffsm_mj.run(path).summary()
-    assert_same(compile_log(ffsm_mj.load_run(out).log).mj, ffsm_mj.prepare(path, given).system.mj)
+    assert_same(compile_log(ffsm_mj.load_run(out).log).mj, prepare(path, given).system.mj)
     assert main(["analyze", str(out)]) == 0
     printed = capfd.readouterr().out
     assert "columns agree with states" in printed
@@ -416,7 +415,7 @@ def test_a_scenario_that_extends_changes_one_property_of_many(tmp_path):
     parent = two_balls(tmp_path, model={"robot": {"ball": {"mass_kg": 5, "centre_of_mass_m": [0, 0, 0.01]}}})
     child = tmp_path / "child.yaml"
     child.write_text(f"extends: {parent.name}\nname: child\nmodel: {{robot: {{ball: {{mass_kg: 6}}}}}}\n")
-    changes = ffsm_mj.prepare(child).system.changes
+    changes = prepare(child).system.changes
     assert {change.path[-1]: change.after for change in changes} == {"mass_kg": 6.0, "centre_of_mass_m": (0.0, 0.0, 0.01)}
 
 

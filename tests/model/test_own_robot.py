@@ -9,6 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from tests.scenario.test_scenario import faults
 
@@ -77,10 +78,10 @@ def test_unknown_elements_of_a_urdf_are_ignored(folder, around):
     told = '<plugin filename="libgazebo_ros_control.so" name="x"/><extension><plugin plugin="no.such"/></extension>'
     text = FILES["otto.urdf"].replace('<robot name="otto">', f'<robot name="otto">{told.join(around)}')
     (folder / "otto.urdf").write_text(text)
-    prepared = ffsm_mj.prepare("otto.yaml")
+    prepared = prepare("otto.yaml")
     assert prepared.system.mj.nplugin == 0
     (folder / "otto.urdf").write_text(FILES["otto.urdf"])
-    assert ffsm_mj.prepare("otto.yaml").system.mj.nbody == prepared.system.mj.nbody
+    assert prepare("otto.yaml").system.mj.nbody == prepared.system.mj.nbody
 
 
 def test_the_recipe_for_a_published_arm(folder, capsys):

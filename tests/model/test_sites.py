@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
@@ -33,7 +34,7 @@ def reaching(folder, **sites):
 
 def test_a_site_is_at_the_given_position(tmp_path):
     path = reaching(tmp_path, tip={"body": "lower", "pos_m": [0.5, 0.0, 0.1]})
-    system = ffsm_mj.prepare(path).system
+    system = prepare(path).system
     site = system.mj.site("robot/tip")
     assert system.mj.body(site.bodyid[0]).name == "robot/lower"
     np.testing.assert_array_equal(site.pos, [0.5, 0.0, 0.1])
@@ -64,14 +65,14 @@ def test_log_and_rerun_have_the_site_too(tmp_path, capfd):
 )
 def test_faults_of_a_site_are_reported_with_their_place(tmp_path, site, said):
     with pytest.raises(InputError, match=r"scene\.yaml:1:\d+: " + said):
-        ffsm_mj.prepare(reaching(tmp_path, tip=site))
+        prepare(reaching(tmp_path, tip=site))
 
 
 def test_a_site_of_the_model_is_not_replaced(tmp_path):
     path = reaching(tmp_path, tip={"body": "lower"})
     (tmp_path / "robot.xml").write_text(ARM.replace('<geom name="tip"', '<site name="tip"/><geom name="tip"'))
     with pytest.raises(InputError, match=r"robot\.sites\.tip: the model already has a site of this name; choose another"):
-        ffsm_mj.prepare(path)
+        prepare(path)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.events import Outcome
 from tests.scenes import HEAD, ball, compile_paths, scene
@@ -120,7 +121,7 @@ def test_actuators_that_are_no_plain_motors_are_refused_with_their_line(tmp_path
 def test_strip_removes_what_is_refused_of_actuators(tmp_path, word):
     actuator = '<adhesion body="link" ctrlrange="0 1"/>' if word == "servos" else '<motor joint="j" damping="0.5"/>'
     changes = {"robot.strip": [word]}
-    model = ffsm_mj.prepare(scene(tmp_path, bus(actuator=actuator), {}), changes).system.mj
+    model = prepare(scene(tmp_path, bus(actuator=actuator), {}), changes).system.mj
     assert model.nactuator == (word == "damping")
     assert not model.actuator_damping.any()
 
@@ -199,18 +200,18 @@ def test_models_that_cannot_touch_are_noted_and_watched(tmp_path):
     other = bus(geom=geom).replace('name="hand" size="0.05"', f'name="hand" size="0.05" {geom}')
     path = scene(tmp_path, other, {"other": other}, duration_s=0.3, initial={
         "joints": {"other/free": [1.5, 0, 0, 1, 0, 0, 0]}, "rates": {"other/free": [-10, 0, 0, 0, 0, 0]}})  # fmt: skip
-    prepared = ffsm_mj.prepare(path)
+    prepared = prepare(path)
     assert any("'robot' and 'other' cannot touch: contype and conaffinity" in note for note in prepared.notes())
     run = ffsm_mj.run(path, rerun=False)
     assert len(run.unhandled_contacts) > 0
-    assert not any("cannot touch" in note for note in ffsm_mj.prepare(path, {"contacts.ignored": [
+    assert not any("cannot touch" in note for note in prepare(path, {"contacts.ignored": [
         {"between": ["robot", "other"], "reason": "they stay apart"}]}).notes())  # fmt: skip
 
 
 def test_an_ambiguous_geom_is_said_to_be_ambiguous(tmp_path):
     path = scene(tmp_path, ball("hull"), {"other": ball("hull")}, contacts={"rules": [{"between": ["hull", "other"]}]})
     with pytest.raises(InputError, match=r"(body|geom) 'hull' is ambiguous; write one of robot/hull, other/hull"):
-        ffsm_mj.prepare(path)
+        prepare(path)
 
 
 def test_actuators_of_objects_are_not_driven(tmp_path):
@@ -219,7 +220,7 @@ def test_actuators_of_objects_are_not_driven(tmp_path):
     path = scene(
         tmp_path, ball("robot"), {"tug": tug}, duration_s=0.1, initial={"joints": {"tug/free": [5, 0, 0, 1, 0, 0, 0]}}
     )
-    simulator = ffsm_mj.Simulator(path)
+    simulator = ffsm_mj.Simulator(path, check=False)
     simulator.reset()
     simulator.step(np.zeros(1))
     ended = simulator.step(np.ones(1)).ended
@@ -229,4 +230,4 @@ def test_actuators_of_objects_are_not_driven(tmp_path):
     (tmp_path / "jets.csv").write_text("time_s,jet_N\n0,0.2\n1,0\n")
     playback = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": "jets.csv"}}]
     with pytest.raises(InputError, match="drives tug/jet: an actuator of an object"):
-        ffsm_mj.prepare(path, {"phases": playback})
+        prepare(path, {"phases": playback})

@@ -7,6 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from tests.scenes import ARM, ball, scene
@@ -47,12 +48,12 @@ def test_a_completely_stripped_arm_moves_as_the_bare_arm(tmp_path):
     bare = ffsm_mj.run(path, changes | {"robot.strip": []})
     np.testing.assert_array_equal(run.qpos, bare.qpos)
     assert all(check.passes for check in all_checks(run))
-    assert ffsm_mj.prepare(path, changes).system.mj.nsensor == 0
+    assert prepare(path, changes).system.mj.nsensor == 0
 
 
 def test_check_lists_the_removed_elements(tmp_path, capfd):
     path, changes = moving(tmp_path, ALL)
-    notes = ffsm_mj.prepare(path, changes).system.notes
+    notes = prepare(path, changes).system.notes
     assert notes == (
         "removed from robot: damping of 2 joints (shoulder, elbow)",
         "removed from robot: damping of 1 tendon (strap)",
@@ -79,7 +80,7 @@ def test_elements_that_are_not_stripped_are_refused(tmp_path, left):
     """With the name of the joint or constraint."""
     path, changes = moving(tmp_path, [word for word in ALL if word != left])
     with pytest.raises(InputError, match=f"{left}|equality 'tied'") as refused:
-        ffsm_mj.prepare(path, changes)
+        prepare(path, changes)
     told = "\n".join(refused.value.lines)
     assert ("'shoulder'" in told) == (left != "equalities")
 
@@ -88,13 +89,13 @@ def test_elements_that_are_not_stripped_are_refused(tmp_path, left):
 def test_springs_and_dampers_of_joints_are_kept(tmp_path, left, attribute):
     """Unless they are stripped: they enter the balance."""
     path, changes = moving(tmp_path, [word for word in ALL if word != left])
-    assert getattr(ffsm_mj.prepare(path, changes).system.mj, attribute).any()
+    assert getattr(prepare(path, changes).system.mj, attribute).any()
 
 
 def test_servos_are_refused_with_a_remedy(tmp_path):
     path, changes = moving(tmp_path, ALL[:-1])
     with pytest.raises(InputError, match=r"strip: \[servos\]") as refused:
-        ffsm_mj.prepare(path, changes)
+        prepare(path, changes)
     assert [line.partition(" is not a plain <motor>")[0].rpartition("actuator ")[2] for line in refused.value.lines] == [
         "'aim'",
         "'lag'",
@@ -121,7 +122,7 @@ def test_log_and_rerun_strip_alike(tmp_path, capfd):
 def test_unknown_entries_of_strip_are_refused_with_the_allowed_ones(tmp_path):
     path, changes = moving(tmp_path, ["damping", "gravity"])
     with pytest.raises(InputError, match=r"robot\.strip.*'damping'.*'tendons'.*gravity"):
-        ffsm_mj.prepare(path, changes)
+        prepare(path, changes)
 
 
 def test_gravcomp_is_removed(tmp_path):
@@ -129,7 +130,7 @@ def test_gravcomp_is_removed(tmp_path):
     path, changes = moving(tmp_path, [])
     held = ARM.replace('<body name="lower"', '<body name="lower" gravcomp="1"')
     (tmp_path / "robot.xml").write_text(held)
-    assert ffsm_mj.prepare(path, changes).system.notes == ()
-    system = ffsm_mj.prepare(path, changes | {"robot.strip": ["gravcomp"]}).system
+    assert prepare(path, changes).system.notes == ()
+    system = prepare(path, changes | {"robot.strip": ["gravcomp"]}).system
     assert system.notes == ("removed from robot: gravcomp of 1 link (lower)",)
     assert not system.mj.body_gravcomp.any()

@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.drawn_geoms import geoms_to_draw
 from tests.robots.published import ROBOTS, write_scenario
@@ -88,7 +89,7 @@ def test_a_published_robot_collides_and_proves_it(name, tmp_path, capfd, viewed)
     assert viewed[0] == viewed[1]
     assert any(entity.startswith("/world/impacts/0/") for entity in viewed[0])
     shown = {entity.rpartition("/")[2] for entity in viewed[0] if entity.startswith(("/world/robot/", "/world/rock/"))}
-    model = ffsm_mj.prepare(out).system.mj
+    model = prepare(out).system.mj
     geoms = {model.geom(geom).name.rpartition("/")[2] for geom in geoms_to_draw(model)}
     assert geoms <= shown
 
@@ -109,14 +110,14 @@ def _moves(film: Path) -> bool:
 def test_explicit_inertials_change_nothing(name, tmp_path):
     """Every body of a vendor's robot gets what it weighs as numbers, and is the same bit by bit; one can weigh 3.3 kg."""
     path = write_scenario(name, tmp_path)
-    own = ffsm_mj.prepare(path).system.mj
+    own = prepare(path).system.mj
     bodies = [own.body(b).name.partition("/")[2] for b in range(own.nbody) if own.body(b).name.startswith("robot/")]
-    again = ffsm_mj.prepare(path, {"model": {"robot": {body: {} for body in bodies}}}).system.mj
+    again = prepare(path, {"model": {"robot": {body: {} for body in bodies}}}).system.mj
     for field in dir(own):
         if isinstance(value := getattr(own, field, None), np.ndarray):
             np.testing.assert_array_equal(getattr(again, field), value, err_msg=field)
     heavy = own.body(int(np.argmax(own.body_mass))).name.partition("/")[2]
-    (change,) = ffsm_mj.prepare(path, {"model": {"robot": {heavy: {"mass_kg": 3.3}}}}).changes
+    (change,) = prepare(path, {"model": {"robot": {heavy: {"mass_kg": 3.3}}}}).changes
     assert change.after == 3.3 != change.before
 
 
@@ -128,7 +129,7 @@ def _is_shipped(file: str, content: bytes, folders: list[Path]) -> bool:
 def test_pinocchio_reads_the_same_robot_from_the_vendors_file(tmp_path, capfd):
     """UR5: energy and momenta of every sample, before and after the impact, by another engine from the URDF itself."""
     ffsm(capfd, "run", write_scenario("ur5", tmp_path), "--out", tmp_path / "out", "--no-rerun")
-    run, robot = ffsm_mj.load_run(tmp_path / "out"), ffsm_mj.prepare(tmp_path / "out").system.robot
+    run, robot = ffsm_mj.load_run(tmp_path / "out"), prepare(tmp_path / "out").system.robot
     model = pin.buildModelFromUrdf(str(tmp_path / "ur5_robot.urdf"), pin.JointModelFreeFlyer())
     data = model.createData()
     hinges = [joint.name.removeprefix("robot/") for joint in robot.joints[1:]]

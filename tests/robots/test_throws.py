@@ -11,6 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.replay import replay_log
 from tests.robots.geom_distance import Distances
 from tests.robots.throws import write_throw
@@ -37,7 +38,7 @@ def throw_passes(robot: str, seed: int, folder: Path) -> None:
     assert [check for check in all_checks(run) if not check.passes] == []
     again = replay_log(run.log)
     assert again.agrees, (again.obstacle, again.worst)
-    judge(run, ffsm_mj.prepare(throw.path).system.mj)
+    judge(run, prepare(throw.path).system.mj)
 
 
 def judge(run: Run, model: mujoco.MjModel) -> None:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import Fault, InputError
 from ffsm_mj.scenario.loading import load_scenario
-from ffsm_mj.scenario.scenario import Scenario
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.scenario.source import read_yaml
@@ -349,7 +349,7 @@ def test_yaml_round_trip(tmp_path):
     (tmp_path / "again.yaml").write_text(write_yaml(source.data))
     again, _ = load_scenario(tmp_path / "again.yaml")
     assert again == scenario
-    assert Scenario.model_validate(source.data) == scenario
+    assert ScenarioConfig.model_validate(source.data) == scenario
 
 
 @pytest.mark.parametrize(

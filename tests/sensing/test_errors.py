@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model.sensors import ModelSensor
 from ffsm_mj.sensing.group import SensorGroup
@@ -162,7 +162,7 @@ def test_delays_beyond_the_run_and_names_that_are_taken_are_refused(tmp_path, sc
 
 def test_check_says_where_a_delay_of_a_file_is_longer_than_the_run(tmp_path):
     path = pushing(tmp_path, robot=arm('<gyro name="gyro" site="imu" delay="9"/>'))
-    lines = ffsm_mj.prepare(path, controllers={"listen": Listener}).describe()
+    lines = prepare(path, controllers={"listen": Listener}).describe()
     assert "    robot/gyro: gyro, every 0.01 s, 9 s late, nothing arrives within the run" in lines
 
 

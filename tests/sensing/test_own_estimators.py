@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.campaign.campaign import Campaign
 from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.controller_protocol import Signal, StrictModel
@@ -100,7 +102,7 @@ def test_a_class_of_a_script_is_flown_and_told(tmp_path, capfd):
     assert np.array_equal(run["estimate.frozen_calls"][:-1], np.arange(1.0, len(run.time)))
     assert replay_log(run.log).agrees
     assert "\nscript_laws: [mine]\n" in (out / "scenario.yaml").read_text()
-    again = pickle.loads(pickle.dumps(ffsm_mj.prepare(out, estimators={"mine": Frozen}))).run()
+    again = pickle.loads(pickle.dumps(prepare(out, estimators={"mine": Frozen}))).run()
     assert np.array_equal(again.log.rows, run.log.rows, equal_nan=True)
 
     from ffsm_mj.cli.main import main
@@ -115,16 +117,16 @@ def test_a_class_of_a_script_is_flown_and_told(tmp_path, capfd):
 def test_a_class_with_settings_has_them_checked(tmp_path):
     run = ffsm_mj.run(scenario(tmp_path, estimator={"kind": "shifted", "at_m": 0.3}), estimators={"shifted": Shifted})
     assert set(run["estimate.q_robot_x_m"]) == {0.3}
-    recipe = ffsm_mj.prepare(tmp_path / "scene.yaml", estimators={"shifted": Shifted})
+    recipe = prepare(tmp_path / "scene.yaml", estimators={"shifted": Shifted})
     assert "\nestimator: {kind: shifted, at_m: 0.3}\n" in recipe.scenario_yaml
     with pytest.raises(InputError, match=r"estimator\.at_m: is missing"):
-        ffsm_mj.prepare(scenario(tmp_path, estimator={"kind": "shifted"}), estimators={"shifted": Shifted})
+        prepare(scenario(tmp_path, estimator={"kind": "shifted"}), estimators={"shifted": Shifted})
     with pytest.raises(InputError, match=r"estimator: needs a 'kind'; allowed: direct, mekf, mine, truth"):
-        ffsm_mj.prepare(scenario(tmp_path, estimator={"kid": "mine"}), estimators={"mine": Frozen})
+        prepare(scenario(tmp_path, estimator={"kid": "mine"}), estimators={"mine": Frozen})
     with pytest.raises(InputError, match="estimators: 'direct' is the name of an existing kind"):
-        ffsm_mj.prepare(scenario(tmp_path), estimators={"direct": Frozen})
+        prepare(scenario(tmp_path), estimators={"direct": Frozen})
     with pytest.raises(InputError, match="estimators: 'mine' is no class with the methods start, update, telemetry"):
-        ffsm_mj.prepare(scenario(tmp_path), estimators={"mine": object})
+        prepare(scenario(tmp_path), estimators={"mine": object})
 
 
 @pytest.mark.parametrize(
@@ -138,13 +140,20 @@ def test_a_class_with_settings_has_them_checked(tmp_path):
     ],
 )
 def test_what_fails_in_flight_ends_the_run_with_one_line_and_a_log(tmp_path, own, words):
-    run = ffsm_mj.run(scenario(tmp_path), estimators={"mine": own}, out=tmp_path / "run", rerun=False)
+    run = ffsm_mj.run(scenario(tmp_path), estimators={"mine": own}, out=tmp_path / "run", rerun=False, check=False)
     assert run.outcome == "controller_failed"
     assert words in run.message
     assert "\n" not in run.message
     loaded = ffsm_mj.load_run(tmp_path / "run")
     assert loaded.outcome == "controller_failed"
     assert replay_log(loaded.log).agrees
+
+
+def test_what_an_estimator_raises_is_raised(tmp_path):
+    """The exception itself, not the one that says whose it is."""
+    with pytest.raises(RuntimeError, match="lost the target") as caught:
+        ffsm_mj.run(scenario(tmp_path), estimators={"mine": Raises})
+    assert caught.traceback[-1].path == Path(__file__)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +167,7 @@ def test_what_fails_in_flight_ends_the_run_with_one_line_and_a_log(tmp_path, own
 def test_telemetry_that_cannot_be_columns_is_a_fault_of_the_estimator(tmp_path, signals, words):
     own = type("Own", (Frozen,), {"telemetry_signals": signals})
     with pytest.raises(InputError) as told:
-        ffsm_mj.prepare(scenario(tmp_path), estimators={"mine": own})
+        prepare(scenario(tmp_path), estimators={"mine": own})
     (line,) = told.value.lines
     assert words in line
     assert "scene.yaml" in line

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from tests.sensing.scenes import Listener, arm, pushing, run
 
@@ -44,7 +44,7 @@ def test_an_impact_between_samples_is_felt_by_a_load_cell(tmp_path):
 
 def test_check_says_how_late_samples_are_and_how_many_are_lost(tmp_path):
     sensors = {"gyro": {"delay_s": 0.1, "delay_jitter_s": 0.05, "dropout": 0.25}, "acc": {"dropout": 1.0}}
-    lines = ffsm_mj.prepare(pushing(tmp_path, sensors=sensors), controllers={"listen": Listener}).describe()
+    lines = prepare(pushing(tmp_path, sensors=sensors), controllers={"listen": Listener}).describe()
     assert "    robot/gyro: gyro, every 0.01 s, 0.1 to 0.15 s late, 0.25 of all lost" in lines
     assert "    robot/acc: accelerometer, every 0.0033 s, 1 of all lost, nothing arrives within the run" in lines
 

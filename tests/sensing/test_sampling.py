@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord
@@ -147,7 +148,7 @@ def test_a_touch_sensor_has_the_force_that_accelerates_what_it_touches(tmp_path)
 
 
 def test_a_check_lists_sensors_and_the_estimator(tmp_path):
-    lines = ffsm_mj.prepare(pushing(tmp_path, estimator={"kind": "direct"}), controllers={"listen": Listener}).describe()
+    lines = prepare(pushing(tmp_path, estimator={"kind": "direct"}), controllers={"listen": Listener}).describe()
     start = lines.index("  sensors (estimator direct)")
     assert lines[start + 1] == "    robot/encoder: jointpos, every 0.01 s"
     assert "    robot/camera: framepos, every 0.1 s, 0.1 s late" in lines[start:]

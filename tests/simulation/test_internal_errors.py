@@ -8,6 +8,7 @@ from itertools import count
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact.watch import ContactWatch
@@ -93,7 +94,7 @@ def test_analyze_says_it_and_shows_the_traceback(tmp_path, monkeypatch, capsys):
     path, out = two_balls(tmp_path), tmp_path / "out"
     with monkeypatch.context() as patched:
         breaks(patched, Balance, "close", 40)
-        ffsm_mj.run(path, out=out, rerun=False)
+        ffsm_mj.run(path, out=out, rerun=False, check=False)
     assert main(["analyze", str(out)]) == 0
     told = capsys.readouterr().out
     assert "internal_error (at t = 0.04 s: ZeroDivisionError: on purpose" in told
@@ -110,7 +111,7 @@ def test_an_exception_of_the_caller_is_the_callers(tmp_path):
             raise KeyError("mine")
 
     with pytest.raises(KeyError, match="mine"):
-        ffsm_mj.prepare(two_balls(tmp_path)).run(report=report)
+        prepare(two_balls(tmp_path)).run(report=report)
 
 
 def test_a_failing_command_does_not_claim_that_a_check_fails(monkeypatch, capsys):
@@ -122,10 +123,10 @@ def test_a_failing_command_does_not_claim_that_a_check_fails(monkeypatch, capsys
     assert capsys.readouterr().err == told
 
 
-def test_errors_are_raised_again_in_python_if_asked_for(tmp_path, monkeypatch):
+def test_errors_are_raised_again_in_python(tmp_path, monkeypatch):
     """With the frames of the code that raised; the log is complete as without."""
     breaks(monkeypatch, *PLACES["the integrator"])
     with pytest.raises(ZeroDivisionError, match="purpose") as caught:
-        ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "a", raise_errors=True)
+        ffsm_mj.run(two_balls(tmp_path), out=tmp_path / "a")
     assert caught.traceback[-1].name == "broken"
     assert ffsm_mj.load_run(tmp_path / "a").outcome == "internal_error"

@@ -257,7 +257,7 @@ def test_a_fault_of_our_own_is_not_hidden_and_costs_no_data(tmp_path, monkeypatc
     simulate(parts, RunFolder(tmp_path / "out"))
     run = ffsm_mj.load_run(tmp_path / "out")
     assert run.outcome == "internal_error"
-    assert run.message.startswith("at t = 0.3 s: RuntimeError: a defect (contact_models/impact/model.py:")
+    assert run.message.startswith("at t = 0.3 s: RuntimeError: a defect (test_outcomes.py:")
     assert run.time[-1] == pytest.approx(0.3, abs=2e-3)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.assembly.step import SimulatorState
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import stored_states
@@ -57,14 +58,14 @@ def check_in_another_process(folder, scenario, given, wanted):
 def test_in_another_process(scenario, tmp_path):
     """Two points of each scenario: its second event, and a random tick."""
     given = overrides(scenario)
-    duration_s = ffsm_mj.prepare(scenario, given).scenario.duration_s
+    duration_s = prepare(scenario, given).scenario.duration_s
     check_in_another_process(tmp_path, scenario, given, (2, Random(scenario).uniform(0.1, 0.9) * duration_s))
 
 
 @pytest.mark.long(one_of=100)
 @pytest.mark.parametrize("scenario", sorted(SCENARIOS, key=lambda name: name != "dock"))
 def test_at_every_event_and_at_random_ticks(scenario, tmp_path):
-    random, duration_s = Random(scenario), ffsm_mj.prepare(scenario).scenario.duration_s
+    random, duration_s = Random(scenario), prepare(scenario).scenario.duration_s
     check_in_another_process(tmp_path, scenario, {}, ("events", *(random.uniform(0.0, duration_s) for _ in range(TICKS))))
 
 
@@ -201,7 +202,7 @@ def test_states_of_a_log_are_used(tmp_path, monkeypatch):
     again = ffsm_mj.resume(tmp_path / "run", 0.4)
     assert np.array_equal(whole.log.rows[-len(again.log.rows) :], again.log.rows, equal_nan=True)
     with pytest.raises(InputError, match=r"log\.states"):
-        ffsm_mj.prepare("tap", {"log.states": "all"})
+        prepare("tap", {"log.states": "all"})
 
 
 def test_states_share_nothing_with_the_simulation(tap):

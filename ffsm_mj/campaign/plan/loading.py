@@ -6,10 +6,11 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
-from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.assembly.prepare import PreparedRun, Scenario, prepare, scenario_of
 from ffsm_mj.campaign.plan.bindings import bind_dispersions
 from ffsm_mj.campaign.plan.config import CampaignFile
 from ffsm_mj.campaign.plan.design import Binding, Design
@@ -24,6 +25,7 @@ from ffsm_mj.campaign.script_classes import NO_CLASSES, ScriptClasses
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command, on_command_line, override
 from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.loading import stated_source
 from ffsm_mj.scenario.scenario import located
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
@@ -38,7 +40,6 @@ class Plan:
     Attributes:
         config: The campaign file.
         source: Locations of its keys.
-        scenario: Path of the base scenario.
         overrides: Overrides of the base scenario for all runs, ``key=json``.
         base: The compiled base scenario.
         scalars: Scalars that are sampled for each run.
@@ -47,7 +48,6 @@ class Plan:
 
     config: CampaignFile
     source: YamlSource
-    scenario: Path
     overrides: tuple[str, ...]
     base: PreparedRun
     scalars: tuple[SampledScalar, ...]
@@ -100,27 +100,53 @@ class Plan:
         return InputError(self.source.line(Fault(message, ("samples",))))
 
 
-def load_campaign(campaign: str | Path, overrides: Sequence[str] = (), own: ScriptClasses = NO_CLASSES) -> Plan:
+def load_campaign(
+    campaign: Mapping[str, Any] | str | Path, overrides: Sequence[str] = (), own: ScriptClasses = NO_CLASSES
+) -> Plan:
     """Read and validate a campaign; no design is sampled.
 
     Args:
-        campaign: A file, or the name of a shipped campaign.
+        campaign: A file, the name of a shipped campaign, or the keys of one, with a scenario as :func:`ffsm_mj.run` takes.
         overrides: ``key=value`` overrides of the campaign file.
         own: Control laws and estimators of the caller, see :func:`ffsm_mj.run`.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
+    if isinstance(campaign, Mapping):
+        return stated_plan(campaign, overrides, own)
     path = CAMPAIGNS.path(campaign)
     return make_plan(source_of(read_node(path, "campaign"), path).overridden(overrides), own)
 
 
-def make_plan(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> Plan:
+def stated_plan(
+    keys: Mapping[str, Any], overrides: Sequence[str] = (), own: ScriptClasses = NO_CLASSES, name: str = "campaign"
+) -> Plan:
+    """Validate a campaign that a program states; no design is sampled.
+
+    Args:
+        keys: Its keys; see :func:`load_campaign`.
+        overrides: ``key=value`` overrides of them.
+        own: Control laws and estimators of the caller, see :func:`ffsm_mj.run`.
+        name: What it is.
+
+    Raises:
+        InputError: One line per fault, with its key.
+    """
+    given, stated, base = keys.get("scenario"), dict(keys), None
+    if isinstance(given, Scenario | Mapping):
+        base = scenario_of(given, controllers=own.controllers, estimators=own.estimators)
+        stated["scenario"] = base.name
+    return make_plan(stated_source(stated, name).overridden(overrides), own, base)
+
+
+def make_plan(source: YamlSource, own: ScriptClasses = NO_CLASSES, base: Scenario | None = None) -> Plan:
     """Validate a campaign; no design is sampled.
 
     Args:
         source: Data of the campaign file and locations of its keys; paths are relative to the file.
         own: Control laws and estimators of the caller, see :func:`ffsm_mj.run`.
+        base: Its scenario; None: the one that it names.
 
     Raises:
         InputError: One line per fault, with file, line and column.
@@ -131,7 +157,7 @@ def make_plan(source: YamlSource, own: ScriptClasses = NO_CLASSES) -> Plan:
         config = CampaignFile.model_validate(source.data)
     except ValidationError as error:
         raise InputError(source.lines(plain_faults(error, KindNames(CampaignFile, (), (), {})))) from error
-    return plan_of(config, source, own)
+    return plan_of(config, source, own, base=base)
 
 
 @dataclass(frozen=True)
@@ -153,7 +179,13 @@ class Places:
         return self.overrides.get(key, ("overrides", key))
 
 
-def plan_of(config: CampaignFile, source: YamlSource, own: ScriptClasses = NO_CLASSES, places: Places | None = None) -> Plan:
+def plan_of(
+    config: CampaignFile,
+    source: YamlSource,
+    own: ScriptClasses = NO_CLASSES,
+    places: Places | None = None,
+    base: Scenario | None = None,
+) -> Plan:
     """Compile the base scenario of a campaign and bind its dispersions; no design is sampled.
 
     Args:
@@ -161,25 +193,26 @@ def plan_of(config: CampaignFile, source: YamlSource, own: ScriptClasses = NO_CL
         source: Locations of its keys; paths are relative to the file.
         own: Control laws, estimators and metrics of the caller.
         places: Where its keys stand in the source.
+        base: Its scenario; None: the one that it names.
 
     Raises:
         InputError: One line per fault, with file, line and column.
     """
     places = places or Places()
-    scenario = base_path(config.scenario, source, places)
+    scenario = base_path(config.scenario, source, places) if base is None else base
     changes = {key: f"{key}={json.dumps(value)}" for key, value in config.overrides.items()}
-    base = _base(scenario, changes, source, own, places)
-    if base.origin is not None:
+    prepared = _base(scenario, changes, source, own, places)
+    if prepared.origin is not None:
         message = "a campaign needs a scenario that begins at t = 0: each of its runs has a seed of its own"
-        raise located(ScenarioFaults([Fault(message, ("initial", "from"))]), base.source)
+        raise located(ScenarioFaults([Fault(message, ("initial", "from"))]), prepared.source)
     try:
-        refuse_metrics(config, base.system, own.metrics, places.metrics)
+        refuse_metrics(config, prepared.system, own.metrics, places.metrics)
         refuse_levels(config)
         scalars = columns(config.dispersions)
-        bindings = bind_dispersions(config.dispersions, Targets(base))
+        bindings = bind_dispersions(config.dispersions, Targets(prepared))
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    return Plan(config, source, scenario, tuple(changes.values()), base, scalars, bindings)
+    return Plan(config, source, tuple(changes.values()), prepared, scalars, bindings)
 
 
 def _to_run(scenario: Path) -> str:
@@ -199,7 +232,9 @@ def base_path(text: str, source: YamlSource, places: Places) -> Path:
         raise InputError([source.line(Fault(line, places.scenario)) for line in error.lines]) from error
 
 
-def _base(scenario: Path, changes: Mapping[str, str], source: YamlSource, own: ScriptClasses, places: Places) -> PreparedRun:
+def _base(
+    scenario: Scenario | Path, changes: Mapping[str, str], source: YamlSource, own: ScriptClasses, places: Places
+) -> PreparedRun:
     try:
         return prepare(scenario, list(changes.values()), controllers=own.controllers, estimators=own.estimators)
     except InputError as error:

@@ -96,14 +96,15 @@ class Targets:
             yield Target(".".join(path), node, *_place(node, parts, here, {}))
 
     def _in_model(self, node: BaseModel, parts: tuple[str, ...], path: tuple[str, ...]) -> Iterator[Target]:
-        fields = type(node).model_fields
+        fields = {field.alias or name: (name, field) for name, field in type(node).model_fields.items()}
         if not parts or parts[0] == WILDCARD:
             raise LookupError(f"{'.'.join(path)} is a mapping; name one of its keys: {', '.join(sorted(fields))}")
         if parts[0] not in fields:
             raise LookupError(unknown_name("key", parts[0], fields))
-        value = getattr(node, parts[0])
+        name, field = fields[parts[0]]
+        value = getattr(node, name)
         if value is None and len(parts) > 1:
-            value = _default(fields[parts[0]].annotation)
+            value = _default(field.annotation)
             if value is None:
                 raise LookupError(f"the scenario has no {'.'.join((*path, parts[0]))}")
         yield from self._inside(value, parts[1:], (*path, parts[0]))

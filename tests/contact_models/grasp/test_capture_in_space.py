@@ -8,6 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.replay import replay_log
 
@@ -59,7 +60,7 @@ def test_the_satellite_is_caught_brought_to_rest_and_let_go():
     assert len(jets) == 12
     assert not any(run[key].any() for key in jets)
 
-    model = ffsm_mj.prepare("capture").system.mj
+    model = prepare("capture").system.mj
     spins = np.array([spin_about_centre(model, run, row) for row in (0, stopped, released, -1)])
     assert np.linalg.norm(spins[0]) > 1.0
     np.testing.assert_allclose(spins, spins[[0, 0, 0, 0]], rtol=0, atol=1e-9)  # nobody outside takes any
@@ -67,7 +68,7 @@ def test_the_satellite_is_caught_brought_to_rest_and_let_go():
 
 def test_a_scene_that_is_turned_and_moves_on_is_the_same():
     """Law and latch know no world axes: the capture is at the same instant."""
-    initial = ffsm_mj.prepare("capture").scenario.initial
+    initial = prepare("capture").scenario.initial
     place, rates = np.array(initial.joints["satellite/free"]), np.array(initial.rates["satellite/free"])
     turn, boost = np.array([0.5, -0.5, 0.1, 0.7]), np.array([0.3, -0.2, 0.1])
     at, drift, attitude = np.empty(3), np.empty(3), np.empty(4)

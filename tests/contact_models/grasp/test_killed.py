@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
 from ffsm_mj.contact_models.grasp.model import GraspModel
@@ -106,7 +107,7 @@ def test_an_interrupted_run_is_whole_to_its_end(tmp_path, monkeypatch, part):
 
 def test_runs_of_one_scenario_know_nothing_of_each_other(tmp_path):
     """Twice after each other, and two at once: the pose at which the link holds is written into each run's own model."""
-    prepared = ffsm_mj.prepare(grasping(tmp_path))
+    prepared = prepare(grasping(tmp_path))
     first, second = prepared.run(), prepared.run()
     with ThreadPoolExecutor(2) as pool:
         others = [future.result() for future in [pool.submit(prepared.run) for _ in range(2)]]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.config import StrictModel
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
@@ -195,7 +196,7 @@ def test_a_latch_is_refused_with_its_place(tmp_path):
     ):
         captures = {"soft": {**SITES, "when": ANY, **changes}}
         with pytest.raises(InputError) as error:
-            ffsm_mj.prepare(docking(tmp_path, "ball", captures=captures))
+            prepare(docking(tmp_path, "ball", captures=captures))
         assert len(error.value.lines) == 1
         assert "captures.soft" in error.value.lines[0]
         assert message in error.value.lines[0]

@@ -10,6 +10,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.grasps import grasps_of
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.impact import linearize_capture
@@ -43,7 +44,7 @@ def prepared(folder, within=POSITION, joints=JOINTS, rates=RATES, **latch):
         captures={"grasp": grasp},
         phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "off"}}],
     )
-    return ffsm_mj.prepare(path)
+    return prepare(path)
 
 
 def state(record, system):

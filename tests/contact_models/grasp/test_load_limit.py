@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from tests.contact_models.grasp.scenes import OFF
@@ -118,4 +119,4 @@ def test_a_limit_that_is_not_reached_changes_nothing(tmp_path):
 
 def test_a_limit_states_something(tmp_path):
     with pytest.raises(InputError, match=r"captures.grasp.load_limit.* needs one limit at least: force_N, torque_N_m"):
-        ffsm_mj.prepare(swinging(tmp_path, "rigid", {"force_N": None}))
+        prepare(swinging(tmp_path, "rigid", {"force_N": None}))

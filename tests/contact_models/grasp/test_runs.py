@@ -11,6 +11,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.campaign.execution.metrics import fault_of, metric_values
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.grasp.model import GraspModel
@@ -363,7 +364,7 @@ def test_what_a_law_believes_of_the_object_it_believes_of_what_is_held(tmp_path)
 def test_a_closed_grasp_that_is_armed_is_refused_by_name(tmp_path):
     meet = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF}
     with pytest.raises(InputError) as error:
-        ffsm_mj.prepare(grasping(tmp_path, phases=[meet, {**meet, "name": "again", "until": "end"}]))
+        prepare(grasping(tmp_path, phases=[meet, {**meet, "name": "again", "until": "end"}]))
     (line,) = error.value.lines
     assert ": phases.1.arm.0: 'grasp' cannot close: it is closed since the end of phase 'meet'; release it first" in line
 
@@ -389,7 +390,7 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
         )
     ):
         phases = [meet, {"name": "between", **between}, last]
-        ffsm_mj.prepare(grasping(tmp_path / str(k), phases=phases), controllers={"lets": Lets})
+        prepare(grasping(tmp_path / str(k), phases=phases), controllers={"lets": Lets})
 
 
 @pytest.mark.parametrize(
@@ -416,7 +417,7 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
 def test_what_is_wrong_with_a_capture_is_told_with_its_place(tmp_path, changes, place, what):
     captures = {"grasp": {"robot_site": "grip", "object_site": "handle", "when": BOUNDS} | changes}
     with pytest.raises(InputError) as error:
-        ffsm_mj.prepare(grasping(tmp_path, captures=captures))
+        prepare(grasping(tmp_path, captures=captures))
     (line,) = error.value.lines
     assert f": {place}: " in line
     assert what in line
@@ -428,13 +429,11 @@ def test_what_a_phase_says_of_captures_is_checked(tmp_path):
         {"name": "rest", "until": "end", "release": ["grab"], "controller": OFF},
     ]
     with pytest.raises(InputError) as error:
-        ffsm_mj.prepare(grasping(tmp_path / "unknown", phases=phases))
+        prepare(grasping(tmp_path / "unknown", phases=phases))
     places = [line.split(": ")[1] for line in error.value.lines]
     assert places == ["phases.0.arm.0", "phases.1.release.0"]
     with pytest.raises(InputError, match="unknown end of a phase 'capture'"):
-        ffsm_mj.prepare(
-            grasping(tmp_path / "none", captures={}, phases=[{**phases[0], "arm": []}, {**phases[1], "release": []}])
-        )
+        prepare(grasping(tmp_path / "none", captures={}, phases=[{**phases[0], "arm": []}, {**phases[1], "release": []}]))
 
 
 def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
@@ -448,17 +447,17 @@ def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
 
     wait = {"name": "wait", "until": "capture", "controller": OFF}
     with pytest.raises(InputError, match=r"phases\.0\.until: no grasp is armed, .*; write 'arm: \[grasp\]'"):
-        ffsm_mj.prepare(grasping(tmp_path / "none", phases=[wait]))
+        prepare(grasping(tmp_path / "none", phases=[wait]))
     asked = {"name": "ask", "for_s": 0.1, "controller": {"kind": "arms"}}
-    ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Arms})
-    ffsm_mj.prepare(grasping(tmp_path / "timed", phases=[{**wait, "for_s": 0.5}]))
+    prepare(grasping(tmp_path / "asked", phases=[asked, wait]), controllers={"arms": Arms})
+    prepare(grasping(tmp_path / "timed", phases=[{**wait, "for_s": 0.5}]))
 
 
 def test_an_object_that_cannot_follow_and_a_law_that_cannot_drive_are_refused_when_read(tmp_path):
     path = grasping(tmp_path, initial={})
     (path.parent / "target.xml").write_text(FLAT_TARGET)
     with pytest.raises(InputError, match="the joints of 'target/target' cannot take the poses"):
-        ffsm_mj.prepare(path)
+        prepare(path)
 
     class Free:
         telemetry_signals = ()
@@ -472,7 +471,7 @@ def test_an_object_that_cannot_follow_and_a_law_that_cannot_drive_are_refused_wh
     with pytest.raises(
         InputError, match=r"while 'grasp' is closed: the controller cannot be made .*unknown joint 'target/free'"
     ):
-        ffsm_mj.prepare(grasping(tmp_path / "law", phases=phases), controllers={"free": Free})
+        prepare(grasping(tmp_path / "law", phases=phases), controllers={"free": Free})
 
 
 def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capfd):
@@ -500,7 +499,7 @@ def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
     told = [line for line in capfd.readouterr().out.splitlines() if "arms" in line]
     assert told == ["note: no phase arms the capture 'spare', so it never closes; write 'arm: [spare]' in a phase"]
     asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
-    lines = ffsm_mj.prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
+    lines = prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
     assert any("'grasp', so it never closes unless the control law of phase 'ask' requests it" in line for line in lines)
 
 

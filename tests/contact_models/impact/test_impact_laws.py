@@ -16,6 +16,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact_models.impact import installed_laws
 from ffsm_mj.contact_models.impact.builtin_laws import Blend
 from ffsm_mj.errors import InputError, UnsupportedContactError
@@ -109,10 +110,10 @@ def test_problems_outside_the_coverage_are_refused(tmp_path):
     """Friction and e > 1 at load, several contacts at the impact."""
     pair = {"between": ["ball", "target/target"]}
     with pytest.raises(InputError, match=r"contacts.rules\.0\.mu: 'impact.law: yielding' does not cover friction"):
-        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "yielding"}, contacts={"rules": [pair | {"mu": 0.1}]}))
+        prepare(two_balls(tmp_path, impact={"law": "yielding"}, contacts={"rules": [pair | {"mu": 0.1}]}))
     elastic = pair | {"restitution": 1.5, "super_elastic": True}
     with pytest.raises(InputError, match=r"contacts.rules\.0\.restitution: .* does not cover super-elastic impacts"):
-        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "yielding"}, contacts={"rules": [elastic]}))
+        prepare(two_balls(tmp_path, impact={"law": "yielding"}, contacts={"rules": [elastic]}))
     faces = scene(
         tmp_path,
         box("a"),
@@ -154,7 +155,7 @@ def test_names_are_those_of_the_installed_laws(tmp_path):
     names = ["blend", "poisson", "newton", "yielding"]
     assert scenario_schema()["$defs"]["ImpactConfig"]["properties"]["law"]["enum"] == names
     with pytest.raises(InputError, match=r"impact\.law: should be 'blend', 'poisson', 'newton' or 'yielding', got \"x\""):
-        ffsm_mj.prepare(two_balls(tmp_path, impact={"law": "x"}))
+        prepare(two_balls(tmp_path, impact={"law": "x"}))
     with pytest.raises(ValueError, match="another impact law has the name 'yielding'"):
         register_law(type(installed_laws.impact_law("yielding"))())
 

@@ -8,6 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.impact import linearize
 from tests.scenes import ball, box, scene
@@ -35,7 +36,7 @@ def balls(tmp_path, *, masses, radii, restitution, joints="x", gap=5.0, **extra)
     robot, other = (ball(n, mass=m, radius=r, joints=joints) for n, m, r in zip(names, masses, radii, strict=True))
     rules = [{"between": ["ball", "target/target"], "restitution": restitution, **extra}]
     initial = {"joints": {"target/x": gap} if joints != "free" else {"target/free": [gap, 0, 0, 1, 0, 0, 0]}}
-    return ffsm_mj.prepare(scene(tmp_path, robot, {"target": other}, initial=initial, contacts={"rules": rules}))
+    return prepare(scene(tmp_path, robot, {"target": other}, initial=initial, contacts={"rules": rules}))
 
 
 def test_equal_balls_exchange_their_perturbations(tmp_path):
@@ -72,7 +73,7 @@ def test_bouncing_ball(tmp_path):
         initial={"joints": {"robot/z": 1.1}},
         contacts={"rules": [{"between": ["ball", "floor/floor"], "restitution": e}]},
     )
-    assembly = ffsm_mj.prepare(path).assemble()
+    assembly = prepare(path).assemble()
     model, data = assembly.system.mj, assembly.data
     model.opt.gravity[2] = -g
     v = -np.sqrt(2 * g)
@@ -163,7 +164,7 @@ def test_what_has_no_derivative_is_refused(tmp_path):
         contacts={"rules": [{"between": ["robot_box", "other/other"]}]},
     )
     with pytest.raises(UnsupportedContactError, match="4 contact points at one instant"):
-        linearized(ffsm_mj.prepare(flat), (0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0), [1] + 11 * [0])
+        linearized(prepare(flat), (0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 0, 0, 0), [1] + 11 * [0])
 
 
 def test_a_boundary_of_contact_modes_is_refused(tmp_path):

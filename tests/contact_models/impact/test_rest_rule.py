@@ -275,7 +275,7 @@ def test_an_interrupt_inside_a_step(tmp_path, monkeypatch):
         move_to(self, time_s)
 
     monkeypatch.setattr(StepPath, "move_to", counted)
-    run = ffsm_mj.prepare(chattering(tmp_path)).run()
+    run = prepare(chattering(tmp_path)).run()
     assert run.outcome == "interrupted"
     assert moves <= 52
 
