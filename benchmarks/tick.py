@@ -131,7 +131,7 @@ def in_core(prepared: PreparedRun, calls: int) -> dict[str, tuple[float, int]]:
         for _ in range(FIRST_TICKS):
             simulation.advance()
         step_s, flight, work = prepared.scenario.time_step_s, plant.integrator.motion.flight, plant.balance.work
-        filler, sampled, watched = simulation._written[1].filler, plant.balance._buffer.on_sample, simulation._watch.model
+        filler, sampled, watched = simulation._log._rows.filler, plant.balance._buffer.on_sample, simulation._watch.model
         law = assembly.controller.phases[0].law("").law_of_core()
         parts: dict[str, tuple[Callable[[], object], int]] = {
             "step and forward": (lambda: flight.step(step_s), steps),

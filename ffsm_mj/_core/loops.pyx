@@ -66,7 +66,7 @@ cdef class LoopStage:
     """Rows R = T B of some latches in the stages of a step."""
 
     cdef readonly object J, R, response, factor, gamma, y
-    cdef object model, data, seen, latches, bodies, combinations
+    cdef object model, data, seen
     cdef const mjModel* m
     cdef mjData* d
     cdef list places
@@ -79,7 +79,7 @@ cdef class LoopStage:
     cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor
 
     def __init__(self, model, data, latches, bodies, seen):
-        self.model, self.data, self.latches, self.bodies, self.seen = model, data, latches, bodies, seen
+        self.model, self.data, self.seen = model, data, seen
         self.m, self.d, self.nv = <const mjModel*>address(model), <mjData*>address(data), model.nv
         self.places, self.n = [], 0
         for latch in latches:
@@ -98,7 +98,6 @@ cdef class LoopStage:
 
     def combine(self, T, others):
         """Use some combinations of the rows, (r, n), and others that vanish, (n - r, n)."""
-        self.combinations = T, others
         self.T, self.others, self.r, self.current = T, others, len(T), False
         self.R, self.response = np.zeros((self.r, self.nv)), np.zeros((self.r, self.nv))
         self.factor, self.gamma, self.y = np.zeros((self.r, self.r)), np.zeros(self.r), np.zeros(self.r)

@@ -6,6 +6,7 @@ cdef class RowMemory:
     cdef readonly Py_ssize_t points, rows, nv
     cdef readonly tuple counts
     cdef bytearray block, G_block
+    cdef bytes kept_rubs  # to which rubs points
     cdef const unsigned char* rubs
     cdef double* start
     cdef double* J

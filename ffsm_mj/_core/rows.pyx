@@ -47,7 +47,7 @@ cdef class RowMemory:
 
     def __init__(self, tuple counts, bytes rubs, Py_ssize_t nv, block=None):
         cdef Py_ssize_t points = len(rubs), rows = 3 * points, size
-        self.points, self.rows, self.nv, self.counts = points, rows, nv, counts
+        self.points, self.rows, self.nv, self.counts, self.kept_rubs = points, rows, nv, counts, rubs
         self.rubs = <const unsigned char*><const char*>rubs
         size = 2 * rows * nv + 7 * rows + 3 * len(counts) + 9 * points + nv
         self.block = zeros(size + 1) if block is None else bytearray(block)

@@ -70,7 +70,7 @@ class EventDrivenIntegrator:
     def __init__(self, motion: Motion, contact_models: Sequence[ContactModel]) -> None:
         """Start at the state of the motion, which is that of the logged system."""
         self.contact_models, self._of_system = tuple(contact_models), motion
-        names = [each.kind for each in contact_models]
+        names = [getattr(each, "kind", type(each).__name__) for each in contact_models]
         self._stateful = {
             name if names.count(name) == 1 else f"{name} {i}": with_state(each, f"contact model {name}")
             for i, (name, each) in enumerate(zip(names, contact_models, strict=True))

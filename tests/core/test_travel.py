@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import mujoco
 import numpy as np
 import pytest
@@ -29,11 +27,6 @@ def test_sums_of_the_largest_rates_at_both_ends_of_each_step(rng):
         np.testing.assert_allclose(travel.last, step, rtol=1e-14)
         assert travel.length == pytest.approx(length, rel=1e-14)
     assert length > 2.0
-    again = pickle.loads(pickle.dumps(travel))
-    for each in (travel, again):
-        each.add(0.01)
-    assert again.length == travel.length
-    np.testing.assert_array_equal(again.travelled, travel.travelled)
 
 
 def test_nothing_is_excluded_where_rates_are_no_numbers():
