@@ -49,8 +49,7 @@ from ffsm_mj.records.events import ControllerReport, ImpactRecord, PhaseRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.records.recorded_table import RecordedTable, TableError
 from ffsm_mj.records.signals import Signal, identifier
-from ffsm_mj.sensing.estimator import Estimator
-from ffsm_mj.sensing.measurement import Measurement
+from ffsm_mj.sensing.measured import Estimator, Measurement
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.state import HasState, StateError, Stateful, entries
 from ffsm_mj.unchanging import with_state

@@ -6,21 +6,19 @@ A command is decided once per control tick and held.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj._core.tick import Limits
-from ffsm_mj.actuation.actuator_config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
-from ffsm_mj.actuation.valve import Valve
+from ffsm_mj.actuation.config import AnyActuator
+from ffsm_mj.actuation.limits import limits_of
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.controller_protocol import Command
-from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults
+from ffsm_mj.errors import ControllerError
 from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
@@ -34,54 +32,6 @@ _EFFORTS = {
     "upper": "upper bound while powered",
 }
 """Logged quantities of each actuator, in the order of :attr:`Actuation.table`."""
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """Limits of each actuator, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
-
-    Attributes:
-        low: Least effort that MJCF allows.
-        high: Greatest effort that MJCF allows.
-        stall: Greatest effort at rest; infinite without a limit.
-        slope: Effort lost per actuator velocity.
-        saturation: Joint speed beyond which efforts cannot accelerate it further; infinite without one.
-        gear: Effort per ctrl.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    stall: FloatArray
-    slope: FloatArray
-    saturation: FloatArray
-    gear: FloatArray
-
-    def bounds(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest effort of each actuator, (nu,) each, at actuator velocities (nu,); wheels not saturated."""
-        drag = velocity * self.slope
-        return np.maximum(-self.stall - drag, self.low), np.minimum(self.stall - drag, self.high)
-
-
-@dataclass
-class _Actuator:
-    """Limits of one actuator."""
-
-    low: float
-    high: float
-    stall: float = math.inf
-    slope: float = 0.0
-    saturation: float = math.inf
-    valve: Valve | None = None
-
-    def configure(self, config: AnyActuator) -> None:
-        """Set the limits from a scenario."""
-        if isinstance(config, TorqueSpeedConfig):
-            self.stall = config.stall_torque_N_m
-            self.slope = config.stall_torque_N_m / config.no_load_speed_rad_s
-        elif isinstance(config, ReactionWheelConfig):
-            self.stall, self.saturation = config.max_torque_N_m, config.max_speed_rad_s
-        elif isinstance(config, OnOffConfig):
-            self.stall, self.valve = config.force_N, Valve(config)
 
 
 class Actuation(Stateful):
@@ -115,29 +65,12 @@ class Actuation(Stateful):
             ScenarioFaults: An unknown actuator, or one that is not a plain motor in MJCF.
         """
         self.names = system.names("actuator")
-        self.gear = _effort_per_ctrl(system.mj)
-        actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system, self.gear).tolist(), strict=True)]
-        faults = []
-        for name, config in configs.items():
-            try:
-                actuators[system.index("actuator", name)].configure(config)
-            except LookupError as error:
-                faults.append(Fault(str(error.args[0]), ("actuators", name)))
-        if faults:
-            raise ScenarioFaults(faults)
-        self.envelope = Envelope(
-            low=np.array([one.low for one in actuators]),
-            high=np.array([one.high for one in actuators]),
-            stall=np.array([one.stall for one in actuators]),
-            slope=np.array([one.slope for one in actuators]) / self.gear,
-            saturation=np.array([one.saturation for one in actuators]),
-            gear=self.gear,
-        )
-        valves = [(i, one.valve) for i, one in enumerate(actuators) if one.valve is not None]
-        self._valves = [valve for _, valve in valves]
+        self.envelope, valves = limits_of(system, configs)
+        self.gear = self.envelope.gear
+        self._valves = [*valves.values()]
         self.table = np.zeros((len(self.names), len(_EFFORTS)))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
-        self._counted = np.array([i for i, _ in valves], dtype=np.intp)
+        self._counted = np.array([*valves], dtype=np.intp)
         self._gears = self.gear[self._counted]
         self._valves_open = False
         self.counts = np.zeros((len(self._valves), 2))
@@ -230,26 +163,6 @@ class Actuation(Stateful):
 
     def _resume(self, counts: FloatArray) -> None:
         self.counts[:] = counts.reshape(-1, 2)
-
-
-def _effort_per_ctrl(model: Any) -> FloatArray:
-    """Gear times gain of each actuator; that of a thruster's gain alone, as its gear is a wrench."""
-    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    return np.asarray(model.actuator_gainprm[:, 0] * np.where(on_joint, model.actuator_gear[:, 0], 1.0))
-
-
-def _mjcf_range(system: System, gear: FloatArray) -> FloatArray:
-    """Bounds on the effort in the model files, (2, nu)."""
-    model, bounds = system.mj, system.effort_limits.T.copy()
-    for i in range(model.nu):
-        limits = []
-        if model.actuator_ctrllimited[i]:
-            limits.append(np.sort(model.actuator_ctrlrange[i] * gear[i]))
-        if model.actuator_forcelimited[i]:
-            limits.append(np.sort(model.actuator_forcerange[i] * gear[i] / model.actuator_gainprm[i, 0]))
-        for low, high in limits:
-            bounds[0, i], bounds[1, i] = max(bounds[0, i], low), min(bounds[1, i], high)
-    return bounds
 
 
 def _effort_signals(system: System) -> tuple[Signal, ...]:

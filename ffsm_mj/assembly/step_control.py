@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ffsm_mj.actuation.step_error import StepError
 from ffsm_mj.balance.balance import Balance
+from ffsm_mj.balance.step_error import StepError
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig

@@ -16,21 +16,18 @@ import numpy as np
 
 from ffsm_mj._core.tick import StepWork
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.balance.base_motors import BaseMotors
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.balance.grasped_object import GraspedObjectBalance
-from ffsm_mj.balance.gravity import Gravity
-from ffsm_mj.balance.sample_buffer import SampleBuffer
-from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues
+from ffsm_mj.balance.external import BaseMotors, Gravity, thrusters
+from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues, SampleBuffer
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.balance.subsystems import (
+    GraspedObjectBalance,
+    TreeAccounts,
     energy_balance_residual,
     momentum_balance_residual,
     subsystem_energies,
     subsystem_momenta,
 )
-from ffsm_mj.balance.thrusters import thrusters
-from ffsm_mj.balance.tree_accounts import TreeAccounts
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_components
 from ffsm_mj.model.system import System, Tree

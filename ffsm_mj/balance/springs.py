@@ -19,14 +19,12 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.balance.midpoint import hermite_midpoint
+from ffsm_mj.balance.quadrature import hermite_midpoint
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import MODE_STEP
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-NUMBERS = 3
-"""Values per tree: elastic energy, heat of dampers, and energy that the truncation of RK4 takes from the modes, J."""
 
 
 class SpringBalance:
@@ -36,6 +34,9 @@ class SpringBalance:
         grasped: Index of the tree of a grasped object, whose truncation is the robot's as its energy is; 0 for none.
     """
 
+    SIZE = 3
+    """Values per tree: elastic energy, heat of dampers, and energy that the truncation of RK4 takes from the modes, J."""
+
     def __init__(self, system: System, data: Any, springs: JointSprings, accounts: FloatArray) -> None:
         """Bind to the joints of the trees.
 
@@ -43,7 +44,7 @@ class SpringBalance:
             system: Robot and objects.
             data: Their state.
             springs: Springs and dampers of their joints.
-            accounts: Values by tree, (number of trees, NUMBERS).
+            accounts: Values by tree, (number of trees, SIZE).
         """
         self._model, self._data, self._springs, self._accounts = system.mj, data, springs, accounts
         self.grasped = 0
@@ -103,9 +104,3 @@ class SpringBalance:
             return np.zeros(len(self._trees))
         taken: FloatArray = self._trees.dot(h**6 / 144.0 * (moving + third))
         return taken
-
-
-def by_subsystem(of_trees: FloatArray) -> FloatArray:
-    """Values of (total, robot, objects), (..., NUMBERS, 3), from those by tree, (..., number of trees, NUMBERS)."""
-    robot, objects = of_trees[..., 0, :], of_trees[..., 1:, :].sum(axis=-2)
-    return np.stack((robot + objects, robot, objects), axis=-1)

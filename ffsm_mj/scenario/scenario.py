@@ -14,7 +14,7 @@ from pydantic import (
     model_validator,
 )
 
-from ffsm_mj.actuation.actuator_config import ActuatorConfig
+from ffsm_mj.actuation.config import ActuatorConfig
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.contact_models.grasp.config import CaptureConfig
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
@@ -29,7 +29,7 @@ from ffsm_mj.scenario.model_config import Model, Robot
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.scenario.task_config import TaskConfig
-from ffsm_mj.sensing.sensor_config import SensorConfig
+from ffsm_mj.sensing.config import SensorConfig
 
 # Ratios are compared with integers to a relative 1e-9; beyond this ratio that is half a period, and any would pass.
 _MOST_PERIODS = 5e8

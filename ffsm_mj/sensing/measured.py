@@ -1,20 +1,43 @@
-"""What a control law is shown of all sensors."""
+"""What a control law and an estimator are shown of all sensors, and what the estimator writes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import UnknownSensorError
+from ffsm_mj.records.signals import Signal
 from ffsm_mj.sensing.group import SensorGroup
-from ffsm_mj.sensing.measurement import Measurement
 
+_NONE = np.zeros(0)
 Shown = tuple[FloatArray | None, ...]
 """Newest sample of each group that has arrived; None before the first."""
+
+
+class Measurement(NamedTuple):
+    """The newest sample of a sensor that has arrived; its arrays are read-only.
+
+    Attributes:
+        value: What was measured, in the unit of the sensor, (size,); NaN before the first arrival.
+        time_s: Time of the sample; NaN before the first arrival.
+        age_s: Time since then.
+        valid: Whether a sample has arrived, and what it measures was in view.
+        impulse_N_s: Impulse through a force sensor since the sample before, in the frame of its site, N s, (3,), or the
+            angular impulse through a torque sensor, N m s; empty for other sensors.
+        mean: Mean over the interval before the sample, impulses included, as a load cell gives it, (3,): half the sum of the
+            values at its ends, plus the impulse over the interval; empty for other sensors.
+    """
+
+    value: FloatArray
+    time_s: float
+    age_s: float
+    valid: bool
+    impulse_N_s: FloatArray = _NONE
+    mean: FloatArray = _NONE
 
 
 class Place(NamedTuple):
@@ -80,3 +103,32 @@ class Measured(Mapping[str, Measurement]):
     def __len__(self) -> int:
         """Number of sensors."""
         return len(self._places)
+
+
+class Estimator(Protocol):
+    """Estimates the state from measurements; control laws see a state of which they need not know that it is one.
+
+    A class with a ``Config`` is built as ``cls(config, context)``, as a control law is; the instance carries its state. It
+    has the pair ``get_state()`` and ``set_state(state)``, as a control law that remembers: an estimator is restored by
+    ``start`` with the estimate of that time, and then ``set_state``.
+    """
+
+    @property
+    def telemetry_signals(self) -> tuple[Signal, ...]:
+        """What it reports of every call; a plain attribute of the class will do."""
+
+    def start(self, data: Any) -> None:
+        """Begin: ``data`` holds the initial state of the scenario, which is known."""
+
+    def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
+        """Write the estimate at a time into ``data.qpos`` and ``data.qvel``, which hold that of the last call.
+
+        Args:
+            time_s: Time, s; ``data.time`` has that of the last call.
+            measured: Newest sample of each sensor that has arrived, by full name.
+            events: What the robot is told of events since the last call: their class, time and pair.
+            data: MuJoCo data of the model that control laws use, with the efforts held until now in ``ctrl``.
+        """
+
+    def telemetry(self) -> Sequence[float]:
+        """Values of ``telemetry_signals`` after the last call."""

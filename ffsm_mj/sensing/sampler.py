@@ -17,10 +17,8 @@ from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.sensing.group import SensorGroup, groups_of
-from ffsm_mj.sensing.impulses import ImpulseReader
-from ffsm_mj.sensing.measured import Measured, Shown, places_of
-from ffsm_mj.sensing.measurement import Measurement
-from ffsm_mj.sensing.reader import SensorReader
+from ffsm_mj.sensing.measured import Measured, Measurement, Shown, places_of
+from ffsm_mj.sensing.reader import ImpulseReader, SensorReader
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.sensing.signals import SensorColumns
 from ffsm_mj.sensing.view import FieldOfView

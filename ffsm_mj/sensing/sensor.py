@@ -1,20 +1,30 @@
-"""A sensor with everything known of it: from the model file, with what the scenario sets."""
+"""A sensor with everything known of it, from the model file with what the scenario sets; its errors and random numbers.
+
+Errors come in the order in which they arise in hardware: misalignment, scale, bias, noise, range, quantum. Random numbers
+are a function of (seed, name, sample), so that no other sensor and no restart changes them.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from zlib import crc32
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.sensors import ModelSensor
 from ffsm_mj.model.system import System
-from ffsm_mj.sensing.sensor_config import Components, FieldOfViewConfig, SensorConfig
+from ffsm_mj.sensing.config import Components, FieldOfViewConfig, SensorConfig
 
 _SHORTEST_S = 1e-6
 """Shortest interval between samples, s."""
+BLOCK = 256
+"""Samples that are drawn at once."""
+_IDENTITY = np.array((1.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -172,3 +182,155 @@ def _first(given: float | None, model: float) -> float:
 
 def _each(value: Components, count: int) -> FloatArray:
     return np.broadcast_to(np.array(value, dtype=np.float64), count).copy()
+
+
+class SensorErrors:
+    """Turns true values of a sensor into what it measures; sample by sample, in any order.
+
+    Attributes:
+        noise: White noise.
+        is_elementwise: Whether each component has an error of its own, the same in distribution at every sample.
+        turns_by_noise: Whether it measures an orientation, off by a rotation of its own at every sample.
+    """
+
+    def __init__(self, sensor: Sensor, seed: int) -> None:
+        """Draw nothing yet; ``seed`` is that of the run."""
+        self._sensor = sensor
+        self._turns = bool(sensor.misalignment.any())
+        self._frame = _matrix(sensor.misalignment).T if self._turns else np.eye(3)
+        self._scales = bool((sensor.scale != 1.0).any())
+        self._clips = math.isfinite(sensor.low) or math.isfinite(sensor.high)
+        self.noise = NoiseStream(seed, sensor.name, sensor.errors)
+        self._walk = RandomWalk(NoiseStream(seed, f"{sensor.name}/bias_walk", sensor.errors), sensor.errors)
+        self._dropout = NoiseStream(seed, f"{sensor.name}/dropout", 1)
+        self._jitter = NoiseStream(seed, f"{sensor.name}/delay_jitter", 1)
+        self.is_elementwise = sensor.model.shape == "vector" and not self._turns and sensor.walk == 0.0
+        self._adds = sensor.noise > 0.0 or sensor.walk > 0.0 or bool(sensor.bias.any())
+        self.turns_by_noise = self._adds and sensor.model.shape == "rotation" and sensor.walk == 0.0
+
+    def measured(self, value: FloatArray, sample: int) -> FloatArray:
+        """What the sensor measures of a true value, (size,), at its sample of this number."""
+        sensor = self._sensor
+        if sensor.model.shape != "vector":
+            return self._turned(value, sample) if self._adds else value
+        if self._turns:
+            value = self._frame @ value
+        if self._scales:
+            value = value * sensor.scale
+        if self._adds:
+            value = value + self._added(sample)
+        if self._clips:
+            value = np.clip(value, sensor.low, sensor.high)
+        if sensor.quantum:
+            value = sensor.quantum * np.round(value / sensor.quantum)
+        return value
+
+    def arrival_s(self, sample: int) -> float:
+        """Time from a sample to its arrival, s; infinite if it never arrives."""
+        sensor = self._sensor
+        if sensor.dropout > 0.0 and self._dropout.uniform(sample)[0] < sensor.dropout:
+            return math.inf
+        if sensor.delay_jitter_s > 0.0:
+            return sensor.delay_s + sensor.delay_jitter_s * float(self._jitter.uniform(sample)[0])
+        return sensor.delay_s
+
+    def turns(self, block: int) -> FloatArray:
+        """Rotations by which the samples of a block are off, unit quaternions, (BLOCK, 4)."""
+        turns = np.tile(_IDENTITY, (BLOCK, 1))
+        for k, turn in enumerate(turns):
+            mujoco.mju_quatIntegrate(turn, self._added(BLOCK * block + k), 1.0)
+        return turns
+
+    def _added(self, sample: int) -> FloatArray:
+        """Bias and noise of a sample, (errors,)."""
+        sensor, added = self._sensor, self._sensor.bias
+        if sensor.walk > 0.0:
+            added = added + sensor.walk * self._walk.at(sample)
+        if sensor.noise > 0.0:
+            added = added + sensor.noise * self.noise.normal(sample)
+        return added
+
+    def _turned(self, value: FloatArray, sample: int) -> FloatArray:
+        """A unit quaternion or unit vector turned by the error, a rotation vector in the measured or reference frame."""
+        error = self._added(sample)
+        if self._sensor.model.shape == "direction":
+            return _matrix(error) @ value
+        turned = np.empty(4)
+        mujoco.mju_mulQuat(turned, value, _quaternion(error))
+        return turned
+
+
+def _quaternion(rotation: FloatArray) -> FloatArray:
+    quaternion = _IDENTITY.copy()
+    mujoco.mju_quatIntegrate(quaternion, rotation, 1.0)
+    return quaternion
+
+
+def _matrix(rotation: FloatArray) -> FloatArray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, _quaternion(rotation))
+    return matrix.reshape(3, 3)
+
+
+class NoiseStream:
+    """Random numbers of one purpose of one sensor.
+
+    Numbers of a block come from a Philox generator whose key is (seed, CRC-32 of the name) and whose counter begins at the
+    block, so that any sample can be drawn without those before it.
+    """
+
+    def __init__(self, seed: int, name: str, size: int) -> None:
+        """Draw nothing yet.
+
+        Args:
+            seed: Seed of the run.
+            name: Name of the sensor and of the purpose.
+            size: Numbers per sample.
+        """
+        self._key = np.array((seed, crc32(name.encode())), dtype=np.uint64)
+        self._size = size
+        self._normal: tuple[int, FloatArray] = -1, np.empty((0, size))
+        self._uniform: tuple[int, FloatArray] = -1, np.empty((0, size))
+
+    def _generator(self, block: int) -> np.random.Generator:
+        counter = np.array((0, 0, block, 0), dtype=np.uint64)
+        return np.random.Generator(np.random.Philox(key=self._key, counter=counter))
+
+    def block(self, block: int) -> FloatArray:
+        """Standard normal numbers of a block of samples, (BLOCK, size)."""
+        if self._normal[0] != block:
+            self._normal = block, self._generator(block).standard_normal((BLOCK, self._size))
+        return self._normal[1]
+
+    def normal(self, sample: int) -> FloatArray:
+        """Standard normal numbers of a sample, (size,)."""
+        block, line = divmod(sample, BLOCK)
+        numbers: FloatArray = self.block(block)[line]
+        return numbers
+
+    def uniform(self, sample: int) -> FloatArray:
+        """Uniform numbers in [0, 1) of a sample, (size,)."""
+        block, line = divmod(sample, BLOCK)
+        if self._uniform[0] != block:
+            self._uniform = block, self._generator(block).random((BLOCK, self._size))
+        numbers: FloatArray = self._uniform[1][line]
+        return numbers
+
+
+class RandomWalk:
+    """Random walk over the samples of a sensor: the sum of standard normal numbers up to a sample."""
+
+    def __init__(self, stream: NoiseStream, size: int) -> None:
+        """At zero before the first sample."""
+        self._stream, self._size = stream, size
+        self._sample, self._sum = -1, np.zeros(size)
+
+    def at(self, sample: int) -> FloatArray:
+        """Sum of the numbers of samples 1 to ``sample``, (size,): zero at sample 0."""
+        if sample < self._sample:
+            self._sample, self._sum = -1, np.zeros(self._size)
+        while self._sample < sample:
+            self._sample += 1
+            if self._sample > 0:
+                self._sum = self._sum + self._stream.normal(self._sample)
+        return self._sum

@@ -31,7 +31,7 @@ _FALLS = 1.5
 
 
 class StepError(Protocol):
-    """Measure of the error of a (sub-)step; see :class:`ffsm_mj.actuation.step_error.StepError`."""
+    """Measure of the error of a (sub-)step; see :class:`ffsm_mj.balance.step_error.StepError`."""
 
     def begin(self, *, measured: bool) -> None:
         """Begin a step at the state in ``data``; its error will be measured, or a bound may suffice."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.actuation.actuation import Actuation
-from ffsm_mj.actuation.actuator_config import OnOffConfig, TorqueSpeedConfig
+from ffsm_mj.actuation.config import OnOffConfig, TorqueSpeedConfig
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError, InputError
 from tests.scenes import HEAD, compile_paths

@@ -10,7 +10,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.balance.gravity import Gravity
+from ffsm_mj.balance.external import Gravity
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.balance.test_balance import BASES, LINK, fly, residuals

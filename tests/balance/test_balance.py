@@ -9,9 +9,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.balance.base_motors import BaseMotors
-from ffsm_mj.balance.midpoint import hermite_midpoint
-from ffsm_mj.balance.thrusters import thrusters
+from ffsm_mj.balance.external import BaseMotors, thrusters
+from ffsm_mj.balance.quadrature import hermite_midpoint
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.columns import Row
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj._core.tick import Limits, Maxima, Periodically, Sampler, StepWork
-from ffsm_mj.actuation.actuation import Envelope
+from ffsm_mj.actuation.limits import Envelope
 from tests.core.arms import moving
 
 

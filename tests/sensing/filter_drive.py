@@ -16,10 +16,10 @@ from ffsm_mj.controller_protocol import ControllerContext, Measurement, Sensor, 
 from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
+from ffsm_mj.sensing.config import SensorConfig
 from ffsm_mj.sensing.group import SensorGroup
 from ffsm_mj.sensing.measured import Measured, places_of
 from ffsm_mj.sensing.sensor import sensors_of
-from ffsm_mj.sensing.sensor_config import SensorConfig
 from tests.scenes import HEAD, box
 
 PERIOD_S = 0.05

@@ -20,8 +20,8 @@ from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.sensing.config import SensorConfig
 from ffsm_mj.sensing.sensor import sensors_of
-from ffsm_mj.sensing.sensor_config import SensorConfig
 from tests.contact_models.grasp.scenes import ARM, TARGET
 from tests.sensing.filter_drive import INITIAL, PERIOD_S, PROCESS, Drive, Truth
 

@@ -11,13 +11,9 @@ import pytest
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.model.sensors import ModelSensor
-from ffsm_mj.sensing.group import SensorGroup
-from ffsm_mj.sensing.group_errors import GroupErrors
-from ffsm_mj.sensing.noise import NoiseStream, RandomWalk
-from ffsm_mj.sensing.sample_layout import SampleLayout
-from ffsm_mj.sensing.sensor import Sensor, sensors_of
-from ffsm_mj.sensing.sensor_config import SensorConfig
-from ffsm_mj.sensing.sensor_errors import SensorErrors
+from ffsm_mj.sensing.config import SensorConfig
+from ffsm_mj.sensing.group import GroupErrors, SampleLayout, SensorGroup
+from ffsm_mj.sensing.sensor import NoiseStream, RandomWalk, Sensor, SensorErrors, sensors_of
 from tests.scenes import compile_paths
 from tests.sensing.scenes import Listener, arm, column, pushing, run
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import mujoco
 import pytest
 
-from ffsm_mj.sensing.sensor_config import FieldOfViewConfig
+from ffsm_mj.sensing.config import FieldOfViewConfig
 from ffsm_mj.sensing.view import FieldOfView
 
 EYE = (0.3, -0.2, 0.1)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.actuation.step_error import StepError
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.balance.step_error import StepError
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF, grasping

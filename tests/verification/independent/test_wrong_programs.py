@@ -13,7 +13,7 @@ from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.contacts import ContactsConfig
-from ffsm_mj.sensing import noise
+from ffsm_mj.sensing import sensor
 from ffsm_mj.sensing.group import SensorGroup
 from tests.verification.independent.scenes import bouncing, chain, failing, holding, independent, measuring, sliding
 
@@ -95,7 +95,7 @@ def test_a_sample_that_is_shown_one_later(tmp_path, monkeypatch):
 
 
 def test_the_noise_of_another_channel(tmp_path, monkeypatch):
-    monkeypatch.setattr(noise, "crc32", lambda name: crc32(name[:-1]))
+    monkeypatch.setattr(sensor, "crc32", lambda name: crc32(name[:-1]))
     # Lost samples and delays are drawn from channels of their own.
     assert caught(measuring(tmp_path)) == {"sensor noise", "sensor times"}
 

@@ -1,4 +1,4 @@
-"""The state at the middle of a step, for Simpson's rule."""
+"""Integrals over a step: Simpson's rule, and the state at the middle of the step that it needs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,18 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import cross, rotation_dofs
+
+
+def simpson(start: FloatArray, middle: FloatArray, end: FloatArray, duration_s: float) -> FloatArray:
+    """Integral of a rate over a step, in units of the rate times s.
+
+    Args:
+        start: Rate at the start.
+        middle: Rate at the middle, at the state of :func:`hermite_midpoint`.
+        end: Rate at the end.
+        duration_s: Length of the step.
+    """
+    return duration_s / 6.0 * (start + 4.0 * middle + end)
 
 
 def hermite_midpoint(

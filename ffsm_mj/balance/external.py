@@ -1,8 +1,17 @@
-"""Impulse and work of thrusters: actuators that act at a site, with a wrench that is constant in the body's frame.
+"""Impulse and work of external forces over (sub-)steps: gravity, thrusters, and other actuators that push on the base.
 
-All thrusters of one body form one wrench about the origin of its frame. Its impulse and work over a (sub-)step follow from
-the body's pose and twist at both ends: Simpson's rule, with the midpoint by cubic Hermite interpolation of position and
-quaternion. The arithmetic is in Python floats, which are faster than numpy arrays of three elements.
+Gravity is uniform. The weight of a body is m g, reduced by the share that MuJoCo's ``gravcomp`` compensates; both act at
+its centre of mass. Over a (sub-)step the impulse is weight times duration and the work weight times displacement, exactly.
+The moment about the origin needs the time integral of the position of the centre of mass: the cubic Hermite polynomial
+through both ends gives it with a fifth-order error per step, like RK4.
+
+Thrusters are actuators that act at a site, with a wrench that is constant in the body's frame. All those of one body form
+one wrench about the origin of its frame. Its impulse and work over a (sub-)step follow from the body's pose and twist at
+both ends: Simpson's rule, with the midpoint by cubic Hermite interpolation of position and quaternion. The arithmetic is in
+Python floats, which are faster than numpy arrays of three elements.
+
+The others are base joint motors, tendons, and sites with a reference site. Their wrench on the robot follows from the
+generalised forces on its base joints.
 """
 
 from __future__ import annotations
@@ -11,12 +20,64 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.rigid_body import free_projector, site_actuators, site_wrench
+from ffsm_mj.balance.quadrature import hermite_midpoint, simpson
+from ffsm_mj.dynamics.rigid_body import base_jacobian, base_wrench, free_projector, site_actuators, site_wrench
 from ffsm_mj.model.system import System
 
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
+
+
+class Gravity:
+    """Integrates the work and impulse of gravity on each tree over each (sub-)step."""
+
+    SIZE = 7
+    """Values per tree: work in J, impulse (P, L about the world origin) in N s and N m s."""
+
+    def __init__(self, system: System, data: Any, accounts: FloatArray) -> None:
+        """Bind to the bodies of the trees.
+
+        Args:
+            system: Robot and objects.
+            data: Its state.
+            accounts: Work and impulse by tree, (number of trees, SIZE).
+        """
+        model = system.mj
+        self._data, self._accounts = data, accounts
+        self._g, self._roots = np.array(model.opt.gravity), np.array(model.body_rootid)
+        weighted = model.body_mass * (1.0 - model.body_gravcomp)
+        self._masses = np.zeros((len(system.trees), model.nbody))
+        for row, tree in zip(self._masses, system.trees, strict=True):
+            row[list(tree.bodies)] = weighted[list(tree.bodies)]
+        self._force = self._masses.sum(axis=1)[:, None] * self._g
+        self._start = self._look()
+
+    def open(self) -> None:
+        """Begin a (sub-)step at the state in ``data``, derived quantities current."""
+        self._start = self._look()
+
+    def close(self, duration_s: float) -> None:
+        """End the step at the state in ``data``, derived quantities current."""
+        (first, first_rate), (last, last_rate) = self._start, self._look()
+        area = 0.5 * duration_s * (first + last) + duration_s**2 / 12.0 * (first_rate - last_rate)
+        self._accounts[:, 0] += (last - first) @ self._g
+        self._accounts[:, 1:4] += duration_s * self._force
+        self._accounts[:, 4:] += _cross(area, self._g)
+
+    def _look(self) -> tuple[FloatArray, FloatArray]:
+        """Sums of mass times position and velocity of bodies' centres of mass by tree, kg m and kg m/s, (trees, 3) each."""
+        data, twists = self._data, self._data.cvel
+        # MuJoCo's twists are about the centre of mass of the whole tree, angular part first.
+        lever = data.xipos - data.subtree_com[self._roots]
+        return self._masses @ data.xipos, self._masses @ (twists[:, 3:] + _cross(twists[:, :3], lever))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Cross products of rows, (n, 3), as ``numpy.cross`` computes them at six times the cost of so few."""
+    (x, y, z), (u, v, w) = a.T, b.T
+    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=1)
 
 
 class _BodyState(NamedTuple):
@@ -155,3 +216,61 @@ def thrusters(system: System, data: Any, work: FloatArray, impulse: FloatArray) 
         felt = of_robot if body in robot.bodies else np.zeros((6, 6))
         groups.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
     return groups
+
+
+class BaseMotors:
+    """Integrates impulse and work over each (sub-)step by Simpson's rule with a cubic Hermite midpoint."""
+
+    def __init__(
+        self,
+        system: System,
+        data: Any,
+        chosen: npt.NDArray[np.bool_],
+        elsewhere: npt.NDArray[np.bool_],
+        work: FloatArray,
+        impulse: FloatArray,
+    ) -> None:
+        """Bind to the system.
+
+        Args:
+            system: Robot and objects.
+            data: Their state.
+            chosen: Mask of the actuators to account for, (nu,).
+            elsewhere: Mask of the actuators whose work is accounted for elsewhere, (nu,).
+            work: Receives the work, J, (1,).
+            impulse: Receives the impulse on the robot (P, L about the world origin), (6,).
+        """
+        self._robot, self._model, self._data = system.robot, system.mj, data
+        self._scratch, self._chosen, self._worked = mujoco.MjData(system.mj), chosen, 1.0 - elsewhere
+        self._work, self._impulse = work, impulse
+        self._pushing = False
+
+    def open(self) -> None:
+        """Begin a (sub-)step with the state and the efforts in ``data``."""
+        data, held = self._data, np.where(self._chosen, self._data.ctrl, 0.0)
+        self._pushing = bool(held.any())
+        if self._pushing:
+            self._qpos, self._qvel, self._scratch.ctrl[:] = data.qpos.copy(), data.qvel.copy(), held
+
+    def close(self, duration_s: float) -> None:
+        """End the step at the state in ``data``."""
+        if not self._pushing:
+            return
+        data = self._data
+        q_mid, v_mid = hermite_midpoint(self._model, self._qpos, self._qvel, data.qpos, data.qvel, duration_s)
+        start, middle, end = (
+            self._rates(qpos, qvel) for qpos, qvel in ((self._qpos, self._qvel), (q_mid, v_mid), (data.qpos, data.qvel))
+        )
+        done = simpson(start, middle, end, duration_s)
+        self._impulse += done[:6]
+        self._work += done[6]
+
+    def _rates(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Wrench on the robot about the world origin, and power, at a state, (7,)."""
+        model, scratch, robot = self._model, self._scratch, self._robot
+        scratch.qpos[:], scratch.qvel[:] = qpos, qvel
+        mujoco.mj_fwdPosition(model, scratch)
+        mujoco.mj_fwdVelocity(model, scratch)
+        mujoco.mj_fwdActuation(model, scratch)
+        wrench = base_wrench(base_jacobian(model, scratch, robot), scratch.qfrc_actuator[robot.base_dofs])
+        return np.append(wrench, (scratch.actuator_force * scratch.actuator_velocity) @ self._worked)
