@@ -38,20 +38,17 @@ class Evaluation:
 
     @dataclass
     class State:
-        """The last command, and the records of which the controller is told next."""
+        """The records of which the controller is told next; a command is made anew at each evaluation."""
 
-        command: Any
         pending: list[Any]
 
     def get_state(self) -> State:
-        """Command and records."""
-        return self.State(self.command.get_state(), records_as_state(self.pending))
+        """The records."""
+        return self.State(records_as_state(self.pending))
 
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
-        told = entries(state, ("command", "pending"), "Evaluation")
-        self.command.set_state(told["command"])
-        self.pending = records_of_state(told["pending"])
+        self.pending = records_of_state(entries(state, ("pending",), "Evaluation")["pending"])
 
     def due_of_state(self, state: Any, time_s: float) -> EventDue:
         """The decision that is due in a state, at the state of the plant."""

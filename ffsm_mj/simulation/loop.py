@@ -174,6 +174,7 @@ class Simulation:
         self._evaluation.set_state(told["evaluation"])
         self._plant.set_state(told["plant"])
         self._watch.set_state(told["watch"])
+        self._watch.disabled = self._plant.integrator.motion.disabled
         self._observed, self.due = None, None
         if told["due"] is not None:
             self.due = self._evaluation.due_of_state(told["due"], self.progress.time_s)
