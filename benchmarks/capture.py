@@ -26,9 +26,9 @@ from ffsm_mj.assembly.prepare import PreparedRun, prepare
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.contact_models.interface import EventEffect, EventSource
 from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder
-from ffsm_mj.simulation.grid_step import GridStep
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import EventDue
+from ffsm_mj.simulation.steps import GridStep
 
 HIT_S, HELD_S, AFTER_S = 7.77, 4.0, 1.0
 GOAL = 1.3

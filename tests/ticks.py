@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from ffsm_mj.simulation.free_flight import FreeFlight
-from ffsm_mj.simulation.log_writer import LogWriter
+from ffsm_mj.simulation.rows import LogWriter
+from ffsm_mj.simulation.steps import FreeFlight
 
 
 def at_each_tick(monkeypatch: pytest.MonkeyPatch, action: Callable[[float], object]) -> None:

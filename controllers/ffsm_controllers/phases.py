@@ -111,11 +111,9 @@ class PhaseMachine:
         Attributes:
             phase_index: Position of the phase under way, from 0; -1: none has begun.
             start_s: Time at which it began, s.
-            begun: Phases begun that the log does not have yet.
-            current: That under way.
+            current: Record of its beginning.
             begins_again: Whether its law begins at the next call.
             grasp: Name of the grasp for whose system the law in charge is made; empty: none.
-            requests: Requests that the next command carries.
             asked: Laws that have been in charge: position of the phase, name of the grasp.
             telemetry: Values of the columns by key.
             laws: States of the laws, by position of the phase and name of the grasp.
@@ -124,11 +122,9 @@ class PhaseMachine:
 
         phase_index: int
         start_s: float
-        begun: list[Any]
         current: Any
         begins_again: bool
         grasp: str
-        requests: list[str]
         asked: list[tuple[int, str]]
         telemetry: dict[str, float]
         laws: dict[tuple[int, str], Any]
@@ -139,11 +135,9 @@ class PhaseMachine:
         return self.State(
             self.phase_index,
             self._start_s,
-            [asdict(record) for record in self._begun],
             None if self._current is None else asdict(self._current),
             self._begins_again,
             self._grasp,
-            list(self._requests),
             list(self._asked),
             dict(zip(self._keys, self.telemetry.tolist(), strict=True)),
             {place: law.get_state() for place, law in self._laws.items()},
@@ -162,9 +156,9 @@ class PhaseMachine:
         """
         told = entries(state, [each.name for each in fields(self.State)], "the phases")
         self.phase_index, self._start_s, self._grasp = told["phase_index"], told["start_s"], told["grasp"]
-        self._begun = [PhaseRecord(**record) for record in told["begun"]]
+        self._begun, self._requests = [], []
         self._current = None if told["current"] is None else PhaseRecord(**told["current"])
-        self._begins_again, self._requests = told["begins_again"], list(told["requests"])
+        self._begins_again = told["begins_again"]
         self._live_index[0] = self.phase_index
         self.telemetry[:] = [told["telemetry"].get(key, math.nan) for key in self._keys]
         self._asked = {(i, grasp): self.phases[i].law(grasp) for i, grasp in told["asked"] if i not in replaced}

@@ -27,7 +27,7 @@ from ffsm_mj.assembly.task import task_of
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.model import GraspModel
-from ffsm_mj.contact_models.interface import ContactModel
+from ffsm_mj.contact_models.interface import Source
 from ffsm_mj.controller_protocol import ControllerContext, Task
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.properties import PropertyChange
@@ -162,7 +162,7 @@ def assemble(
             raise ScenarioFaults([Fault(fault, ("duration_s",))])
     except ScenarioFaults as faults:
         raise located(faults, source) from faults
-    known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.contact_models))
+    known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.sources))
     return Assembly(
         scenario,
         plant,
@@ -193,7 +193,7 @@ def _phase_machine(
     """The phases, with control laws that see the plant, a controller model at its state, or an estimate."""
     if controller_model is None:
         return PhaseMachine(phases)
-    grasped = _grasped_models(plant.integrator.contact_models, held)
+    grasped = _grasped_models(plant.integrator.sources, held)
     if scenario.estimator.kind != "truth" and scenario.has_rigid_laws:
         text = "an estimator estimates the joints of the plant: write 'controller_joints: flexible', or leave joint_flex out"
         raise ScenarioFaults([Fault(text, ("robot", "joint_flex"))])
@@ -246,12 +246,12 @@ def _contexts(
     }
 
 
-def _grasped_models(contact_models: Sequence[ContactModel], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
+def _grasped_models(sources: Sequence[Source], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """Controller models while an object is grasped, by the name of the grasp."""
     return {
-        name: ControllerModel(each.controller_system.mj, contact_model.data_of(name), each.system.mj, grasped=True)
-        for contact_model in contact_models
-        if isinstance(contact_model, GraspModel)
+        name: ControllerModel(each.controller_system.mj, source.data_of(name), each.system.mj, grasped=True)
+        for source in sources
+        if isinstance(source, GraspModel)
         for name, each in held.items()
         if each.controller_system is not None
     }

@@ -14,7 +14,7 @@ from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
-from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene
+from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene, Source
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
@@ -31,7 +31,7 @@ def contact_models_of(
     pairs: tuple[ContactPair, ...],
     limits: tuple[JointLimit, ...],
     held: Mapping[str, GraspedSystem],
-) -> tuple[ContactModel, ...]:
+) -> tuple[Source, ...]:
     """All contact models of a scenario, in the order in which simultaneous events are applied.
 
     Args:

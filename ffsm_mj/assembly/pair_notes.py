@@ -20,7 +20,7 @@ def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
 
 def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
     """Pairs that cannot meet while a rigid grasp is closed."""
-    for contact_model in assembly.plant.integrator.contact_models:
+    for contact_model in assembly.plant.integrator.sources:
         if isinstance(contact_model, GraspModel):
             for name, pairs in contact_model.disarmed.items():
                 if not pairs:

@@ -24,8 +24,7 @@ from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
-from ffsm_mj.simulation.plant import Plant
-from ffsm_mj.simulation.state_signals import StateSignals
+from ffsm_mj.simulation.plant import Plant, StateSignals
 
 
 def build_plant(

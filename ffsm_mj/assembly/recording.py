@@ -46,10 +46,10 @@ from ffsm_mj.records.metadata import (
 )
 from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
 from ffsm_mj.scenario.scenario import ScenarioConfig
-from ffsm_mj.simulation.internal_error import internal_error
 from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.simulation.outcome import internal_error
+from ffsm_mj.simulation.progress import Settings
 from ffsm_mj.simulation.rows import RowWriter
-from ffsm_mj.simulation.settings import Settings
 
 _PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
 

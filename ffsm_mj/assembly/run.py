@@ -15,7 +15,7 @@ from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.records.events import Outcome
-from ffsm_mj.simulation.ending import Ended
+from ffsm_mj.simulation.outcome import Ended
 
 
 # A run ends if its state is not finite; numpy's warnings would only repeat that.

@@ -17,7 +17,7 @@ from ffsm_mj.assembly.stepped_run import SteppedRun, seeded
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
-from ffsm_mj.simulation.ending import Ended
+from ffsm_mj.simulation.outcome import Ended
 
 
 class Simulator:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import FfsmError
-from ffsm_mj.simulation.ending import Ended
+from ffsm_mj.simulation.outcome import Ended
 from ffsm_mj.state import entries, from_bytes, to_bytes
 
 

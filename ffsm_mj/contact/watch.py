@@ -33,10 +33,9 @@ class ContactWatch(Stateful):
 
     @dataclass
     class State:
-        """Overlaps so far, and the pairs that are ignored."""
+        """Overlaps so far; the pairs on one rigid body are those of the motion."""
 
         open: dict[frozenset[int], tuple[float, float]]
-        disabled: frozenset[frozenset[int]]
 
     disabled: frozenset[frozenset[int]] = frozenset()
 

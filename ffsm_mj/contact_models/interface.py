@@ -1,10 +1,10 @@
-"""Interface of contact models; see ``docs/contact-models.md``.
+"""Interface of sources of events and forces, and of contact models; see ``docs/contact-models.md``.
 
-A contact model is a source of events, a source of forces, or both. A source of events locates them within a step, changes
-the state there, and reports the effect: records for the log and an exchange for the balance. A source of forces adds
-wrenches to the smooth motion while it is active. A model with a state of its own, or whose forces a replay checks, is
-replayable. Impacts are one contact model. Others are registered by kind, or through the entry-point group
-``ffsm_mj.contact_models``, and are declared in the ``contact_models`` of a scenario.
+A source of events locates them within a step, changes the state there, and reports the effect: records for the log and an
+exchange for the balance. A source of forces adds wrenches to the smooth motion while it is active. One with a state of its
+own, or whose forces a replay checks, is replayable. A contact model is a source of either, or both, that a scenario
+declares in its ``contact_models``: registered by kind, or through the entry-point group ``ffsm_mj.contact_models``. Impacts,
+persistent contact, grasps and delayed control are sources that a scenario has by other keys.
 """
 
 from __future__ import annotations
@@ -41,29 +41,61 @@ __all__ = [
     "LoggedEvent",
     "Replayable",
     "Scene",
+    "Source",
 ]
 
 
-class ContactModel:
-    """Base class of all contact models. An instance serves one run.
+class Source:
+    """Base class of all sources of events and forces. An instance serves one run.
 
     Times within a step are measured from its start. ``scene.data`` always holds the state of the current query: at each
-    stage of a step, and during event localisation along the path.
+    stage of a step, and during event localisation along the path. One that remembers something between two steps has
+    ``get_state()`` and ``set_state(state)``, most simply as a :class:`~ffsm_mj.state.Stateful`.
 
     Attributes:
-        kind: Name by which a scenario declares it.
-        Config: Configuration model, with a field ``kind``. The contact model is constructed as ``cls(config, scene)``.
+        kind: Name for messages and states; that by which a scenario declares a contact model.
         columns: Columns of the log that it owns.
         watched: Pairs of geom ids that it handles; overlaps of other pairs are reported as unhandled.
         scene: The logged system and its data.
         motion: The current motion.
     """
 
-    kind: ClassVar[str]
-    Config: ClassVar[type[StrictModel]]
+    kind: ClassVar[str] = "source"
     columns: Sequence[Columns] = ()
     watched: frozenset[frozenset[int]] = frozenset()
     motion: Motion
+
+    def __init__(self, scene: Scene) -> None:
+        """Initialise it at the current state of a scene."""
+        self.scene = scene
+
+    def bind(self, motion: Motion) -> None:
+        """Use another motion from now on; sources earlier in the order are already bound. A restart follows."""
+        self.motion = motion
+
+    def restart(self) -> None:
+        """Discard everything cached: the state or the efforts changed discontinuously. Start from the state in ``data``."""
+
+    def names(self) -> str:
+        """What it acts on now, for messages."""
+        return self.kind
+
+    def current_motion(self) -> Motion | None:
+        """The motion that its own state gives; None: it does not decide on the motion."""
+        return None
+
+    def forget(self) -> None:
+        """Be as before the first step: nothing is closed or armed. A state, or a row of a log, follows."""
+
+
+class ContactModel(Source):
+    """A source that a scenario declares, with a configuration: a plug-in derives from it and from what it is a source of.
+
+    Attributes:
+        Config: Configuration model, with a field ``kind``. The contact model is constructed as ``cls(config, scene)``.
+    """
+
+    Config: ClassVar[type[StrictModel]]
 
     def __init__(self, config: Any, scene: Scene) -> None:
         """Initialise the model at the current state of a scene.
@@ -76,29 +108,11 @@ class ContactModel:
             ScenarioFaults: The scene lacks something that the configuration names; paths are relative to ``config``.
             LookupError: The same, without a path.
         """
-        self.scene = scene
-
-    def bind(self, motion: Motion) -> None:
-        """Use another motion from now on; contact models earlier in the order are already bound. A restart follows."""
-        self.motion = motion
-
-    def restart(self) -> None:
-        """Discard everything cached: the state or the efforts changed discontinuously. Start from the state in ``data``."""
-
-    def names(self) -> str:
-        """The contacts it acts on now, for messages."""
-        return self.kind
-
-    def current_motion(self) -> Motion | None:
-        """The motion that its own state gives; None: it does not decide on the motion."""
-        return None
-
-    def forget(self) -> None:
-        """Be as before the first step: nothing is closed or armed. A state, or a row of a log, follows."""
+        super().__init__(scene)
 
 
-class EventSource(ContactModel):
-    """A contact model with events, which change the state or are logged.
+class EventSource(Source):
+    """A source of events, which change the state or are logged.
 
     Attributes:
         records: Kinds of event records it produces. Each has the fields ``step``, ``time_s``, ``qpos``, ``qvel_before``,
@@ -181,8 +195,8 @@ class EventSource(ContactModel):
         return self.act(EventTime(event.time_s, event.step))
 
 
-class ForceSource(ContactModel):
-    """A contact model that exerts forces while it is active.
+class ForceSource(Source):
+    """A source of forces, which it exerts while it is active.
 
     Attributes:
         active: Whether it exerts forces: the exchange of each step is then entered in the balance.
@@ -281,8 +295,8 @@ class LoggedForces(Protocol):
         ...
 
 
-class Replayable(ContactModel):
-    """A contact model with a state of its own that a log replay restores, or with forces that it checks."""
+class Replayable(Source):
+    """A source with a state of its own that a log replay restores, or with forces that it checks."""
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
         """Restore the internal state from its columns and the state in ``data``: a run or a log replay starts here.

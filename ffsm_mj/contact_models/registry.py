@@ -47,10 +47,12 @@ def register(contact_model: type[ContactModel]) -> type[ContactModel]:
     """Register a contact model by its kind.
 
     Raises:
-        ValueError: Another contact model has the same kind, or it is neither a source of events nor of forces.
+        ValueError: Another contact model has the same kind, or it is not one with a source of events or of forces.
     """
-    if not issubclass(contact_model, EventSource | ForceSource):
-        raise ValueError(f"the contact model {contact_model.kind!r} is neither an EventSource nor a ForceSource")
+    if not (issubclass(contact_model, ContactModel) and issubclass(contact_model, EventSource | ForceSource)):
+        raise ValueError(
+            f"the contact model {contact_model.kind!r} must be a ContactModel and an EventSource or a ForceSource"
+        )
     if contact_model.kind in BUILT_IN_KINDS:
         raise ValueError(f"{contact_model.kind!r} is the kind of a built-in contact model")
     if _REGISTERED.setdefault(contact_model.kind, contact_model) is not contact_model:

@@ -24,11 +24,10 @@ class Command(Stateful):
 
     @dataclass
     class State:
-        """Efforts, which actuators are powered, and requests."""
+        """Efforts, and which actuators are powered; requests are made once."""
 
         effort: FloatArray
         powered: BoolArray
-        requests: set[str]
 
     effort: FloatArray
     powered: npt.NDArray[np.bool_]

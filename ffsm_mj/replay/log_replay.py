@@ -26,8 +26,8 @@ from ffsm_mj.replay.logged_events import LoggedEvents
 from ffsm_mj.replay.logged_flight import LoggedFlight
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene
+from ffsm_mj.simulation.controller import calls_controller, told_records
 from ffsm_mj.simulation.step_control import StepLimitError
-from ffsm_mj.simulation.told_records import calls_controller, told_records
 from ffsm_mj.ties import logged
 from ffsm_mj.verification.agreement import Agreement, impossible
 

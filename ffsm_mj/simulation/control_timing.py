@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, LoggedEvent, Scene
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.records.effort_change import EFFORT_CHANGE, EffortChange
@@ -90,7 +89,7 @@ class DelayedControl(Stateful, EventSource):
             scene: The logged system and its data.
             actuation: Applies what has arrived.
         """
-        super().__init__(StrictModel(), scene)
+        super().__init__(scene)
         self._timing, self._actuation = timing, actuation
         delays = timing.delays_s
         self._groups = [(float(delay), np.flatnonzero(delays == delay)) for delay in np.unique(delays)]

@@ -12,13 +12,13 @@ from ffsm_mj._core.steppers import FreeStepper
 from ffsm_mj._core.travel import Travel
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import (
-    ContactModel,
     EventEffect,
     EventSource,
     EventTime,
     ForceSource,
     LoggedEvent,
     Replayable,
+    Source,
 )
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.active_contact import ActiveContact
@@ -61,27 +61,27 @@ class EventDrivenIntegrator:
 
     Attributes:
         motion: The current motion.
-        contact_models: All contact models.
+        sources: All contact models.
         event_sources: Those with events, in the order in which simultaneous events are applied.
         replayable: Those with a state or forces that a log replay restores or checks.
         control: Step-size control by sub-steps; None for fixed steps.
     """
 
-    def __init__(self, motion: Motion, contact_models: Sequence[ContactModel]) -> None:
+    def __init__(self, motion: Motion, sources: Sequence[Source]) -> None:
         """Start at the state of the motion, which is that of the logged system."""
-        self.contact_models, self._of_system = tuple(contact_models), motion
-        names = [getattr(each, "kind", type(each).__name__) for each in contact_models]
+        self.sources, self._of_system = tuple(sources), motion
+        names = [each.kind for each in sources]
         self._stateful = {
-            name if names.count(name) == 1 else f"{name} {i}": with_state(each, f"contact model {name}")
-            for i, (name, each) in enumerate(zip(names, contact_models, strict=True))
+            name if names.count(name) == 1 else f"{name} {i}": with_state(each, f"the contact model {name!r}")
+            for i, (name, each) in enumerate(zip(names, sources, strict=True))
         }
-        self.event_sources = tuple(each for each in contact_models if isinstance(each, EventSource))
+        self.event_sources = tuple(each for each in sources if isinstance(each, EventSource))
         self._after_substeps = [
             each for each in self.event_sources if type(each).after_substep is not EventSource.after_substep
         ]
-        self.replayable = tuple(each for each in contact_models if isinstance(each, Replayable))
+        self.replayable = tuple(each for each in sources if isinstance(each, Replayable))
         self._travels = tuple(travel for each in self.event_sources for travel in each.travels)
-        self._force_sources = tuple(each for each in contact_models if isinstance(each, ForceSource))
+        self._force_sources = tuple(each for each in sources if isinstance(each, ForceSource))
         self.control: StepControl | None = None
         self._active: list[ForceSource] = []
         self._poll: Callable[[], None] | None = None
@@ -93,8 +93,8 @@ class EventDrivenIntegrator:
         self.motion = motion
         if self._poll is not None:
             motion.path.poll = self._poll
-        for contact_model in self.contact_models:
-            contact_model.bind(motion)
+        for source in self.sources:
+            source.bind(motion)
         self.restart()
 
     def restore_state(self, system: Motion, events: Sequence[LoggedEvent] = ()) -> None:
@@ -105,14 +105,14 @@ class EventDrivenIntegrator:
             events: Logged events before this state; none at the start of a run.
         """
         self._event_s = None
-        moving = [motion for contact_model in self.replayable if (motion := contact_model.restore_state(events)) is not None]
+        moving = [motion for source in self.replayable if (motion := source.restore_state(events)) is not None]
         self.bind(moving[0] if moving else system)
 
     @dataclass
     class State:
         """What contact models remember, the time of an event of which they are not told yet, s, and step-size control."""
 
-        contact_models: dict[str, Any]
+        sources: dict[str, Any]
         event_s: float | None
         control: Any
 
@@ -123,14 +123,14 @@ class EventDrivenIntegrator:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; that of the logged system is in ``data``, with its efforts."""
-        told = entries(state, ("contact_models", "event_s", "control"), "EventDrivenIntegrator")
-        of_models = entries(told["contact_models"], [*self._stateful], "the contact models")
-        for contact_model in self.contact_models:
-            contact_model.forget()
-        deciding = [name for name, each in zip(self._stateful, self.contact_models, strict=True) if each.current_motion()]
+        told = entries(state, ("sources", "event_s", "control"), "EventDrivenIntegrator")
+        of_models = entries(told["sources"], [*self._stateful], "the sources")
+        for source in self.sources:
+            source.forget()
+        deciding = [name for name, each in zip(self._stateful, self.sources, strict=True) if each.current_motion()]
         for name in deciding:
             self._stateful[name].set_state(of_models[name])
-        moving = [motion for each in self.contact_models if (motion := each.current_motion()) is not None]
+        moving = [motion for each in self.sources if (motion := each.current_motion()) is not None]
         self._event_s = None
         self.bind(moving[0] if moving else self._of_system)
         for name, part in self._stateful.items():
@@ -147,12 +147,12 @@ class EventDrivenIntegrator:
 
     def restart(self) -> None:
         """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
-        self._active = [contact_model for contact_model in self._force_sources if contact_model.active]
+        self._active = [source for source in self._force_sources if source.active]
         pushing = sorted((each for each in self._active if each.pushes), key=lambda each: each.is_bilateral)
         pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
         self.motion.push_with(pushes, answers, of_system=not all(each.is_bilateral for each in pushing))
-        for contact_model in self.contact_models:
-            contact_model.restart()
+        for source in self.sources:
+            source.restart()
         self.motion.flight.clear(self._event_bound())
         if self.control is not None:
             self.control.restart()
@@ -162,7 +162,7 @@ class EventDrivenIntegrator:
 
         A step without forces is MuJoCo's own, one with forces another method of order four: their truncation differs.
         """
-        if not all(contact_model.active for contact_model in self._active):
+        if not all(source.active for source in self._active):
             self.restart()
 
     def reconsider(self) -> None:
@@ -175,19 +175,19 @@ class EventDrivenIntegrator:
 
     def _begin_step(self) -> None:
         if self._event_s is not None:
-            for source in self.event_sources:
-                source.after_event(self._event_s)
+            for each in self.event_sources:
+                each.after_event(self._event_s)
             self._event_s = None
-        for contact_model in self._active:
-            contact_model.begin_step()
+        for source in self._active:
+            source.begin_step()
 
     def _event_bound(self) -> float:
-        return min((contact_model.event_bound for contact_model in self.event_sources), default=math.inf)
+        return min((source.event_bound for source in self.event_sources), default=math.inf)
 
     @property
     def columns(self) -> list[Columns]:
         """Columns of all contact models."""
-        return [columns for contact_model in self.contact_models for columns in contact_model.columns]
+        return [columns for source in self.sources for columns in source.columns]
 
     @property
     def pushed(self) -> bool:
@@ -214,7 +214,7 @@ class EventDrivenIntegrator:
             return None
         return CoreSteps(None, motion.flight, contacts, *self._bounds(self._active))
 
-    def _bounds(self, active: Sequence[ContactModel]) -> tuple[float, tuple[Travel, ...], float]:
+    def _bounds(self, active: Sequence[Source]) -> tuple[float, tuple[Travel, ...], float]:
         """Event bound of the models that are not active, motions of the coordinates, and the bound within their reach."""
         others = [each for each in self.event_sources if each not in active]
         bound = min((each.event_bound for each in others), default=math.inf)
@@ -231,7 +231,7 @@ class EventDrivenIntegrator:
 
     def contacts(self) -> tuple[ActiveContact, ...]:
         """Closed contacts at the state in ``data``, with forces under its efforts."""
-        return tuple(contact for contact_model in self._active for contact in contact_model.active_contacts())
+        return tuple(contact for source in self._active for contact in source.active_contacts())
 
     def wrenches(self) -> tuple[Wrench, ...]:
         """Forces of the active contact models on bodies of the logged system, at the state and efforts in ``data``."""
@@ -261,15 +261,15 @@ class EventDrivenIntegrator:
             motion.path.at_s = step_s = duration_s
             clear = flight.motion_bound < flight.event_bound
         else:
-            for contact_model in self._watching():
-                if contact_model.due():
-                    return 0.0, contact_model
+            for source in self._watching():
+                if source.due():
+                    return 0.0, source
             step_s, clear = self._step(duration_s, duration_s)
             self._add_travel(step_s)
         # A non-finite state is reported by the caller; event detection on it would not end.
         if clear or not math.isfinite(flight.energy):
             return step_s, None
-        watching = [contact_model for contact_model in self._watching() if not contact_model.is_clear()]
+        watching = [source for source in self._watching() if not source.is_clear()]
         motion.path.at_s = step_s
         if not watching:
             self._after_substep(step_s)
@@ -279,8 +279,8 @@ class EventDrivenIntegrator:
         at_s = step_s if first is None else first[0]
         motion.path.move_to(at_s)
         self._after_substep(at_s)
-        for contact_model in self.event_sources:
-            contact_model.on_event_located(at_s)
+        for source in self.event_sources:
+            source.on_event_located(at_s)
         motion.flight.clear(self._event_bound())
         return first if first is not None else (step_s, None)
 
@@ -292,34 +292,34 @@ class EventDrivenIntegrator:
         now_s = float(self.motion.path.start[0])
         found: list[tuple[float, EventSource]] = []
         until_s = step_s
-        for contact_model in watching:
-            time_s = contact_model.first_event(until_s)
+        for source in watching:
+            time_s = source.first_event(until_s)
             if time_s is not None:
-                found.append((time_s, contact_model))
+                found.append((time_s, source))
                 until_s = min(until_s, time_s + instant_s(now_s))
         if not found:
             return None
         at_s = last_of_first([time_s for time_s, _ in found], now_s)
-        return apart(at_s, step_s, now_s), next(contact_model for time_s, contact_model in found if time_s <= at_s)
+        return apart(at_s, step_s, now_s), next(source for time_s, source in found if time_s <= at_s)
 
     def _watching(self) -> list[EventSource]:
         """Contact models with possible events: the motion bound exceeds their ``event_bound``."""
         moved = self.motion.flight.motion_bound
         if moved < self.motion.flight.event_bound:
             return []
-        return [contact_model for contact_model in self.event_sources if not contact_model.excludes_events(moved)]
+        return [source for source in self.event_sources if not source.excludes_events(moved)]
 
     def _add_travel(self, duration_s: float) -> None:
         for travel in self._travels:
             travel.add(duration_s)
 
-    def act(self, contact_model: EventSource, instant: EventTime) -> EventEffect | None:
+    def act(self, source: EventSource, instant: EventTime) -> EventEffect | None:
         """Apply the event of a contact model; one that it leaves to impacts is resolved by the model of these.
 
         Raises:
             RunEnded: The motion that follows is not modelled.
         """
-        effect = contact_model.act(instant)
+        effect = source.act(instant)
         if effect is not None and effect.leaves_to_impacts:
             effect = next(each for each in self.event_sources if each.resolves_impacts).act(instant)
         return effect
@@ -342,8 +342,8 @@ class EventDrivenIntegrator:
 
     def continue_step(self, duration_s: float) -> None:
         """Integrate for a time with the contacts and modes chosen for the step before, without event detection."""
-        for contact_model in self._active:
-            contact_model.continue_step()
+        for source in self._active:
+            source.continue_step()
         self.motion.step(duration_s)
         self._add_travel(duration_s)
         self.motion.path.at_s = duration_s
@@ -351,7 +351,7 @@ class EventDrivenIntegrator:
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores what the active contact models change at the start of a step."""
-        restoring = [contact_model.snapshot() for contact_model in self._active]
+        restoring = [source.snapshot() for source in self._active]
 
         def restore() -> None:
             for each in restoring:
@@ -371,8 +371,8 @@ class EventDrivenIntegrator:
         self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
         reach_s = left_s
-        for contact_model in self._active:
-            reach_s = min(reach_s, contact_model.step_limit(left_s))
+        for source in self._active:
+            reach_s = min(reach_s, source.step_limit(left_s))
         if reach_s < left_s < reach_s + shortest_s(float(self.motion.data.time)):
             reach_s = left_s
         most_s = min(most_s, reach_s)
@@ -395,27 +395,27 @@ class EventDrivenIntegrator:
 
     def exchanged(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in a trial step that may be rejected."""
-        return [booking for contact_model in self._active if (booking := contact_model.exchanged(duration_s)) is not None]
+        return [booking for source in self._active if (booking := source.exchanged(duration_s)) is not None]
 
     def work_without_heat(self, duration_s: float) -> float:
         """Work of persistent contact plus its heat of sliding in a trial step, J."""
-        return sum(contact_model.work_without_heat(duration_s) for contact_model in self._active)
+        return sum(source.work_without_heat(duration_s) for source in self._active)
 
     def _after_substep(self, duration_s: float) -> None:
-        for contact_model in self._after_substeps:
-            contact_model.after_substep(duration_s)
+        for source in self._after_substeps:
+            source.after_substep(duration_s)
 
     def finish(self, instant: EventTime) -> list[Any]:
         """Records of the contact models at the end of the run."""
-        return [record for contact_model in self.event_sources for record in contact_model.finish(instant)]
+        return [record for source in self.event_sources for record in source.finish(instant)]
 
     def exchanges(self, duration_s: float) -> list[Exchange]:
         """Exchanges of the active contact models in the finished (sub-)step."""
         if not self._active or duration_s <= 0.0:
             return []  # no forces are applied, or an event was due before the step
         done = []
-        for contact_model in self._active:
-            booking = contact_model.end_step(duration_s)
+        for source in self._active:
+            booking = source.end_step(duration_s)
             if booking is not None:
                 done.append(booking)
         return done

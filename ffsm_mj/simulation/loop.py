@@ -23,17 +23,12 @@ from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import Outcome, OutcomeRecord, RunEnded
-from ffsm_mj.simulation.ending import Ended
-from ffsm_mj.simulation.evaluation import Evaluation
-from ffsm_mj.simulation.free_flight import FreeFlight
-from ffsm_mj.simulation.grid_step import GridStep
-from ffsm_mj.simulation.guard import Guard
-from ffsm_mj.simulation.log_writer import LogWriter
+from ffsm_mj.simulation.controller import Evaluation, TaskController
+from ffsm_mj.simulation.outcome import Ended, Guard
 from ffsm_mj.simulation.plant import Plant
-from ffsm_mj.simulation.progress import EventDue, Progress, Start
-from ffsm_mj.simulation.rows import RowWriter
-from ffsm_mj.simulation.settings import Settings
-from ffsm_mj.simulation.task_controller import TaskController
+from ffsm_mj.simulation.progress import EventDue, Progress, Settings, Start
+from ffsm_mj.simulation.rows import LogWriter, RowWriter
+from ffsm_mj.simulation.steps import FreeFlight, GridStep
 from ffsm_mj.state import StateError, entries
 
 
@@ -174,6 +169,7 @@ class Simulation:
         self._evaluation.set_state(told["evaluation"])
         self._plant.set_state(told["plant"])
         self._watch.set_state(told["watch"])
+        self._watch.disabled = self._plant.integrator.motion.disabled
         self._observed, self.due = None, None
         if told["due"] is not None:
             self.due = self._evaluation.due_of_state(told["due"], self.progress.time_s)

@@ -1,9 +1,9 @@
-"""The simulated system, and the code that steps it: used by a run and by the replay of its log."""
+"""The simulated system with its columns, and the code that steps it: used by a run and by the replay of its log."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -12,18 +12,109 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.steppers import WHOLE_STATE
+from ffsm_mj._core.tick import Clock, Sampler
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
+from ffsm_mj.contact_models.grasp.record import CaptureRecord
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
+from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.signals import Signal, coordinate_names, rate_names, unit_of
+from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.simulation.control_timing import DelayedControl
-from ffsm_mj.simulation.event_impulses import event_impulses
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
-from ffsm_mj.simulation.state_signals import StateSignals
 from ffsm_mj.state import entries, fitting
+
+
+class StateSignals:
+    """The state in ``data`` as columns.
+
+    Attributes:
+        sampler: Updates the tip velocity at each sample, and copies live arrays.
+        columns: Columns of the state.
+    """
+
+    def __init__(
+        self, system: System, data: Any, tip_site: int | None, axes: Sequence[int] = (), target: TargetMotion | None = None
+    ) -> None:
+        """Bind to a system.
+
+        Args:
+            system: The logged system.
+            data: Its data, derived quantities current at each sample.
+            tip_site: Site of the task; None if there is no task.
+            axes: Its world axes.
+            target: How its target moves; None: it does not.
+        """
+        time = np.zeros(1)
+        self.sampler = Sampler(system.mj, data, tip=-1 if tip_site is None else tip_site)
+        self.columns: tuple[Columns, ...] = (
+            Columns((Signal("state", "time_s", "s", "simulation time"),), live=time, on_sample=Clock(time)),
+            Columns(_coordinates(system), live=data.qpos),
+            Columns(_rates(system), live=data.qvel),
+        )
+        if tip_site is not None:
+            self.columns += (
+                Columns(_tip("tip_{}_m", "m", "position of the tip"), live=data.site_xpos[tip_site]),
+                Columns(_tip("tip_v{}_m_s", "m/s", "velocity of the tip"), live=self.sampler.twist[3:]),
+            )
+
+        self._data, self._axes, self._target, self._place = data, list(axes), target, np.zeros(3)
+        if target is not None:
+            meaning = "target of the tip, zero along axes that are not regulated"
+            signals = _tip("target_{}_m", "m", meaning)
+            self.columns += (Columns(signals, live=self._place, on_sample=self._follow),)
+
+    def _follow(self, time_s: float) -> None:
+        assert self._target is not None
+        self._target.update(time_s, self._data)
+        self._place[self._axes] = self._target.position_m
+
+
+def _coordinates(system: System) -> tuple[Signal, ...]:
+    return tuple(
+        Signal("state", f"q_{name}", unit_of(name), f"coordinate of {joint.kind} joint {joint.name}", f"joint {joint.name}")
+        for joint in sorted(system.joints.values(), key=lambda joint: joint.qpos.start)
+        for name in coordinate_names(joint)
+    )
+
+
+def _rates(system: System) -> tuple[Signal, ...]:
+    signals = []
+    for joint in sorted(system.joints.values(), key=lambda joint: joint.qpos.start):
+        frame = ", linear part in world axes, angular part in body axes" if joint.kind == "free" else ""
+        meaning = f"rate of {joint.kind} joint {joint.name}{frame}"
+        signals += [
+            Signal("state", f"v_{name}", unit_of(name), meaning, f"joint {joint.name}") for name in rate_names(joint)
+        ]
+    return tuple(signals)
+
+
+def _tip(name: str, unit: str, meaning: str) -> tuple[Signal, ...]:
+    return tuple(Signal("state", name.format(axis), unit, meaning) for axis in "xyz")
+
+
+def event_impulses(model: Any, records: Iterable[Any]) -> Iterator[Wrench]:
+    """Impulses of contacts and grasps on the bodies of a model, in N s and N m s."""
+    for record in records:
+        if isinstance(record, ImpactRecord):
+            impulse = record.impulse_N_s * np.array(record.normal) + np.array(record.tangential_impulse_N_s)
+            bodies = [int(model.geom(name).bodyid[0]) for name in record.geoms]
+            yield from _pair(bodies, np.array(record.point_m), impulse, np.zeros(3))
+        elif isinstance(record, CaptureRecord):
+            bodies = [int(model.site(name).bodyid[0]) for name in (record.robot_site, record.object_site)]
+            angular = np.array(record.angular_impulse_N_m_s)
+            yield from _pair(bodies, np.array(record.point_m), np.array(record.impulse_N_s), angular)
+
+
+def _pair(bodies: list[int], point: Any, impulse: Any, angular: Any) -> Iterator[Wrench]:
+    """Equal and opposite impulses on two bodies; the second takes the positive one."""
+    yield Wrench(bodies[0], point, -impulse, -angular)
+    yield Wrench(bodies[1], point, impulse, angular)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
-"""How far a simulation has come: everything the loop itself remembers between two steps."""
+"""Settings of a simulation, and how far it has come: everything that the loop itself remembers between two steps."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -10,6 +11,26 @@ from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import kind_named, kind_of
 from ffsm_mj.state import StateError, Stateful
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Time grid of a run, and what the control law is told; see the scenario keys of the same names.
+
+    Attributes:
+        time_step_s: Integration step, s.
+        steps_per_tick: Steps in a control period.
+        ticks: Control periods in the run.
+        told_above_N_s: Least impulse of an impact of which the control law is told; -inf: it is told of all events of
+            contacts; None: of none.
+        keeps_states: Whether the log gets the state of the simulation at events.
+    """
+
+    time_step_s: float
+    steps_per_tick: int
+    ticks: int
+    told_above_N_s: float | None = -math.inf
+    keeps_states: bool = False
 
 
 @dataclass(frozen=True)

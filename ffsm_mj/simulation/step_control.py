@@ -67,13 +67,10 @@ class StepControl(Stateful):
 
     @dataclass
     class State:
-        """Sub-steps so far, and the choice for the rest of a time step."""
+        """Statistics of the sub-steps so far; each time step, and the rest of one after an event, is divided anew."""
 
         steps: int
         smallest_s: float
-        planned: int
-        planned_s: float
-        reach_s: float
 
     def __init__(self, budget: float, step_s: float, error: StepError) -> None:
         """Start at the beginning of a time step.

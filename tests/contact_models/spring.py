@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, ForceSource, Replayable
+from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED, STEP
 from ffsm_mj.records.kinds import Mark, RecordKind
@@ -57,7 +57,7 @@ SPRING = RecordKind(
 )
 
 
-class Spring(EventSource, ForceSource, Replayable):
+class Spring(ContactModel, EventSource, ForceSource, Replayable):
     """Pushes while two geoms overlap, in proportion to how deep."""
 
     kind = "spring"

@@ -189,7 +189,7 @@ def test_what_a_contact_model_imports_is_on_its_page():
 def test_no_persistent_contact_in_another_motion(tmp_path):
     """Its forces would act through the weld: such a contact neither begins nor continues."""
     parts = prepare(two_balls(tmp_path, speed=0.0, gap=0.0, restitution=0.0)).assemble()
-    (pair,), (impacts, lasting, *_) = parts.pairs, parts.plant.integrator.contact_models
+    (pair,), (impacts, lasting, *_) = parts.pairs, parts.plant.integrator.sources
     assert (lasting.refusal(pair), lasting.holds(pair)) == ("", True)
     lasting.act(EventTime(0.0, 0))  # it is told of
     parts.plant.integrator.bind(Motion(parts.system.mj, mujoco.MjData(parts.system.mj)))

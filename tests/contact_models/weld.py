@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, ForceSource, Replayable
+from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.model.fixed import place
@@ -60,7 +60,7 @@ WELD = RecordKind(
 )
 
 
-class Weld(EventSource, ForceSource, Replayable):
+class Weld(ContactModel, EventSource, ForceSource, Replayable):
     """Holds an object."""
 
     kind = "weld"

@@ -8,7 +8,7 @@ import pytest
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.log.recorder import Recorder
 from ffsm_mj.scenario.shipped import scenario_names
-from ffsm_mj.simulation.free_flight import FreeFlight
+from ffsm_mj.simulation.steps import FreeFlight
 from tests.contact_models.persistent.test_steady import held
 
 OSDRE = {"kind": "osdre", "joints": ["joint_1", "joint_2", "joint_3"], "Q": [1.0, 1.0, 0.5, 0.5], "R": [1.0, 1.0, 1.0]}

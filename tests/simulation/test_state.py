@@ -95,9 +95,9 @@ SHORT = {"$array": ["<f8", [1], "AAAAAAAAAAA="]}
     [
         (("parts", "plant", "data"), lambda _: SHORT),
         (("parts", "plant", "data"), lambda _: None),
-        (("parts", "plant", "integrator", "contact_models"), lambda _: {}),
-        (("parts", "plant", "integrator", "contact_models", "contact", "closed", "pressing"), lambda _: [99]),
-        (("parts", "plant", "integrator", "contact_models", "contact", "logged"), lambda _: ["nothing"]),
+        (("parts", "plant", "integrator", "sources"), lambda _: {}),
+        (("parts", "plant", "integrator", "sources", "contact", "closed", "pressing"), lambda _: [99]),
+        (("parts", "plant", "integrator", "sources", "contact", "logged"), lambda _: ["nothing"]),
         (("parts", "plant", "balance", "numbers"), lambda _: SHORT),
         (("parts", "plant", "actuation", "valves"), lambda _: None),
         (("parts", "controller", "laws"), lambda _: 3),

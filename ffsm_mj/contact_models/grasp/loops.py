@@ -83,7 +83,7 @@ class LoopForces(ForceSource):
             scene: The logged system and its data.
             others: All other contact models that exert forces.
         """
-        super().__init__(None, scene)
+        super().__init__(scene)
         self._latches: dict[str, LatchedBodies] = {}
         self._others = tuple(others)
         self._projection = StateProjection(scene)

@@ -59,7 +59,7 @@ class GraspModel(EventSource, Replayable):
             loops: Rows of further grasps.
             others: Other contact models that may exert forces on a grasped object.
         """
-        super().__init__(None, scene)
+        super().__init__(scene)
         forces = (loops, *others)
         self._latches = {each[0].name: Latch(i, scene, free, *each, loops, forces) for i, each in enumerate(grasps, start=1)}
         self._closed = ClosedGrasps(scene, free, loops)

@@ -63,7 +63,6 @@ class ImpactModel(Stateful, Detector):
         heat: Any
         rule_gaps: Any
 
-    kind = "impact"
     records = (IMPACT, LIMIT_IMPACT)
     resolves_impacts = True
 

@@ -53,6 +53,8 @@ class Detector(EventSource, Replayable):
             :class:`~ffsm_mj.contact_models.impact.deepest_overlap.DeepestOverlap`.
     """
 
+    kind = "impact"
+
     def __init__(
         self,
         scene: Scene,
@@ -68,7 +70,7 @@ class Detector(EventSource, Replayable):
             persistent: Persistent contact, which takes over the pairs that stay closed; None: there is none.
             overlap: Deepest overlap, shared with ``persistent``; None: an own one.
         """
-        super().__init__(None, scene)
+        super().__init__(scene)
         self._model, self._data = scene.system.mj, scene.data
         self.pairs = tuple(pairs)
         self._persistent: PersistentContacts = persistent or NoPersistentContacts()

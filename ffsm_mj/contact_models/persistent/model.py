@@ -198,7 +198,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             overlap: Deepest overlap, shared with the impact model.
             heat: Heat of friction, shared with the impact model.
         """
-        super().__init__(None, scene)
+        super().__init__(scene)
         self._pairs, self._active_set = tuple(pairs), ActiveContactSet(scene)
         self._broad_phase = BroadPhase(scene.system.mj, self._pairs)
         self._changes = ContactChanges(scene, self._active_set)

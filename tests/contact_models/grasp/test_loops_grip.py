@@ -72,7 +72,7 @@ class Grip:
         )
         held = GraspedMotion(free, scene, compile_system(*models, time_step_s=step_s, grasp=left), left)
         pairs = [ContactPair(system, name, f"{name}/pad", "cube/pad", 0.0, MU) for name in ("left", "right")]
-        overlap, self.heat, drive = DeepestOverlap(()), FrictionHeat(), Drive(None, scene)
+        overlap, self.heat, drive = DeepestOverlap(()), FrictionHeat(), Drive(scene)
         persistent = PersistentContactModel(scene, pairs, overlap, self.heat)
         rules = ImpactRules("blend", RestRule(step_s, 1e-4), 1000, stop_on_impact=False)
         impacts = ImpactModel(scene, pairs, rules, persistent, overlap, self.heat)

@@ -18,7 +18,7 @@ from ffsm_mj.contact_models.impact import model as impact_model
 from ffsm_mj.contact_models.impact.rest_rule import resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.dynamics.step_path import StepPath
-from ffsm_mj.simulation import grid_step as simulation
+from ffsm_mj.simulation import steps as simulation
 from tests.scenes import HEAD, ball, box, scene, two_balls
 
 PENETRATION_M = 1e-9

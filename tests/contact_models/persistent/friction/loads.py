@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from ffsm_mj.config import StrictModel
-from ffsm_mj.contact_models.interface import ForceSource
+from ffsm_mj.contact_models.interface import ContactModel, ForceSource
 from ffsm_mj.records.wrench import Wrench
 
 Vector = tuple[float, float, float]
@@ -39,7 +39,7 @@ class LoadsConfig(StrictModel):
     loads: tuple[LoadConfig, ...]
 
 
-class Loads(ForceSource):
+class Loads(ContactModel, ForceSource):
     """Forces and torques that depend on time alone."""
 
     kind = "loads"

@@ -1,21 +1,108 @@
-"""Evaluation of the controller: what it observes, its command and its requests."""
+"""The controller of a whole run: what the simulation asks of it, of which events it is told, and its evaluation."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from ffsm_mj.contact_models.interface import EventEffect
-from ffsm_mj.controller_protocol import Command, Observation
+from ffsm_mj.contact_models.event import EventEffect
+from ffsm_mj.contact_models.grasp.record_kinds import KINDS
+from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.records.active_contact import ActiveContacts
-from ffsm_mj.records.events import Outcome, RunEnded
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.command import GivenCommand
+from ffsm_mj.records.effort_change import EffortChange
+from ffsm_mj.records.events import ControllerReport, ImpactRecord, Outcome, PhaseRecord, RunEnded
 from ffsm_mj.sensing.measured import Measured
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, records_as_state, records_of_state
-from ffsm_mj.simulation.task_controller import TaskController
-from ffsm_mj.simulation.told_records import calls_controller, told_records
 from ffsm_mj.state import entries
+
+
+class TaskController(Protocol):
+    """The controller of a whole run: the phase machine."""
+
+    columns: tuple[Columns, ...]
+    """Reports of the phases' controllers after the last call, NaN in the columns of other phases; the phase's position."""
+
+    given: GivenCommand | None
+    """Command of the program that steps the simulation; None: the controllers of the phases command everything."""
+
+    @property
+    def in_charge(self) -> str:
+        """Who decides now, for a person: phase and kind of controller."""
+
+    def control(self, observation: Observation, command: Command) -> None:
+        """Like :meth:`~ffsm_mj.controller_protocol.Controller.control`."""
+
+    @property
+    def grasp(self) -> str:
+        """Name of the grasp for whose system the law in charge is made; empty: for the system without a grasp."""
+
+    def in_core(self, command: Command, data: Any) -> LawInCore | None:
+        """The law in charge, to be evaluated by the core at control ticks without events; None if it cannot be.
+
+        Args:
+            command: What it commands.
+            data: Data of the plant.
+        """
+
+    def drain_phases(self) -> list[PhaseRecord]:
+        """Phases begun since the last call, oldest first."""
+
+    def tell_phase_again(self) -> None:
+        """Let the phase under way be among the phases begun since the last call: a log begins with it."""
+
+    def begin_law_again(self, replaced: Sequence[int] = ()) -> None:
+        """Let the control law of the phase under way begin at its next call.
+
+        Args:
+            replaced: Phases, by position, whose control laws have done nothing yet, though the phases may have begun.
+        """
+
+    def get_state(self) -> Any:
+        """What phases and control laws remember."""
+
+    def set_state(self, state: Any, observation: Observation, replaced: Sequence[int] = ()) -> None:
+        """Go on from a state.
+
+        Args:
+            state: The state.
+            observation: What the controller sees at it.
+            replaced: Phases, by position, whose control laws are of another kind: the state has nothing of them.
+        """
+
+    def reports(self) -> Mapping[str, ControllerReport]:
+        """What the control laws of the phases begun say of their work, by phase."""
+
+
+_OF_GRASPS = tuple(kind.record for kind in KINDS)
+
+
+def told_records(records: Sequence[Any], above_N_s: float | None) -> tuple[Any, ...]:
+    """Records of which the control law is told: of its own grasps always, of contacts as far as it is told of impacts.
+
+    Args:
+        records: Records of one event.
+        above_N_s: Least impulse of an impact; -inf: all events are told; None: none of contacts.
+    """
+    records = [record for record in records if not isinstance(record, EffortChange)]
+    if above_N_s == -math.inf:
+        return tuple(records)
+    hard = above_N_s is not None and any(
+        isinstance(record, ImpactRecord) and record.impulse_N_s >= above_N_s for record in records
+    )
+    kinds = (*_OF_GRASPS, ImpactRecord) if hard else _OF_GRASPS
+    return tuple(record for record in records if isinstance(record, kinds))
+
+
+def calls_controller(effect: EventEffect, told: Sequence[Any]) -> bool:
+    """Whether the controller is evaluated at an event of which it is told some records."""
+    return effect.is_tick or (effect.triggers_control and (bool(told) or not effect.records))
+
 
 _NO_SENSORS = Measured({}, (), 0.0)
 
@@ -38,20 +125,17 @@ class Evaluation:
 
     @dataclass
     class State:
-        """The last command, and the records of which the controller is told next."""
+        """The records of which the controller is told next; a command is made anew at each evaluation."""
 
-        command: Any
         pending: list[Any]
 
     def get_state(self) -> State:
-        """Command and records."""
-        return self.State(self.command.get_state(), records_as_state(self.pending))
+        """The records."""
+        return self.State(records_as_state(self.pending))
 
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
-        told = entries(state, ("command", "pending"), "Evaluation")
-        self.command.set_state(told["command"])
-        self.pending = records_of_state(told["pending"])
+        self.pending = records_of_state(entries(state, ("pending",), "Evaluation")["pending"])
 
     def due_of_state(self, state: Any, time_s: float) -> EventDue:
         """The decision that is due in a state, at the state of the plant."""
@@ -83,7 +167,7 @@ class Evaluation:
         Args:
             effect: The event.
             time_s: Its time, s.
-            told_above_N_s: See :class:`~ffsm_mj.simulation.settings.Settings`.
+            told_above_N_s: See :class:`~ffsm_mj.simulation.progress.Settings`.
         """
         told = told_records(effect.records, told_above_N_s)
         self.pending = (*self.pending, *told)

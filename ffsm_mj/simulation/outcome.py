@@ -1,17 +1,83 @@
-"""Guard of a run: what is raised in it becomes its outcome."""
+"""How a run ends: the outcome of an exception, its record, last words of the control laws, and the guard of all parts."""
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from pathlib import Path
+from traceback import format_exception
+from typing import NamedTuple
 
-from ffsm_mj.errors import ControllerError
+import mujoco
+
+from ffsm_mj.errors import ControllerError, LogWriteError, described, raised_at, raised_in
 from ffsm_mj.log.recorder import Recorder
-from ffsm_mj.records.events import ControllerReport, Outcome, RunEnded
-from ffsm_mj.simulation.ending import Ended, last_reports, outcome_of
-from ffsm_mj.simulation.internal_error import internal_error
+from ffsm_mj.records.events import ControllerReport, InternalErrorRecord, Outcome, RunEnded
+from ffsm_mj.simulation.controller import TaskController
 from ffsm_mj.simulation.progress import Progress
-from ffsm_mj.simulation.task_controller import TaskController
+
+
+class Ended(NamedTuple):
+    """How a run ended: its outcome, and the message of one that was not completed."""
+
+    outcome: Outcome
+    message: str = ""
+
+
+def outcome_of(error: BaseException) -> Ended | None:
+    """How an exception ends a run; None if it is an unexpected one."""
+    if isinstance(error, RunEnded):
+        return Ended(error.outcome, error.message if error.outcome != Outcome.COMPLETED else "")
+    if isinstance(error, KeyboardInterrupt):
+        return Ended(Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
+    if isinstance(error, LogWriteError):
+        return Ended(Outcome.WRITE_FAILED, str(error))
+    if isinstance(error, mujoco.FatalError):
+        return Ended(Outcome.DIVERGED, f"{Outcome.DIVERGED.sentence}: MuJoCo gave up ({described(error)})")
+    return None
+
+
+def last_reports(controller: TaskController) -> tuple[Mapping[str, ControllerReport], Exception | None, str]:
+    """Reports of the control laws at the end of a run; the exception of a law that raises in its report, with a message."""
+    try:
+        return controller.reports(), None, ""
+    except Exception as error:  # noqa: BLE001 (a plugin's code)
+        reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
+        return {}, error, f"{controller.in_charge} at its end: {reason}"
+
+
+_LONGEST_TRACEBACK = 20_000
+_PACKAGE = Path(__file__).parents[1]
+
+
+def internal_error(error: BaseException, time_s: float, step: int) -> InternalErrorRecord:
+    """Describe an exception for the log.
+
+    Args:
+        error: The exception, as it was caught.
+        time_s: Simulation time.
+        step: Integration step, from 0.
+    """
+    text = "".join(format_exception(error))[-_LONGEST_TRACEBACK:]
+    return InternalErrorRecord(time_s, step, described(error), _raised_in(error), _relative(text))
+
+
+def _raised_in(error: BaseException) -> str:
+    """File, line and function of :func:`ffsm_mj.errors.raised_in`."""
+    frame = raised_in(error)
+    if frame is None:
+        return "unknown"
+    place = Path(frame.filename)
+    return f"{place.relative_to(_PACKAGE) if _PACKAGE in place.parents else place.name}:{frame.lineno} in {frame.name}"
+
+
+def _relative(text: str) -> str:
+    """A traceback with paths relative to ``sys.path``: logs must not contain folders of this machine."""
+    for folder in sorted(filter(None, map(os.path.abspath, sys.path)), key=len, reverse=True):
+        text = text.replace(f'File "{folder}{os.sep}', 'File "')
+    return text
 
 
 class Guard:
