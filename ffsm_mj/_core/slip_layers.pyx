@@ -1,9 +1,10 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True
-"""Whether points that slide allow an explicit step of a given length: the rule of ``friction/stages.py`` for such steps."""
+"""Whether points that slide allow an explicit step of a given length: the rule of ``friction/decision.py`` for such steps."""
 
 import numpy as np
 
-from ffsm_mj.contact_models.persistent.friction.stages import DEVIATION_M_S, Layers, NEAR_STOP, STIFF
+from ffsm_mj.contact_models.persistent.friction.decision import DEVIATION_M_S, NEAR_STOP, STIFF
+from ffsm_mj.contact_models.persistent.friction.modes import Layers
 
 from libc.float cimport DBL_MIN
 from libc.math cimport exp, fabs, hypot

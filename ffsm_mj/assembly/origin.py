@@ -14,13 +14,15 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ffsm_mj.analysis.run import load_run
+from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.assembly.recording import Recording
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.log.earlier_run import BEFORE
@@ -28,6 +30,7 @@ from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.log.run_folder import SCENARIO, find_log, holds_log
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
@@ -35,9 +38,6 @@ from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import Start
 from ffsm_mj.state import StateError, as_mappings, from_bytes
 from ffsm_mj.yaml.parser import plain_value
-
-if TYPE_CHECKING:
-    from ffsm_mj.assembly.prepare import PreparedRun
 
 TOLERANCE = 1e-6
 """Allowed difference from the logged state, relative to max(1, |x|): another processor rounds otherwise."""
@@ -53,6 +53,30 @@ _FROM, _AT = ("initial", "from"), ("initial", "at_s")
 _UNDER_WAY: ContextVar[tuple[Path, ...]] = ContextVar("scenarios that are being prepared", default=())
 
 
+class Prepared(Protocol):
+    """What a run that goes on needs of a prepared one: :class:`~ffsm_mj.assembly.prepare.PreparedRun`."""
+
+    @property
+    def scenario(self) -> ScenarioConfig: ...  # noqa: D102
+
+    @property
+    def source(self) -> YamlSource: ...  # noqa: D102
+
+    @property
+    def system(self) -> System: ...  # noqa: D102
+
+    @property
+    def recorded(self) -> RecordedFiles: ...  # noqa: D102
+
+    @property
+    def scenario_yaml(self) -> str: ...  # noqa: D102
+
+    @property
+    def logged_files(self) -> Mapping[str, bytes]: ...  # noqa: D102
+
+    def assemble(self) -> Assembly: ...  # noqa: D102
+
+
 @dataclass(eq=False)
 class Origin:
     """The instant of another run at which a run begins.
@@ -66,7 +90,7 @@ class Origin:
     """
 
     folder: Path
-    before: PreparedRun
+    before: Prepared
     at_s: float
     new_laws: bool = False
     replaced: tuple[int, ...] = ()
@@ -154,7 +178,7 @@ def _states_before(folder: Path, until_s: float) -> Iterator[Any]:
                 yield state
 
 
-def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Path], PreparedRun]) -> Origin | None:
+def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Path], Prepared]) -> Origin | None:
     """The instant of another run at which a scenario begins; None if it begins at t = 0.
 
     Args:
@@ -206,7 +230,7 @@ def with_initial_state(config: ScenarioConfig, origin: Origin, source: YamlSourc
     return config.model_copy(update={"initial": state})
 
 
-def refuse_changes(origin: Origin, after: PreparedRun) -> None:
+def refuse_changes(origin: Origin, after: Prepared) -> None:
     """Refuse what cannot change in the midst of a motion, and note whether the control laws do.
 
     Raises:
@@ -242,7 +266,7 @@ def _differences(old: Any, new: Any, path: tuple[str | int, ...]) -> Iterator[tu
         yield path
 
 
-def _replaced_laws(before: PreparedRun, after: PreparedRun, changed: Sequence[str]) -> tuple[int, ...]:
+def _replaced_laws(before: Prepared, after: Prepared, changed: Sequence[str]) -> tuple[int, ...]:
     """Phases, by position, whose control laws are of another kind: they remember nothing of the motion so far.
 
     Raises:
@@ -260,7 +284,7 @@ def _replaced_laws(before: PreparedRun, after: PreparedRun, changed: Sequence[st
     return others
 
 
-def _begun(made: PreparedRun) -> Any:
+def _begun(made: Prepared) -> Any:
     """State of a run before its first step: it says which parts there are."""
     simulation = Recording(made.assemble(), columns=()).simulation
     simulation.begin()

@@ -25,24 +25,20 @@ _READERS = ("analyze", "export", "view", "campaign", "study", "new")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit code."""
     secure()
-    with command_line():
-        return _main(sys.argv[1:] if arguments is None else arguments)
-
-
-def _main(arguments: Sequence[str]) -> int:
     output = Output()
-    try:
-        code = _perform(arguments, output)
-    except Exception as error:
-        if _is_interrupt(error):
-            complain("interrupted")
-            return INTERRUPTED
-        if os.environ.get(_SHOW_TRACEBACK):
-            raise
-        code = _internal_error(error)
-    if output.lost:
-        complain(f"stdout: output is lost ({output.lost})")
-        return code or OUTPUT_LOST
+    with command_line():
+        try:
+            code = _perform(sys.argv[1:] if arguments is None else arguments, output)
+        except Exception as error:
+            if _is_interrupt(error):
+                complain("interrupted")
+                return INTERRUPTED
+            if os.environ.get(_SHOW_TRACEBACK):
+                raise
+            code = _internal_error(error)
+        if output.lost:
+            complain(f"stdout: output is lost ({output.lost})")
+            return code or OUTPUT_LOST
     return code
 
 

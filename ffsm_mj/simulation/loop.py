@@ -97,12 +97,10 @@ class Simulation:
 
     def begin(self) -> None:
         """Begin: the decision of the first control tick is due."""
-        self._guard.execute(self._begin)
-
-    def _begin(self) -> None:
-        self._plant.integrator.interrupt_by(self._poll)
-        if self._plant.sampler is not None:
-            self._plant.sampler.begin()
+        with self._guard:
+            self._plant.integrator.interrupt_by(self._poll)
+            if self._plant.sampler is not None:
+                self._plant.sampler.begin()
 
     def advance(self, to_event: bool = False, commanded: bool = False, flying: bool = False) -> None:
         """Take the decision that is due, and simulate to the next one or to the end of the run.
@@ -115,7 +113,14 @@ class Simulation:
             flying: Take the decisions of control ticks in free flight too, as many as follow each other.
         """
         started = time.perf_counter()
-        self._guard.execute(self._advance, to_event, commanded, flying)
+        with self._guard:
+            if self.due is not None:
+                due, self.due = self.due, None
+                self._settle(due, commanded)
+            elif not (flying and self._fly()):
+                self._tick()
+            self._observed = None
+            self._step_to_tick(to_event)
         self._wall_s += time.perf_counter() - started
 
     @dataclass
@@ -195,7 +200,8 @@ class Simulation:
     def interrupt(self) -> None:
         """End the run if it was interrupted and has not ended."""
         if self.ended is None:
-            self._guard.execute(self._poll)
+            with self._guard:
+                self._poll()
 
     def finish(self) -> OutcomeRecord:
         """Write what remains; a run that has not reached its end was interrupted.
@@ -222,14 +228,9 @@ class Simulation:
         control = self._plant.integrator.control
         return {"sub_steps": control.steps, "smallest_step_s": control.smallest_s} if control and control.steps else {}
 
-    def _advance(self, to_event: bool, commanded: bool, flying: bool) -> None:
+    def _step_to_tick(self, to_event: bool) -> None:
+        """Take the steps up to the next control tick, or with ``to_event`` to an event whose decision is then due."""
         settings, progress = self._settings, self.progress
-        if self.due is not None:
-            due, self.due = self.due, None
-            self._settle(due, commanded)
-        elif not (flying and self._fly()):
-            self._tick()
-        self._observed = None
         while progress.steps < progress.ticks * settings.steps_per_tick:
             self._step(to_event)
             if self.due is not None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from traceback import format_exception
+from types import TracebackType
 from typing import NamedTuple
 
 import mujoco
@@ -81,7 +82,7 @@ def _relative(text: str) -> str:
 
 
 class Guard:
-    """Executes the parts of a run, and knows how it ended.
+    """Knows how a run ended. A context manager: what is raised in it becomes the outcome of the run.
 
     Attributes:
         ended: How the run has ended; None while it lasts.
@@ -96,16 +97,19 @@ class Guard:
         self.error: Exception | None = None
         self.passed_on: Exception | None = None
 
-    def execute(self, part: Callable[..., None], *args: bool) -> None:
-        """Execute a part of the run; what ends it becomes its outcome."""
-        try:
-            part(*args)
-        except (Exception, KeyboardInterrupt) as error:
-            if error is self.passed_on:
-                raise
-            if isinstance(error, RunEnded) and error.outcome == Outcome.CONTROLLER_FAILED:
-                self.error = _cause(error)
-            self.ended = outcome_of(error) or self._failed(error)
+    def __enter__(self) -> None:
+        """Begin a part of the run."""
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
+        """End it; what ended it is the outcome, and is not raised."""
+        if error is None:
+            return True
+        if error is self.passed_on or not isinstance(error, (Exception, KeyboardInterrupt)):
+            return False
+        if isinstance(error, RunEnded) and error.outcome == Outcome.CONTROLLER_FAILED:
+            self.error = _cause(error)
+        self.ended = outcome_of(error) or self._failed(error)
+        return True
 
     def _failed(self, error: BaseException) -> Ended:
         """Log an unexpected exception with its traceback."""
@@ -121,14 +125,15 @@ class Guard:
         self.ended = self.error = None
 
     def finish(self, part: Callable[[], None], controller: TaskController) -> Mapping[str, ControllerReport]:
-        """Execute the last part, and settle how the run ended; one that has not reached its end was interrupted.
+        """Take the last part, and settle how the run ended; one that has not reached its end was interrupted.
 
         Returns:
             Reports of the control laws.
         """
         ended = self.ended or Ended(Outcome.INTERRUPTED, Outcome.INTERRUPTED.sentence)
         self.ended = None
-        self.execute(part)
+        with self:
+            part()
         finished = self.ended or Ended(Outcome.COMPLETED)
         # The first cause is the outcome, except that a failed write of the log is always reported.
         completed = ended.outcome == Outcome.COMPLETED or finished.outcome == Outcome.WRITE_FAILED

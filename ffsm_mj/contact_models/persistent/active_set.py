@@ -30,9 +30,9 @@ from ffsm_mj.contact_models.persistent.closure import points_at_rest, slow_point
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.exchange import Stage
 from ffsm_mj.contact_models.persistent.friction.choice import pressing_without_friction
-from ffsm_mj.contact_models.persistent.friction.decision import Decision
+from ffsm_mj.contact_models.persistent.friction.decision import Decision, step_rule
 from ffsm_mj.contact_models.persistent.friction.modes import FrictionModes
-from ffsm_mj.contact_models.persistent.friction.stages import ImplicitSlips, stage_of, step_rule
+from ffsm_mj.contact_models.persistent.friction.stages import ImplicitSlips, stage_of
 from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.state import entries

@@ -33,6 +33,7 @@ from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
 from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
+from ffsm_mj.contact_models.persistent.account import StepAccount
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.changes import (
     PAIR_KINDS,
@@ -51,7 +52,7 @@ from ffsm_mj.contact_models.persistent.closure import (
     refusal_in,
 )
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
-from ffsm_mj.contact_models.persistent.exchange import Shares, StepAccount
+from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck, RecordAccuracy, varied_forces
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.state_projection import StateProjection

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -11,13 +11,37 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice, NoModesError, PointStates
 from ffsm_mj.contact_models.persistent.friction.internal_forces import shares_in_cones
-from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, FrictionModes, Mode, sliding, unit_slips
+from ffsm_mj.contact_models.persistent.friction.modes import (
+    CLOSED,
+    SLIDE,
+    STICK,
+    FrictionModes,
+    Layers,
+    Mode,
+    sliding,
+    unit_slips,
+)
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, slip_directions
 from ffsm_mj.contact_models.persistent.friction.report import FrictionOfPairs
 from ffsm_mj.records.events import Outcome, RunEnded
 
 if TYPE_CHECKING:
     from ffsm_mj._core.contacts import ContactEvaluation
+
+STIFF = 0.1
+"""Settled points make a step implicit where its duration times their rate exceeds this. RK4 is stable up to 2.8, but beyond
+this it errs by 1e-9 m/s just after a start of slip, when the step is as long as the time since then."""
+DEVIATION_M_S = 1e-12
+"""A smaller deviation is rounding."""
+_ERROR_M_S, _LEAST, _MOST = 24e-12, 0.05, 1.0
+"""Unsettled points make steps no longer than (first / deviation)^(1/5) over their rate, a number within the other two.
+
+A step of RK4 turns the deviation with an error of (h rate)^5 / 120: of 2e-13 m/s, in a layer of several steps the rounding
+of slips."""
+NEAR_STOP = 6.0
+"""A step is divided where a point would stop within this many durations of the step."""
+_STOP_SHARE = 0.5
+"""Such a step takes at most this share of the time to the stop."""
 
 _OPENS = 10.0
 """A gap opens where a gap'' exceeds its rounding by this factor."""
@@ -277,3 +301,60 @@ class Decision:
     def releases(self) -> bool:
         """Whether sticking points are beyond the limit of friction in the modes of the step."""
         return self._in_present_modes[0].releases
+
+
+class StepRule(NamedTuple):
+    """What limits a (sub-)step.
+
+    Attributes:
+        limit_s: Its longest duration, s.
+        implicit: Whether its stages must be implicit.
+        layers: Layers of the points that slide; None without any.
+    """
+
+    limit_s: float
+    implicit: bool = False
+    layers: Layers | None = None
+
+
+def step_rule(decision: Decision, last: Layers | None, left_s: float, time_s: float, efforts: bytes) -> StepRule:
+    """What limits a (sub-)step for the points that slide in two directions.
+
+    Args:
+        decision: Choice of modes at the start of the step.
+        last: Layers at the start of the step before.
+        left_s: Remaining time of the grid step, s.
+        time_s: Time at the start of the step.
+        efforts: Efforts in it, bit by bit.
+    """
+    if decision.sticks or not (slides := decision.turning).any():
+        return StepRule(left_s)
+    problem, solution = decision.problem, decision.solution
+    u, d = decision.rows.slips[slides], solution.directions[slides]
+    f = solution.accelerations[slides, 1:]
+    k = (problem.mu * np.maximum(solution.forces[:, 0], 0.0) * problem.tangent_inverse_mass)[slides]
+    # A point that begins to slide has the direction to which friction turns it, and a slip of rounding.
+    r = np.where(decision.slipping[slides], np.hypot(u[:, 0], u[:, 1]), 0.0)
+    along, across = np.sum(d * f, axis=1), np.abs(d[:, 0] * f[:, 1] - d[:, 1] * f[:, 0])
+    stiffness = np.maximum(k + np.abs(along), np.finfo(float).tiny)
+    deviations = r * np.minimum(1.0, across / stiffness)
+    points = tuple([point for point, turns in zip(decision.contact_points, slides.tolist(), strict=True) if turns])
+    first, damping = deviations, np.zeros(len(points))
+    if last is not None and last.points == points and last.efforts == efforts and not decision.changes_modes:
+        # The layer goes on.
+        slips = np.maximum(np.maximum(r, last.speeds), np.finfo(float).tiny)
+        first, damping = last.deviations, last.damping + last.strengths * (time_s - last.time_s) / slips
+    layers = Layers(points, efforts, time_s, first, damping, r, k)
+    # A direction that changes on and on stays behind: only what is left of the deviation at the start falls at the rate.
+    left = np.minimum(deviations, first * np.exp(-damping))
+    settled = left <= DEVIATION_M_S
+    turning, limit = k + np.hypot(f[:, 0], f[:, 1]), left_s
+    for speed, rate, deviation, brake, rests in zip(
+        r.tolist(), turning.tolist(), left.tolist(), (-along).tolist(), settled.tolist(), strict=True
+    ):
+        if not rests:
+            share = min(max((_ERROR_M_S / deviation) ** 0.2, _LEAST), _MOST)
+            limit = min(limit, share * speed / rate)
+        if brake > 0.0 and DEVIATION_M_S < speed < NEAR_STOP * left_s * brake:
+            limit = min(limit, _STOP_SHARE * speed / brake)
+    return StepRule(limit, bool(np.any(settled & (limit * turning > STIFF * r))), layers)
