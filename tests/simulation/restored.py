@@ -37,10 +37,12 @@ def overrides(scenario: str, *, whole: bool = False) -> dict[str, Any]:
 
 
 def told(run: Any) -> dict[str, Any]:
-    """What a run says: its rows, its events but the beginnings of phases, the reports of its phases."""
+    """What a run says: its rows, its events but the beginnings of phases, the reports of its phases, how it ended."""
     events = [repr(each) for each in run.log.events() if type(each).__name__ != "PhaseRecord"]
-    reports = {each["name"]: each["reports"] for each in run.summary()["controller"]["phases"]}
-    return {"rows": np.array(run.log.rows[:]), "events": events, "reports": reports, "outcome": run.outcome}
+    summary = run.summary()
+    reports = {each["name"]: each["reports"] for each in summary["controller"]["phases"]}
+    ended = [run.outcome, summary["sub_steps"], summary["smallest_step_s"]]
+    return {"rows": np.array(run.log.rows[:]), "events": events, "reports": reports, "ended": ended}
 
 
 def rest(scenario: str, given: dict[str, Any], state: bytes) -> dict[str, Any]:
@@ -58,7 +60,7 @@ def is_rest_of(whole: dict[str, Any], part: dict[str, Any]) -> bool:
     same = np.array_equal(whole["rows"][-len(rows) :], rows, equal_nan=True) if len(rows) else False
     same &= whole["events"][len(whole["events"]) - len(events) :] == events
     same &= all(json.dumps(whole["reports"][name]) == json.dumps(each) for name, each in part["reports"].items())
-    return bool(same and whole["outcome"] == part["outcome"])
+    return bool(same and whole["ended"] == part["ended"])
 
 
 def main(folder: Path) -> None:
