@@ -1,4 +1,4 @@
-"""Cost of stepping: a run in one go, the same by ``Simulator.step`` tick by tick, and reset, state and restore.
+"""Cost of stepping: a run in one go, the same by ``Simulator.step`` tick by tick, and reset, get_state and set_state.
 
 ``uv run python benchmarks/stepping.py``: process time, the best of several
 interleaved runs. Both simulate the baseline for 10 s at ticks of 1 ms, in memory, from a scenario that is compiled once.
@@ -48,11 +48,11 @@ def main() -> None:
     alone = ffsm_mj.Simulator(SCENARIO, SETTINGS, record=False)
     resets = [seconds(alone.reset) for _ in range(repeats)]
     alone.step(until=8.0)
-    state = alone.state()
-    saves = [seconds(alone.state) for _ in range(repeats)]
-    restores = [seconds(lambda: alone.restore(state)) for _ in range(repeats)]
-    told = f"reset {1e3 * min(resets):.0f} ms, state {1e3 * min(saves):.1f} ms of {len(state.contents) / 1e3:.0f} kB"
-    print(f"{told}, restore in place {1e3 * min(restores):.1f} ms")
+    state = alone.get_state()
+    saves = [seconds(alone.get_state) for _ in range(repeats)]
+    restores = [seconds(lambda: alone.set_state(state)) for _ in range(repeats)]
+    told = f"reset {1e3 * min(resets):.0f} ms, get_state {1e3 * min(saves):.2f} ms of {len(state.to_bytes()) / 1e3:.0f} kB"
+    print(f"{told}, set_state {1e3 * min(restores):.2f} ms")
 
 
 if __name__ == "__main__":

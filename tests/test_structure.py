@@ -9,12 +9,17 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from itertools import chain
 from pathlib import Path
 
 import pytest
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.cli.main import main
+from ffsm_mj.log.mcap.sink import McapSink
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = (ROOT / "ffsm_mj", ROOT / "controllers" / "ffsm_controllers")
@@ -204,3 +209,27 @@ def test_no_module_of_ours_is_imported_by_name():
 def test_an_import_by_name_is_found(tmp_path, code, name):
     (tmp_path / "a.py").write_text(code)
     assert [*loaded_by_name(tmp_path / "a.py")] == [name]
+
+
+def test_the_way_of_a_run(tmp_path, monkeypatch):
+    """From the command line to the log, as the page on the architecture lists it: 14 functions at most."""
+    way: list[str] = []
+    write = McapSink.rows
+
+    def rows(sink: McapSink, block: FloatArray) -> None:
+        if not way:
+            frames = [(Path(each.filename), each.name) for each in traceback.extract_stack()[:-1]]
+            home = ROOT / "ffsm_mj"
+            way.extend(f"{file.relative_to(home).as_posix()}: {name}" for file, name in frames if file.is_relative_to(home))
+        write(sink, block)
+
+    monkeypatch.setattr(McapSink, "rows", rows)
+    assert main(["run", "baseline", "--no-rerun", "-s", "duration_s=1", "--out", str(tmp_path / "run")]) == 0
+    text = (ROOT / "docs" / "architecture.md").read_text().partition("goes through these functions")[2].partition("## ")[0]
+    listed = [
+        f"{file}: {function}"
+        for file, functions in re.findall(r"^\d+\. `([^`]+)`: (.+)$", text, re.MULTILINE)
+        for function in re.findall(r"`(\w+)`", functions)
+    ]
+    assert [*way, "log/mcap/sink.py: rows"] == listed
+    assert len(listed) <= 14
