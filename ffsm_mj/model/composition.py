@@ -14,11 +14,11 @@ from ffsm_mj.model.actuators import actuator_faults, effort_limits
 from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
 from ffsm_mj.model.conservative import (
     base_armatures,
+    fluid_faults,
     gravity_of,
     magnetic_of,
     model_faults,
     shared_vector_faults,
-    spec_faults,
 )
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import fixed_model, moving_parts, place
@@ -26,7 +26,7 @@ from ffsm_mj.model.grasp import Grasp, join
 from ffsm_mj.model.joint_limits import unsupported_limits
 from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
 from ffsm_mj.model.part import Part, part
-from ffsm_mj.model.scene import compile_scene, empty_scene, take_options
+from ffsm_mj.model.scene import compile_scene, empty_scene, left_out, take_options
 from ffsm_mj.model.system import Joint, JointKind, System, Tree
 
 _JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
@@ -123,7 +123,8 @@ def _attach(
             parts.append(part(name, model_files, vfs))
             warned[name].extend(parts[-1].warnings)
             spec = parts[-1].spec
-            faults += spec_faults(spec, model_files, conservative=conservative)
+            faults += [] if conservative else fluid_faults(spec, model_files)
+            parts[-1].notes.extend(left_out(scene, spec, model_files, conservative=conservative))
             gravity[name] = gravity_of(spec, model_files)
             magnetic |= magnetic_of(spec, name)
             take_options(scene, spec, gravity[name], conservative=conservative)

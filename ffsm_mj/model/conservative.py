@@ -3,8 +3,8 @@
 Springs and dampers of joints act between two links, and enter the balance. Refused are those of the base's joints, which
 act on the world, dampers that drive, and springs that yield.
 
-A conservative scenario refuses uniform gravity, under which momentum is not conserved. In other scenarios gravity and its
-compensation (``gravcomp``) are external forces that enter the balance, and no fault.
+A conservative scenario is in a vacuum without gravity, whatever its model files say of them. In other scenarios gravity and
+its compensation (``gravcomp``) are external forces that enter the balance, and no fault; fluid forces are one.
 """
 
 from __future__ import annotations
@@ -22,48 +22,40 @@ from ffsm_mj.model.mimic import Mimic, mimic_fault, mimics
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors
 
-# Bits of MjSpec.authored.option that are set when <option> names the field (order of mjOption's fields).
-_AUTHORED_GRAVITY = 1 << 7
-AUTHORED_MAGNETIC = 1 << 9
-_AUTHORED_INTEGRATOR = 1 << 16
+_OPTIONS = (
+    *("timestep", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance", "ccd_tolerance", "sleep_tolerance"),
+    *("gravity", "wind", "magnetic", "density", "viscosity", "o_margin", "o_solref", "o_solimp", "o_friction"),
+    *("integrator", "cone", "jacobian", "solver", "iterations", "ls_iterations", "noslip_iterations", "ccd_iterations"),
+    *("disableflags", "enableflags", "disableactuator", "sdf_initpoints", "sdf_iterations"),
+)
+"""Fields of mjOption in its order, which is that of the bits of ``MjSpec.authored.option``."""
+FLUID = ("wind", "density", "viscosity")
+"""Options of the medium around the bodies."""
 
 
-def authored_integrator(spec: Any) -> str | None:
-    """Name of the integrator given in the model file; None if it gives none."""
-    if not spec.authored.option & _AUTHORED_INTEGRATOR:
-        return None
-    return str(mujoco.mjtIntegrator(spec.option.integrator).name.removeprefix("mjINT_"))
+def authored_options(spec: Any) -> tuple[str, ...]:
+    """Names of the fields of ``<option>`` that a model file gives."""
+    return tuple(name for bit, name in enumerate(_OPTIONS) if spec.authored.option >> bit & 1)
 
 
-def spec_faults(spec: Any, files: ModelFiles, *, conservative: bool) -> list[str]:
-    """Options of one model file that break conservation: fluid, wind, another integrator; gravity if it is refused."""
-    option = spec.option
-    faults = []
-    if conservative and any(gravity := gravity_of(spec, files)):
-        faults.append(f'{files.place}: gravity is {_vector(gravity)}; write <option gravity="0 0 0"/>')
-    for name in ("density", "viscosity"):
-        if getattr(option, name):
-            faults.append(f"{files.place}: <option {name}={getattr(option, name):g}> adds fluid forces; remove it")
-    if np.any(option.wind):
-        faults.append(f"{files.place}: <option wind> adds fluid forces; remove it")
-    integrator = authored_integrator(spec)
-    if integrator not in (None, "RK4"):
-        faults.append(
-            f"{files.place}: integrator {integrator} does not conserve momentum; "
-            'write <option integrator="RK4"/> or leave it out'
-        )
-    return faults
+def fluid_faults(spec: Any, files: ModelFiles) -> list[str]:
+    """Options of one model file by which MuJoCo adds fluid forces; a scene adopts them unless it must be conservative."""
+    return [
+        f"{files.place}: <option {name}={_vector(np.atleast_1d(getattr(spec.option, name)))}> adds fluid forces; remove it"
+        for name in FLUID
+        if np.any(getattr(spec.option, name))
+    ]
 
 
 def gravity_of(spec: Any, files: ModelFiles) -> tuple[float, ...]:
     """Gravity of a model, (3,), m/s^2; without one in the file, MuJoCo's default (MJCF) or zero (URDF); zero if disabled."""
-    silent = is_disabled(spec, "gravity") or (files.urdf and not spec.authored.option & _AUTHORED_GRAVITY)
+    silent = is_disabled(spec, "gravity") or (files.urdf and "gravity" not in authored_options(spec))
     return (0.0, 0.0, 0.0) if silent else tuple(map(float, spec.option.gravity))
 
 
 def magnetic_of(spec: Any, name: str) -> dict[str, tuple[float, ...]]:
     """Magnetic field of a model by its name, (3,), in the units of its magnetometers; empty if its file has none."""
-    return {name: tuple(map(float, spec.option.magnetic))} if spec.authored.option & AUTHORED_MAGNETIC else {}
+    return {name: tuple(map(float, spec.option.magnetic))} if "magnetic" in authored_options(spec) else {}
 
 
 def is_disabled(spec: Any, flag: str) -> bool:

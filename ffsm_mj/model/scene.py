@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.compilation import compile_spec
-from ffsm_mj.model.conservative import AUTHORED_MAGNETIC, authored_integrator
+from ffsm_mj.model.conservative import FLUID, authored_options, gravity_of
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import weightless
 from ffsm_mj.model.number_faults import number_faults
@@ -23,6 +23,8 @@ _CCD_TOLERANCE = 1e-12
 _CCD_ITERATIONS = 200
 
 _OPTIONS = tuple(name for name in dir(mujoco.MjSpec().option) if not name.startswith("_"))
+_GEOM_CONTACT = ("condim", "friction", "gap", "margin", "priority", "solimp", "solmix", "solref")
+_PAIR_CONTACT = ("condim", "friction", "gap", "margin", "solimp", "solref", "solreffriction")
 _SIZES = ("memory", "nconmax", "njmax", "nemax", "nstack", "nuserdata")
 
 
@@ -77,7 +79,7 @@ def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
 
 
 def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservative: bool) -> None:
-    """Make the options of scene and model equal before attaching: those of the scene, or of a dissipative model.
+    """Make the options of scene and model equal before attaching: the scene's, with the surroundings that it may adopt.
 
     Args:
         scene: The scene.
@@ -85,17 +87,59 @@ def take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservat
         gravity: Gravity of the model, m/s^2.
         conservative: Whether the scenario must be conservative.
     """
-    if spec.authored.option & AUTHORED_MAGNETIC:
+    if "magnetic" in authored_options(spec):
         scene.option.magnetic = spec.option.magnetic
     if not conservative:
         if any(gravity):
             scene.option.gravity = gravity
-        for name in ("wind", "density", "viscosity"):
+        for name in FLUID:
             if np.any(getattr(spec.option, name)):
                 setattr(scene.option, name, getattr(spec.option, name))
-        if authored_integrator(spec) is not None:
-            scene.option.integrator = spec.option.integrator
     for name in _OPTIONS:
         setattr(spec.option, name, getattr(scene.option, name))
     for name in _SIZES:
         setattr(spec, name, getattr(scene, name))
+
+
+def left_out(scene: Any, spec: Any, files: ModelFiles, *, conservative: bool) -> Iterator[str]:
+    """One note that lists what a model file says of the simulator and the surroundings and a scene leaves out, if anything.
+
+    A conservative scene is a vacuum without gravity. Others adopt gravity and the medium of their models.
+
+    Args:
+        scene: Specification of the scene, with its own options.
+        spec: Specification of the model, with the options of its file.
+        files: Its files.
+        conservative: Whether the scenario must be conservative.
+    """
+    adopted = {"magnetic", "gravity", *(() if conservative else FLUID)}
+    options = [
+        name
+        for name in authored_options(spec)
+        if name not in adopted and not np.array_equal(getattr(spec.option, name), getattr(scene.option, name))
+    ]
+    weight = gravity_of(spec, files) if conservative else ()
+    compensated = conservative and any(body.gravcomp for body in spec.bodies)
+    blank = mujoco.MjSpec()
+    listed = [
+        *([f"gravity {' '.join(f'{value:g}' for value in weight)}"] if any(weight) else ()),
+        *(["gravcomp"] if compensated else ()),
+        *options,
+        *_given(spec.geoms, blank.worldbody.add_geom(), _GEOM_CONTACT, "geoms"),
+        *_given(spec.pairs, blank.add_pair(), _PAIR_CONTACT, "pairs"),
+    ]
+    if listed:
+        yield (
+            f"{files.place}: left out, since the scenario has its own ('time_step_s', 'contacts', and 'conservative: false' "
+            f"for gravity and fluids): {', '.join(listed)}"
+        )
+
+
+def _given(elements: Any, default: Any, names: Iterable[str], noun: str) -> Iterator[str]:
+    """Attributes that differ from MuJoCo's defaults in some element, as a phrase; none if there are none."""
+
+    def differs(each: Any, name: str) -> bool:  # a specification marks a number that its file does not give by NaN
+        return not np.array_equal(getattr(each, name), getattr(default, name), equal_nan=True)
+
+    if found := [name for name in names if any(differs(each, name) for each in elements)]:
+        yield f"{', '.join(found)} of {noun}"

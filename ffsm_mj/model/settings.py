@@ -1,7 +1,7 @@
-"""Settings of a model file that change the plant and that a scene does not take over: refused or noted by name.
+"""Settings of a model file that a scene does not take over: refused where they change the plant, or else noted by name.
 
-A scene has one set of options, those of :mod:`ffsm_mj.model.scene`. Settings of MuJoCo's solvers, contacts, output and
-memory have no effect in it, and are not mentioned. An attached model's options have no effect in MuJoCo either.
+A scene has one set of options, those of :mod:`ffsm_mj.model.scene`, where options of MuJoCo's solvers and surroundings are
+noted. Settings of its output and memory are not mentioned. An attached model's options have no effect in MuJoCo either.
 """
 
 from __future__ import annotations

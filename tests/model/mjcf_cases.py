@@ -300,6 +300,19 @@ COMPARED: dict[str, Case] = {
 }
 """Cases whose forces are those of MuJoCo's own compile of the file."""
 
+_SIMULATOR = (
+    *("timestep", "ccd_iterations", "ccd_tolerance", "cone", "impratio", "iterations", "jacobian", "ls_iterations"),
+    *("ls_tolerance", "noslip_iterations", "noslip_tolerance", "o_friction", "o_margin", "o_solimp", "o_solref"),
+    *("sdf_initpoints", "sdf_iterations", "sleep_tolerance", "solver", "tolerance"),
+)
+_CONTACT = ("condim", "friction", "gap", "margin", "solimp", "solref")
+LEFT_OUT = {
+    *(f"option@{each}" for each in _SIMULATOR),
+    *(f"body/geom@{each}" for each in (*_CONTACT, "priority", "solmix")),
+    *(f"contact/pair@{each}" for each in (*_CONTACT, "solreffriction")),
+}
+"""Noted attributes that change no force."""
+
 WITHOUT_FORCE = {
     *(f"compiler@{each}" for each in ("alignfree", "autolimits", "coordinate", "discardvisual")),
     *("option@magnetic", "option/flag@gravity", "body@fuse", "body/freejoint@align"),
@@ -331,6 +344,7 @@ MARKED: dict[str, Case] = {
         "in_body": '<attach model="arm" body="arm" prefix="a_"/>',
     },
     **_cases("option", density="1", viscosity="1", wind="1 0 0", integrator="Euler"),
+    **{where: COMPARED[where] for where in LEFT_OUT},
     "option@actuatorgroupdisable": {"option": {"actuatorgroupdisable": "3"}, "actuator/motor": {"group": "3"}},
     **_cases(
         "option/flag",

@@ -43,7 +43,6 @@ def test_the_page_runs(folder, name, capsys):
 @pytest.mark.parametrize(
     ("old", "new", "file", "expected"),
     [
-        ('<option gravity="0 0 0"/>', "", "crab.xml", 'gravity is 0 0 -9.81; write <option gravity="0 0 0"/>'),
         ('<freejoint name="float"/>', "", "crab.xml", "has no joint, so it cannot float"),
         (
             '<motor name="drive a" joint="J-a"/>',

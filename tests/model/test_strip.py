@@ -130,7 +130,9 @@ def test_gravcomp_is_removed(tmp_path):
     path, changes = moving(tmp_path, [])
     held = ARM.replace('<body name="lower"', '<body name="lower" gravcomp="1"')
     (tmp_path / "robot.xml").write_text(held)
-    assert prepare(path, changes).system.notes == ()
+    (note,) = prepare(path, changes).system.notes
+    assert "left out, " in note
+    assert note.endswith(": gravcomp")
     system = prepare(path, changes | {"robot.strip": ["gravcomp"]}).system
     assert system.notes == ("removed from robot: gravcomp of 1 link (lower)",)
     assert not system.mj.body_gravcomp.any()
