@@ -19,6 +19,12 @@ The share for exact data, such as rows of Jacobians and the velocities of an imp
 """
 RANK = 1e-10
 """Singular values below this share of the largest are zero, for rows that contain normals or poses, known to about 1e-10."""
+MECHANISM_RANK = 1e-6
+"""The same for rows of equality constraints of model files, whose numbers are rounded: of Toddlerbot to 1e-8.
+
+Of 62 public robots the least singular value that counts is 8.5e-4, and the largest that does not 3.5e-9. A motion that
+brings one that counts below this share is singular.
+"""
 
 # ---- Checks and the solutions that they judge
 

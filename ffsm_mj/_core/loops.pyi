@@ -2,7 +2,6 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.loops.latch import LatchedBodies
 
 class BaseJoints(Protocol):
     base: tuple[FloatArray, FloatArray, FloatArray]
@@ -11,6 +10,19 @@ class BaseJoints(Protocol):
     def pose(self, position: FloatArray, quaternion: FloatArray) -> None: ...
     def rates(self, twist: FloatArray) -> None: ...
 
+class JointRow:
+    count: int
+    def __init__(
+        self,
+        data: Any,
+        dofs: Sequence[int],
+        places: Sequence[int],
+        zeros: Sequence[float],
+        coefficients: Sequence[float],
+    ) -> None: ...
+    def evaluate(self, J: FloatArray, gamma: FloatArray) -> None: ...
+    def errors(self) -> FloatArray: ...
+
 class LoopStage:
     J: FloatArray
     R: FloatArray
@@ -18,9 +30,7 @@ class LoopStage:
     factor: FloatArray
     gamma: FloatArray
     y: FloatArray
-    def __init__(
-        self, model: Any, data: Any, latches: Sequence[LatchedBodies], bodies: Sequence[int], seen: Any
-    ) -> None: ...
+    def __init__(self, model: Any, data: Any, bound: Sequence[Any], seen: Any, rank: float) -> None: ...
     def combine(self, T: FloatArray, others: FloatArray) -> None: ...
     def evaluate(self) -> int: ...
     def fits(self) -> bool: ...

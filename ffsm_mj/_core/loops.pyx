@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 
 from ffsm_mj.dynamics.body_twists import chain
-from ffsm_mj.dynamics.loops.latch_rows import LENGTH_M
+from ffsm_mj.dynamics.loops.latch import BoundLatch, LENGTH_M
 
 from libc.math cimport atan2, fabs, rint, sqrt
 from libc.string cimport memcmp, memcpy
@@ -16,8 +16,8 @@ from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjOBJ_XBODY
 
 # Bounds of the Cholesky pivots of R M^-1 R^T, which is 1 where T is found, within which T is kept.
 cdef double LEAST_PIVOT = 0.25, LARGEST_PIVOT = 4.0
-# Combinations of rows below this share of the largest element of the rows vanish still.
-cdef double VANISHES = 1e-9
+# Combinations of rows vanish still below this multiple of the share at which the rank was decided.
+cdef double VANISHES = 10.0
 
 
 cdef inline void cross(const double* a, const double* b, double* out) noexcept nogil:
@@ -48,8 +48,9 @@ cdef class Latch:
     cdef double[:, ::1] components  # linear rows, then angular ones, along axes of the first body
     cdef double[:, ::1] axes_in_first, axes_in_second  # by row
 
-    def __init__(self, model, latch, bodies, start):
-        self.first, self.second = bodies[latch.first], bodies[latch.second]
+    def __init__(self, model, bound, start):
+        latch = bound.latch
+        self.first, self.second = bound.first, bound.second
         self.start, self.count = start, latch.count
         self.together = model.body_rootid[self.first] == model.body_rootid[self.second]
         self.about_axis = not latch.stopped[:, 5].any() and latch.stopped[:, 3].any()
@@ -62,8 +63,51 @@ cdef class Latch:
         )
 
 
+cdef class JointRow:
+    """Row of a joint that follows another one by a polynomial, or is locked."""
+
+    cdef readonly Py_ssize_t count
+    cdef Py_ssize_t start, follower, leader, follower_at, leader_at
+    cdef double follower_zero, leader_zero
+    cdef double[5] a
+    cdef double[::1] qpos, qvel
+
+    def __init__(self, data, dofs, places, zeros, coefficients):
+        """Take views of the state; degrees of freedom and places in qpos of follower and leader, -1 without a leader."""
+        self.count, self.qpos, self.qvel = 1, data.qpos, data.qvel
+        (self.follower, self.leader), (self.follower_at, self.leader_at) = dofs, places
+        self.follower_zero, self.leader_zero = zeros
+        for i in range(5):
+            self.a[i] = coefficients[i]
+
+    cdef void write(self, double* row, double* gamma) noexcept:
+        """Write the elements of the row, the others of which are zero, and its rate at zero acceleration."""
+        cdef double z, rate
+        cdef double* a = self.a
+        gamma[0], row[self.follower] = 0.0, 1.0
+        if self.leader >= 0:
+            z, rate = self.qpos[self.leader_at] - self.leader_zero, self.qvel[self.leader]
+            row[self.leader] = -(a[1] + z * (2.0 * a[2] + z * (3.0 * a[3] + z * 4.0 * a[4])))
+            gamma[0] = -(2.0 * a[2] + z * (6.0 * a[3] + z * 12.0 * a[4])) * rate * rate
+
+    cdef double error(self) noexcept:
+        cdef double z = self.qpos[self.leader_at] - self.leader_zero if self.leader >= 0 else 0.0
+        cdef double* a = self.a
+        cdef double value = self.follower_zero + a[0] + z * (a[1] + z * (a[2] + z * (a[3] + z * a[4])))
+        return self.qpos[self.follower_at] - value
+
+    def evaluate(self, double[:, ::1] J not None, double[::1] gamma not None):
+        """Write the row, (1, nv), and its rate, (1,)."""
+        J[0, :] = 0.0
+        self.write(&J[0, 0], &gamma[0])
+
+    def errors(self):
+        """Error of the coordinate that follows, (1,)."""
+        return np.array([self.error()])
+
+
 cdef class LoopStage:
-    """Rows R = T B of some latches in the stages of a step."""
+    """Rows R = T B of some sources in the stages of a step."""
 
     cdef readonly object J, R, response, factor, gamma, y
     cdef object model, data, seen
@@ -77,14 +121,22 @@ cdef class LoopStage:
     cdef double[::1] qpos, qvel, passive, bias, actuator, applied, ctrl, seen_ctrl
     cdef double[::1] last_qpos, last_qvel, all_gamma, force, own_gamma, own_y
     cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor
+    cdef double vanishes
 
-    def __init__(self, model, data, latches, bodies, seen):
+    def __init__(self, model, data, bound, seen, rank):
+        """Take the rows of bound sources; ``rank`` is the share of the largest singular value below which others vanish."""
         self.model, self.data, self.seen = model, data, seen
         self.m, self.d, self.nv = <const mjModel*>address(model), <mjData*>address(data), model.nv
-        self.places, self.n = [], 0
-        for latch in latches:
-            self.places.append(Latch(model, latch, bodies, self.n))
-            self.n += latch.count
+        self.places, self.n, self.vanishes = [], 0, VANISHES * rank
+        for each in bound:
+            if isinstance(each, BoundLatch):
+                self.places.append(Latch(model, each, self.n))
+            elif isinstance(each, JointRow):
+                (<JointRow>each).start = self.n
+                self.places.append(each)
+            else:
+                self.places.append((each, self.n))
+            self.n += each.count
         self.cdof, self.cdof_dot, self.cvel = data.cdof, data.cdof_dot, data.cvel
         self.centres, self.xpos, self.xmat = data.subtree_com, data.xpos, data.xmat
         self.roots = np.array(model.body_rootid, dtype=np.intc)
@@ -192,8 +244,15 @@ cdef class LoopStage:
         ):
             return 0
         self.current = False
-        for latch in self.places:
-            self.evaluate_latch(<Latch>latch)
+        for place in self.places:
+            if isinstance(place, Latch):
+                self.evaluate_latch(<Latch>place)
+            elif isinstance(place, JointRow):
+                k = (<JointRow>place).start
+                (<JointRow>place).write(&self.rows[k, 0], &self.all_gamma[k])
+            else:
+                own, k = place
+                own.evaluate(self.J[k : k + own.count], self.all_gamma.base[k : k + own.count])
         for i in range(self.r):
             total = 0.0
             for k in range(self.n):
@@ -228,7 +287,7 @@ cdef class LoopStage:
                 elif total > 0.0:
                     self.own_factor[i, i] = sqrt(total)
                 else:
-                    raise np.linalg.LinAlgError("latches of closed grasps depend on each other within a step")
+                    raise np.linalg.LinAlgError("rows of closed loops depend on each other within a step")
         return 0
 
     def fits(self):
@@ -248,7 +307,7 @@ cdef class LoopStage:
                 for k in range(self.n):
                     total += self.others[i, k] * self.rows[k, j]
                 left = max(left, fabs(total))
-        return left <= VANISHES * most
+        return left <= self.vanishes * most
 
     def errors(self):
         """Errors in position of the rows R, (r,)."""
@@ -258,7 +317,15 @@ cdef class LoopStage:
         cdef Latch latch
         found, own = np.empty(self.n), np.zeros(self.r)
         cdef double[::1] every = found, combined = own
-        for latch in self.places:
+        for each in self.places:
+            if isinstance(each, JointRow):
+                every[(<JointRow>each).start] = (<JointRow>each).error()
+                continue
+            if not isinstance(each, Latch):
+                of_source, k = each
+                found[k : k + of_source.count] = of_source.errors()
+                continue
+            latch = <Latch>each
             n = latch.count
             self.point(latch, place)
             turned(&self.xmat[latch.first, 0], &latch.point_in_first[0], offset)
@@ -322,7 +389,7 @@ cdef class LoopStage:
                 generalised[j] += self.own_y[i] * self.own_R[i, j]
 
     def generalised(self, force):
-        """Generalised forces of the latches under all other forces, (nv,)."""
+        """Generalised forces of the rows under all other forces, (nv,)."""
         cdef const double[::1] given = np.ascontiguousarray(force)
         found = np.zeros(self.nv)
         cdef double[::1] generalised = found
@@ -331,7 +398,7 @@ cdef class LoopStage:
         return found
 
     def push(self):
-        """Add the generalised forces of the latches to ``data.qfrc_applied``."""
+        """Add the generalised forces of the rows to ``data.qfrc_applied``."""
         cdef Py_ssize_t i
         if self.data is not self.seen:
             self.ctrl[:] = self.seen_ctrl

@@ -50,11 +50,8 @@ def contact_models_of(
     impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
     others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
-    grasps = grasp_models_of(scenario, scene, motion, held, others)
-    if grasps is None:
-        return (impacts, persistent, *declared)
-    loops, events = grasps
-    return (impacts, loops, persistent, events, *declared)
+    loops, grasps = grasp_models_of(scenario, scene, motion, held, others)
+    return tuple(each for each in (impacts, loops, persistent, grasps, *declared) if each is not None)
 
 
 def _rules(scenario: ScenarioConfig) -> ImpactRules:

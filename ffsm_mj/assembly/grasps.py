@@ -155,8 +155,8 @@ def grasp_models_of(
     free: Motion,
     held: Mapping[str, GraspedSystem],
     others: Sequence[ForceSource],
-) -> tuple[LoopForces, GraspModel] | None:
-    """Contact models of the grasps of a scenario: rows of further grasps, and their events; None if it has no grasps.
+) -> tuple[LoopForces | None, GraspModel | None]:
+    """Rows of equality constraints and of further grasps, and the events of grasps; None each where there are none.
 
     Args:
         scenario: What is asked for.
@@ -166,7 +166,7 @@ def grasp_models_of(
         others: Who may push what is held.
     """
     if not scenario.captures:
-        return None
+        return (LoopForces(scene, others) if scene.system.equalities else None), None
     grasps = [
         (grasp, scenario.captures[grasp.name], held[grasp.name].system if grasp.name in held else None)
         for grasp in grasps_of(scenario, scene.system)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
@@ -19,7 +17,7 @@ def loop_lines(assembly: Assembly) -> list[str]:
     lines = []
     for grasps in _together(assembly):
         loops = _loops(assembly, grasps)
-        rows, rank = loops.parts[-1].stop, loops.weighted().rank
+        rows, rank = loops.count, loops.weighted().rank
         names = " and ".join(grasp.name for grasp in grasps)
         lines.append(
             f"    {names}: {grasps[0].tree}, {rows} stopped motions of rank {rank}, mobility {assembly.system.mj.nv - rank}"
@@ -32,7 +30,7 @@ def loop_notes(assembly: Assembly) -> Iterator[str]:
     for grasps in _together(assembly):
         loops = _loops(assembly, grasps)
         names, weighted = " and ".join(grasp.name for grasp in grasps), loops.weighted()
-        if weighted.rank < loops.parts[-1].stop:
+        if weighted.rank < loops.count:
             yield f"with {names} closed, the joints do not determine all loads: those of least norm are logged"
         if weighted.least_ratio < NEARLY_SINGULAR:
             yield (
@@ -55,4 +53,4 @@ def _loops(assembly: Assembly, grasps: list[Grasp]) -> ClosedLoops:
     """All of them as rows, with the bodies where they are at the initial state."""
     system, data = assembly.system, assembly.data
     latches = [loop_latch(system, grasp, closing_pose(system, data, grasp)) for grasp in grasps]
-    return ClosedLoops(system.mj, data, latches, np.arange(system.mj.nbody).tolist())
+    return ClosedLoops(system.mj, data, latches)

@@ -20,6 +20,7 @@ from ffsm_mj.model.conservative import (
     model_faults,
     shared_vector_faults,
 )
+from ffsm_mj.model.equalities import equality_faults, equality_places
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.fixed import fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
@@ -75,7 +76,8 @@ def compile_system(
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files)
     limits, refused = effort_limits(model, scene, files)
-    if refused := actuator_faults(model, scene, files) + refused:
+    equalities = equality_places(model, scene, files)
+    if refused := actuator_faults(model, scene, files) + refused + equality_faults(model, equalities):
         raise InputError(refused)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
@@ -95,6 +97,7 @@ def compile_system(
         grasp=grasp,
         sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()} | added,
         effort_limits=limits,
+        equalities=equalities,
         actuator_delays_s={name: delay for each in parts for name, delay in each.delays_s.items()},
     )
 

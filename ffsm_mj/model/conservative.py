@@ -18,7 +18,6 @@ import numpy as np
 
 from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficients
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.mimic import Mimic, mimic_fault, mimics
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors
 
@@ -102,23 +101,11 @@ def base_armatures(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]
 
 def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
     """Elements of the compiled scene that break conservation, each with the file and line of its model."""
-    following = {prefix: mimics(each) for prefix, each in files.items()} if model.neq else {}
     places = Places(scene, files)
     return [
-        (_mimic_fault(model, name, following) if kind == "equality" else "")
-        or f"{places.of(kind, name)} has {what}; remove it, or use 'strip' in the scenario"
+        f"{places.of(kind, name)} has {what}; remove it, or use 'strip' in the scenario"
         for kind, name, what in _elements(model)
     ]
-
-
-def _mimic_fault(model: Any, equality: str, following: Mapping[str, list[Mimic]]) -> str:
-    """Fault of a constraint that a ``<mimic>`` was compiled to; empty for other constraints."""
-    e = model.equality(equality).id
-    if model.eq_type[e] != mujoco.mjtEq.mjEQ_JOINT or model.eq_obj2id[e] < 0:
-        return ""
-    prefix, _, follower = model.joint(model.eq_obj1id[e]).name.partition("/")
-    leader = model.joint(model.eq_obj2id[e]).name.partition("/")[2]
-    return mimic_fault(following[prefix], follower, leader)
 
 
 def _has_limited_gravcomp(model: Any, body: int) -> bool:
@@ -169,5 +156,3 @@ def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
     for b in np.flatnonzero(model.body_gravcomp).tolist() if np.any(model.opt.gravity) else ():
         if _has_limited_gravcomp(model, b):
             yield "body", model.body(b).name, "gravcomp"
-    for e in np.flatnonzero(model.eq_active0).tolist():
-        yield "equality", model.equality(e).name, "a soft constraint force"

@@ -1,4 +1,4 @@
-"""``<mimic>`` elements of URDFs, which MuJoCo compiles to unnamed soft constraints."""
+"""``<mimic>`` elements of URDFs, which MuJoCo compiles to unnamed equality constraints."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Mimic:
         return (before + self.joint, before + self.leader) == (follower, leader)
 
 
-def mimic_fault(written: Iterable[Mimic], follower: str, leader: str) -> str:
-    """Fault of a constraint between two joints that comes from a ``<mimic>``; empty if it does not.
+def mimic_place(written: Iterable[Mimic], follower: str, leader: str) -> str:
+    """Text ``file:line: joint 'a' mimics joint 'b'`` of a constraint that comes from a ``<mimic>``; empty if it does not.
 
     If several URDFs of a model have joints of these names, all their places are given.
 
@@ -47,13 +47,8 @@ def mimic_fault(written: Iterable[Mimic], follower: str, leader: str) -> str:
     found = [each for each in written if each.is_source_of(follower, leader)]
     if not found:
         return ""
-    same = [each for each in found if each.joint == found[0].joint]
-    place = " or ".join(dict.fromkeys(each.place for each in same))
-    return (
-        f"{place}: joint {follower!r} mimics joint {leader!r} (<mimic>), which MuJoCo compiles to a soft constraint: "
-        f"remove <mimic>, or use 'strip: [equalities]' in the scenario, so that each joint has its own motor, "
-        f'or write type="fixed" at joint {found[0].joint!r}'
-    )
+    place = " or ".join(dict.fromkeys(each.place for each in found if each.joint == found[0].joint))
+    return f"{place}: <mimic> of joint {follower!r} by joint {leader!r}"
 
 
 def mimics(files: ModelFiles) -> list[Mimic]:

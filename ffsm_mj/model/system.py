@@ -79,6 +79,7 @@ class System:
         grasp: The closed grasp, which makes an object part of the robot's tree; None in the initial scene.
         sensors: Sensors of the models by full name, in MuJoCo's order.
         actuator_delays_s: Delays of actuators in the model files by full name, s.
+        equalities: Places of the equality constraints that are active from the start, by their ids in the model.
     """
 
     mj: Any
@@ -94,6 +95,7 @@ class System:
     grasp: Grasp | None = None
     sensors: Mapping[str, ModelSensor] = field(default_factory=dict)
     actuator_delays_s: Mapping[str, float] = field(default_factory=dict)
+    equalities: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def trees(self) -> tuple[Tree, ...]:

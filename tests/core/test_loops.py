@@ -8,8 +8,8 @@ import pytest
 
 from ffsm_mj._core.loops import LoopStage
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
-from ffsm_mj.dynamics.loops.latch_rows import LatchRowEvaluator
 from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.tolerances import RANK
 from tests.contact_models.grasp import scenes as capture
 from tests.contact_models.grasp import two_hands as hands
 
@@ -19,13 +19,14 @@ def test_forces_of_latches(tmp_path, rng, kind):
     """Rows, rates, forces and drift of two latches, one of them dependent in part, at random states."""
     bench = hands.TwoHands(tmp_path, hands.SPATIAL, joints=("rigid", kind), objects=("target", "other"))
     model, data, latches = bench.system.mj, bench.data, [bench.latch("l"), bench.latch("r")]
-    rows = LatchRowEvaluator(model, data, latches, range(model.nbody))
+    loops = ClosedLoops(model, data, latches)
+    bound = [each.bind(model, data, range(model.nbody), range(model.nv)) for each in latches]
     for _ in range(10):
         mujoco.mj_integratePos(model, data.qpos, 1e-3 * rng.normal(size=model.nv), 1.0)
         data.qvel[:], data.ctrl[:] = rng.normal(size=model.nv), rng.normal(size=model.nu)
         mujoco.mj_forward(model, data)
-        T, others = (np.ascontiguousarray(each) for each in ClosedLoops(model, data, latches).weighted().independent())
-        stage, at = LoopStage(model, data, latches, range(model.nbody), data), rows.at_state()
+        T, others = (np.ascontiguousarray(each) for each in loops.weighted().independent())
+        stage, at = LoopStage(model, data, bound, data, RANK), loops.rows()
         stage.combine(T, others)
         data.qfrc_applied[:] = 1.0
         stage.push()
@@ -39,8 +40,8 @@ def test_forces_of_latches(tmp_path, rng, kind):
             # The combinations T make R M^-1 R^T one; the condition of M is some thousands.
             np.testing.assert_allclose(getattr(stage, name), value, rtol=0.0, atol=1e-11 * np.abs(value).max(), err_msg=name)
         np.testing.assert_allclose(pushed, y @ R, rtol=0.0, atol=1e-11 * np.abs(pushed).max())
-        np.testing.assert_allclose(stage.errors(), T @ rows.errors(), rtol=0.0, atol=1e-13)
-        drift = np.abs(T @ rows.errors()).max(), np.abs(R @ data.qvel).max()
+        np.testing.assert_allclose(stage.errors(), T @ loops.errors(), rtol=0.0, atol=1e-13)
+        drift = np.abs(T @ loops.errors()).max(), np.abs(R @ data.qvel).max()
         np.testing.assert_allclose(stage.drift(), drift, rtol=1e-12, atol=1e-13)
         assert stage.fits()
 

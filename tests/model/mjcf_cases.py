@@ -384,10 +384,6 @@ MARKED: dict[str, Case] = {
             },
         ).items()
     },
-    "equality/connect": {"in_equality": '<connect body1="l1" body2="l3" anchor="0 0 0"/>'},
-    "equality/weld": {"in_equality": '<weld body1="l1" body2="l3"/>'},
-    "equality/joint": {"in_equality": '<joint joint1="j1" joint2="j2"/>'},
-    "equality/tendon": {"in_equality": '<tendon tendon1="tf"/>'},
     "equality/flex": {"in_equality": '<flex flex="f"/>', "in_body": _FLEX},
     "equality/flexstrain": {"in_equality": '<flexstrain flex="f"/>', "in_body": _FLEX},
     **{

@@ -97,7 +97,7 @@ def test_keyframes_need_no_name(tmp_path):
     ("text", "expected"),
     [
         ('<tendon><fixed stiffness="1"><joint joint="x" coef="1"/></fixed></tendon>', "tendon of 'x' has stiffness"),
-        ('<equality><joint joint1="x"/></equality>', "equality joint of 'x' has a soft constraint force"),
+        ('<equality><joint joint1="x"/></equality>', "equality joint of 'x' couples joint 'robot/x' of a base"),
     ],
 )
 def test_elements_without_a_name_are_found_too(tmp_path, text, expected):

@@ -103,11 +103,11 @@ class ClosedGrasps:
         if gone is not None:
             self._rows.pop(replaces, None)
         attaches = latch.held is not None and self._attached in (gone, None)
-        if latch.held is not None and attaches and not self._rows:
+        if latch.held is not None and attaches and not self._rows and not self._loops.equalities:
             record, exchange = closing.first(latch.held)
             self._set(latches, latch)
         else:
-            # An object that is attached from now on was free but for the rows of the other grasps.
+            # An object that is attached from now on was free but for the rows of the other grasps, and of the models.
             self._loops.set_closed(self._rows)
             self._loops.bind(self._free if attaches else self.motion)
             record, exchange = closing.further(self._loops)

@@ -1,6 +1,6 @@
-"""Energy and momentum that the latches of further grasps exchange between subsystems, from the stages of a step.
+"""Energy and momentum that closed loops exchange between subsystems, from the stages of a step.
 
-Latches do no work on the whole system: what they give to the objects, they take from the robot. A grasped object counts as a
+Rows do no work on the whole system: what they give to the objects, they take from the robot. A grasped object counts as a
 part of the robot (see ``balance/exchange.py``), so that a second grasp of it exchanges nothing.
 """
 
@@ -16,6 +16,7 @@ from ffsm_mj.contact_models.event import Scene
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs
 from ffsm_mj.contact_models.state_projection import sum_exchanges
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
+from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.dynamics.motion import Motion
 
 
@@ -36,10 +37,12 @@ class LoopExchange:
         self.crosses = False
         self._stages: list[tuple[FloatArray, float]] = []
 
-    def bind(self, motion: Motion, latches: Sequence[LatchedBodies]) -> None:
-        """Use a motion with some latches closed."""
+    def bind(self, motion: Motion, sources: Sequence[RowSource]) -> None:
+        """Use a motion with some rows held."""
         self._motion, self._robot = motion, robot_dofs(self._scene.system, motion)
-        self._signs = np.array([self._sign(latch, motion.grasped_bodies) for latch in latches]).reshape(-1, 3)
+        latches = {i: each for i, each in enumerate(sources) if isinstance(each, LatchedBodies)}
+        self._signs = np.array([self._sign(latch, motion.grasped_bodies) for latch in latches.values()]).reshape(-1, 3)
+        self._places = [*latches]
         self.outside = np.any(self._signs[:, 1:] != 0.0, axis=0)
         self.taken = np.eye(6) if self.outside.any() else np.empty((0, 6))
         self.crosses = bool(self._signs.any())
@@ -72,7 +75,7 @@ class LoopExchange:
         if loops is None or flight is None:
             return
         wrenches = np.empty((len(self._signs), 6))
-        for i, wrench in enumerate(wrenches):
+        for i, wrench in zip(self._places, wrenches, strict=True):
             point, wrench[:3], wrench[3:] = loops.wrench(i, forces)
             wrench[3:] += np.cross(point, wrench[:3])
         power = float(generalised[self._robot] @ data.qvel[self._robot])

@@ -1,12 +1,13 @@
-"""Further closed grasps: latches between bodies of the motion, held by bilateral constraint forces in every stage of a step.
+"""Closed loops: equality constraints of the models and further closed grasps, held by rows in every stage of a step.
 
-The first closed grasp attaches its object as a child body: the motion is that of another model. A grasp that closes while
-another one is closed is a latch in the model of the first, held by rows (:mod:`ffsm_mj.dynamics.loops.closed_loops`), after
-persistent contact, so that it sees all other forces. Contacts, impacts and projections see the model with the loops closed
-through :attr:`Motion.loops <ffsm_mj.dynamics.motion.Motion.loops>`, which this source of forces sets.
+Equality constraints of the model files are rows of every motion of a run, from its start on. The first closed grasp attaches
+its object as a child body: the motion is that of another model. A grasp that closes while another one is closed is a latch
+in the model of the first, held by rows (:mod:`ffsm_mj.dynamics.loops.closed_loops`), after persistent contact, so that it
+sees all other forces. Contacts, impacts and projections see the model with the loops closed through :attr:`Motion.loops
+<ffsm_mj.dynamics.motion.Motion.loops>`, which this source of forces sets.
 
-Where rows depend on each other, as two rigid grasps of one object by a planar robot, the motion is unique and the forces are
-those of least norm.
+Where rows depend on each other, as two rigid grasps of one object by a planar robot or the closed loop of a planar linkage,
+the motion is unique and the forces are those of least norm.
 """
 
 from __future__ import annotations
@@ -25,11 +26,17 @@ from ffsm_mj.contact_models.grasp.loop_exchange import LoopExchange
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
+from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import needs_projection, no_contacts
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
 from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.tolerances import MECHANISM_RANK, RANK
+
+_TAKES_PART = 1e-9
+"""Share of a row in a combination that vanishes, of norm 1, from which on its load is not unique: above its rounding."""
 
 
 @dataclass(frozen=True)
@@ -57,19 +64,19 @@ class LoopClosing:
 
 
 class _LoopState(NamedTuple):
-    """Forces at one state: tokens of state and forces, generalised forces, and point, force and torque by latch."""
+    """Forces at one state: tokens of state and forces, generalised forces, and a wrench by place of a latch."""
 
     place: object
     load: object
     generalised: FloatArray
-    wrenches: list[tuple[FloatArray, FloatArray, FloatArray]]
+    wrenches: dict[int, tuple[FloatArray, FloatArray, FloatArray]]
 
 
 class LoopForces(ForceSource):
-    """Forces of the latches of further closed grasps; see :class:`~ffsm_mj.contact_models.interface.ContactModel`.
+    """Forces of equality constraints and of further closed grasps; see :class:`~ffsm_mj.contact_models.interface.Source`.
 
-    It has no events: the grasp model closes and opens latches. It must stand before persistent contact among the contact
-    models, which then finds the loops of a new motion closed; its forces are evaluated last all the same.
+    It has no events: the grasp model closes and opens the latches of grasps. It must stand before persistent contact among
+    the contact models, which then finds the loops of a new motion closed; its forces are evaluated last all the same.
     """
 
     kind = "loops"
@@ -77,13 +84,14 @@ class LoopForces(ForceSource):
     is_bilateral = True
 
     def __init__(self, scene: Scene, others: Sequence[ForceSource] = ()) -> None:
-        """Initialise with no closed latch.
+        """Initialise with the equality constraints of the system, and no closed latch.
 
         Args:
             scene: The logged system and its data.
             others: All other contact models that exert forces.
         """
         super().__init__(scene)
+        self.equalities: tuple[RowSource, ...] = tuple(each.source for each in equalities_of(scene.system.mj))
         self._latches: dict[str, LatchedBodies] = {}
         self._others = tuple(others)
         self._projection = StateProjection(scene)
@@ -105,16 +113,25 @@ class LoopForces(ForceSource):
         self._update()
 
     def _update(self) -> None:
-        """Let the motion know the closed latches; nothing is chosen yet of what depends on the state."""
-        motion, latches = self.motion, tuple(self._latches.values())
-        motion.loops = self._loops(latches) if latches else None
+        """Let the motion know the rows; nothing is chosen yet of what depends on the state."""
+        motion, sources = self.motion, (*self.equalities, *self._latches.values())
+        motion.loops = self._loops(sources) if sources else None
+        latches = [each for each in sources if isinstance(each, LatchedBodies)]
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
-        self.active, self._projected, self._known = bool(latches), None, None
-        self._exchanged.bind(motion, latches)
+        self.active, self._projected, self._known = bool(sources), None, None
+        self._exchanged.bind(motion, sources)
 
-    def _loops(self, latches: Sequence[LatchedBodies]) -> ClosedLoops:
-        motion = self.motion
-        return ClosedLoops(motion.model, motion.data, latches, motion.bodies, self.scene.data)
+    def _loops(self, sources: Sequence[RowSource]) -> ClosedLoops:
+        motion, rank = self.motion, MECHANISM_RANK if self.equalities else RANK
+        return ClosedLoops(
+            motion.model,
+            motion.data,
+            sources,
+            bodies=motion.bodies,
+            dofs=motion.dofs,
+            seen=self.scene.data,
+            rank=rank,
+        )
 
     def close(self, name: str, latch: LatchedBodies) -> LoopClosing:
         """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.
@@ -134,7 +151,7 @@ class LoopForces(ForceSource):
         self._update()
         assert motion.loops is not None
         found = motion.loops.plastic()
-        wrenches = {each: self._wrench(i, found.impulses) for i, each in enumerate(self._latches)}
+        wrenches = {each: self._wrench(self._place(each), found.impulses) for each in self._latches}
         motion.data.qvel[:] += found.change
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
@@ -164,6 +181,10 @@ class LoopForces(ForceSource):
     def names(self) -> str:
         """The closed latches."""
         return ", ".join(self._latches) or self.kind
+
+    def _place(self, name: str) -> int:
+        """Place of a latch among the sources of rows."""
+        return len(self.equalities) + [*self._latches].index(name)
 
     def restart(self) -> None:
         """Discard the forces of the last step: the state or the efforts changed discontinuously."""
@@ -206,10 +227,15 @@ class LoopForces(ForceSource):
         return self._exchanged.over(duration_s, self._projected)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
-        """Forces of the latches on both bodies under the efforts in ``data``."""
+        """Forces of the latches, those of equality constraints included, on both bodies under the efforts in ``data``.
+
+        Couplings of joints and tendons act as efforts do: between links.
+        """
         loops, found = self.motion.loops, list[Wrench]()
         if loops is not None:
-            for latch, (point, force, torque) in zip(loops.latches, self._under_efforts().wrenches, strict=True):
+            for place, (point, force, torque) in self._under_efforts().wrenches.items():
+                latch = loops.sources[place]
+                assert isinstance(latch, LatchedBodies)
                 found += [Wrench(latch.first, point, -force, -torque), Wrench(latch.second, point, force, torque)]
         return found
 
@@ -229,7 +255,8 @@ class LoopForces(ForceSource):
         if known is None or known.place is not place or known.load is not load:
             generalised = loops.generalised(smooth.force(applied))
             forces = loops.forces
-            wrenches = [loops.wrench(i, forces) for i in range(len(loops.latches))]
+            latches = [i for i, each in enumerate(loops.sources) if isinstance(each, LatchedBodies)]
+            wrenches = {i: loops.wrench(i, forces) for i in latches}
             known = self._known = _LoopState(place, load, generalised, wrenches)
         return known
 
@@ -241,12 +268,15 @@ class LoopForces(ForceSource):
         Raises:
             ValueError: No such latch is closed.
         """
-        return np.concatenate(self._under_efforts().wrenches[[*self._latches].index(name)][1:])
+        return np.concatenate(self._under_efforts().wrenches[self._place(name)][1:])
 
     def is_unique(self) -> bool:
-        """Whether the loads of the latches follow from the motion: no row depends on others."""
+        """Whether the loads of grasps follow from the motion: no row of a latch depends on others."""
         loops = self.motion.loops
-        return loops is None or loops.weighted().rank == loops.parts[-1].stop
+        if loops is None or not self._latches:
+            return True
+        of_grasps = loops.parts[len(self.equalities)].start
+        return not np.any(np.abs(loops.weighted().independent()[1][:, of_grasps:]) > _TAKES_PART)
 
     def _wrench(self, which: int, forces: FloatArray) -> FloatArray:
         assert self.motion.loops is not None

@@ -84,8 +84,6 @@ def refusal(model: Any) -> str:
 
 def _soft_forces(model: Any) -> Iterator[str]:
     """Soft constraints of MuJoCo in a model: their forces depend on the accelerations, which the contact problem needs."""
-    if model.neq:
-        yield "equality constraints"
     if np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss):
         yield "friction loss"
 

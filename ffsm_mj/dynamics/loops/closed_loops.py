@@ -1,6 +1,7 @@
-"""Latches that are held between bodies of one model: their forces in a stage, and responses of the model with them.
+"""Bilateral rows of one model that are held: their forces in a stage, and responses of the model with them.
 
-With B the rows of the latches, f all other generalised forces and B qddot + gamma = 0, the forces of the rows are
+They are those of the latches of further grasps, and of the equality constraints of the model files. With B the rows, f all
+other generalised forces and B qddot + gamma = 0, the forces of the rows are
 
     lambda = -(B M^-1 B^T)^+ (B M^-1 f + gamma)
 
@@ -13,6 +14,7 @@ as long as this matrix stays near 1 and the other combinations vanish. The motio
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -20,59 +22,72 @@ import numpy as np
 
 from ffsm_mj._core.loops import LoopStage
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.dynamics.loops.latch import LatchedBodies
-from ffsm_mj.dynamics.loops.latch_rows import LatchRowEvaluator, LatchRows
+from ffsm_mj.dynamics.loops.latch import BoundLatch
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows, PlasticClosing
+from ffsm_mj.dynamics.loops.rows import Rows, RowSource
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.state import fitting
+from ffsm_mj.tolerances import RANK
 
 
 class ClosedLoops:
-    """Closed latches of a model, at the state in its data.
+    """Rows of a model that are held, at the state in its data.
 
     Attributes:
-        latches: The latches.
+        sources: The sources of the rows.
+        parts: Rows of each source.
     """
 
     def __init__(
         self,
         model: Any,
         data: Any,
-        latches: Sequence[LatchedBodies],
+        sources: Sequence[RowSource],
+        *,
         bodies: Sequence[int] | None = None,
+        dofs: Sequence[int] | None = None,
         seen: Any = None,
+        rank: float = RANK,
     ) -> None:
-        """Hold some latches, at least one.
+        """Hold the rows of some sources, at least one.
 
         Args:
             model: MuJoCo model.
             data: Its data.
-            latches: The latches.
-            bodies: Id in this model of each body that the latches name; None: they name those of this model.
+            sources: Latches and couplings, in ids of the logged system.
+            bodies: Id in this model of each body of the logged system; None: it is this model.
+            dofs: Index in this model of each degree of freedom of the logged system; None: it is this model.
             seen: Data of the logged system, which has the efforts; None: ``data``.
+            rank: Share of the largest singular value of the rows in mass-weighted coordinates below which others vanish.
         """
-        self._model, self._data, self.latches = model, data, tuple(latches)
-        ids = range(model.nbody) if bodies is None else bodies
-        self._evaluator = LatchRowEvaluator(model, data, self.latches, ids)
-        self._stage = LoopStage(model, data, self.latches, ids, data if seen is None else seen)
+        self._model, self._data, self.sources, self._rank = model, data, tuple(sources), rank
+        own_bodies = range(model.nbody) if bodies is None else bodies
+        own_dofs = range(model.nv) if dofs is None else dofs
+        self._bound = [each.bind(model, data, own_bodies, own_dofs) for each in self.sources]
+        ends = np.cumsum([0, *(each.count for each in self._bound)]).tolist()
+        self.parts = [slice(start, end) for start, end in pairwise(ends)]
+        self._stage = LoopStage(model, data, self._bound, data if seen is None else seen, rank)
         self._combinations: tuple[FloatArray, FloatArray] | None = None
 
     @property
-    def parts(self) -> list[slice]:
-        """Rows of each latch."""
-        return self._evaluator.parts
+    def count(self) -> int:
+        """Number of rows."""
+        return int(self.parts[-1].stop)
 
-    def rows(self) -> LatchRows:
+    def rows(self) -> Rows:
         """All rows at the state in ``data``; positions and velocities must be current."""
-        return self._evaluator.at_state()
+        J, gamma = np.empty((self.count, self._model.nv)), np.empty(self.count)
+        for bound, part in zip(self._bound, self.parts, strict=True):
+            bound.evaluate(J[part], gamma[part])
+        return Rows(J, gamma)
 
     def errors(self) -> FloatArray:
-        """Errors in position of all rows, m, (n,)."""
-        return self._evaluator.errors()
+        """Errors in position of all rows, m or rad, (n,)."""
+        return np.concatenate([each.errors() for each in self._bound])
 
     def weighted(self) -> MassWeightedRows:
         """The rows in mass-weighted coordinates, with their rank at this state."""
-        return MassWeightedRows(mass_matrix(self._model, self._data), self.rows().J)
+        return MassWeightedRows(mass_matrix(self._model, self._data), self.rows().J, self._rank)
 
     def plastic(self) -> PlasticClosing:
         """Plastic impulse that stops the velocities of all rows at the state in ``data``, which is not changed."""
@@ -97,7 +112,7 @@ class ClosedLoops:
         self._combinations = None
         if state is not None:
             T, others = state
-            n = self.parts[-1].stop
+            n = self.count
             r = len(T)
             self._combine((fitting(T, (r, n), "ClosedLoops"), fitting(others, (n - r, n), "ClosedLoops")))
 
@@ -119,7 +134,7 @@ class ClosedLoops:
         return self._stage
 
     def push(self) -> None:
-        """Add the generalised forces of the latches to ``data.qfrc_applied``, which holds all other applied forces."""
+        """Add the generalised forces of the rows to ``data.qfrc_applied``, which holds all other applied forces."""
         if self._combinations is None:
             self.choose()
         self._stage.push()
@@ -132,7 +147,7 @@ class ClosedLoops:
         return forces
 
     def generalised(self, force: FloatArray) -> FloatArray:
-        """Generalised forces of the latches, (nv,).
+        """Generalised forces of the rows, (nv,).
 
         Args:
             force: All other generalised forces less the bias, (nv,); positions and velocities current.
@@ -149,7 +164,7 @@ class ClosedLoops:
         return self._evaluated().drift()
 
     def response(self, J: FloatArray) -> FloatArray:
-        """J Mc^-1, (m, nv): accelerations by forces along other rows, with the latches held."""
+        """J Mc^-1, (m, nv): accelerations by forces along other rows, with these held."""
         response, here = np.empty_like(J), self._evaluated()
         if len(J):
             mujoco.mj_solveM(self._model, self._data, response, J)
@@ -162,12 +177,19 @@ class ClosedLoops:
         return np.asarray(-_solved(here.factor, here.gamma).dot(here.response))
 
     def projected(self, J: FloatArray) -> FloatArray:
-        """Other rows less what the latches hold, (m, nv); see :meth:`MassWeightedRows.projected`."""
+        """Other rows less what these hold, (m, nv); see :meth:`MassWeightedRows.projected`."""
         return self.weighted().projected(J)
 
     def wrench(self, which: int, forces: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Point in m, force in N and torque about it in N m on body b of a latch, world axes, for forces of all rows."""
-        return self._evaluator.wrench(which, forces)
+        """Point in m, force in N and torque about it in N m on body b of a latch, world axes.
+
+        Args:
+            which: Number of the latch among the sources.
+            forces: Forces of all rows, (n,).
+        """
+        latch = self._bound[which]
+        assert isinstance(latch, BoundLatch)
+        return latch.wrench(forces[self.parts[which]])
 
 
 def _solved(factor: FloatArray, right: FloatArray) -> FloatArray:

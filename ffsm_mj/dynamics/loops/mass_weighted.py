@@ -1,6 +1,6 @@
 """Bilateral rows in mass-weighted coordinates at one state: rank, plastic impulse, other rows less these.
 
-With M = L L^T and A = B L^-T = U diag(s) V^T, singular values below ``RANK`` of the largest are zero: rows that depend on
+With M = L L^T and A = B L^-T = U diag(s) V^T, singular values below a share of the largest are zero: rows that depend on
 others get impulses of least norm, and the motion is unique.
 """
 
@@ -41,16 +41,17 @@ class MassWeightedRows:
         rank: Number of independent rows.
     """
 
-    def __init__(self, M: FloatArray, rows: FloatArray) -> None:
+    def __init__(self, M: FloatArray, rows: FloatArray, rank: float = RANK) -> None:
         """Factorise the rows.
 
         Args:
             M: Mass matrix, (nv, nv).
             rows: Rows B, (n, nv).
+            rank: Share of the largest singular value below which others are zero.
         """
-        self.rows, self._L = rows, np.linalg.cholesky(M)
+        self.rows, self._L, self._rank = rows, np.linalg.cholesky(M), rank
         left, sizes, right = np.linalg.svd(np.linalg.solve(self._L, rows.T).T, full_matrices=False)
-        self.rank = int(np.count_nonzero(sizes > RANK * sizes.max(initial=0.0)))
+        self.rank = int(np.count_nonzero(sizes > rank * sizes.max(initial=0.0)))
         self._left, self._sizes, self._right = left[:, : self.rank], sizes[: self.rank], right[: self.rank]
         self._others = left[:, self.rank :]
 
@@ -77,11 +78,11 @@ class MassWeightedRows:
         Mc^-1 J^T, and they have the rates of J wherever the held rows do not move. Rows that are held are zero.
         """
         A = np.linalg.solve(self._L, directions.T).T
-        left = without_rounding(A - (A @ self._right.T) @ self._right, np.linalg.norm(A, axis=1))
+        left = without_rounding(A - (A @ self._right.T) @ self._right, np.linalg.norm(A, axis=1), self._rank)
         return np.asarray(left @ self._L.T)
 
 
-def without_rounding(rows: FloatArray, terms: FloatArray) -> FloatArray:
+def without_rounding(rows: FloatArray, terms: FloatArray, rank: float = RANK) -> FloatArray:
     """Rows in which larger ones cancel, with those that are only rounding of these set to zero, (m, n).
 
     Rows of contacts contain normals and poses, known to about ``RANK``: a row below this share of what cancels in it says
@@ -91,6 +92,7 @@ def without_rounding(rows: FloatArray, terms: FloatArray) -> FloatArray:
     Args:
         rows: The rows, (m, n).
         terms: Norms of what cancels in each of them, (m,).
+        rank: Share of these to which the rows are known.
     """
-    cancelled = np.linalg.norm(rows, axis=1) <= RANK * terms
+    cancelled = np.linalg.norm(rows, axis=1) <= rank * terms
     return np.where(cancelled[:, None], 0.0, rows) if cancelled.any() else rows

@@ -12,7 +12,7 @@ import pytest
 
 from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
-from ffsm_mj.dynamics.loops.latch_rows import LatchRowEvaluator
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.contact_models.grasp.two_hands import PLANAR, SPATIAL, TwoHands, hand
 
@@ -62,7 +62,7 @@ def test_the_order_of_two_grasps_does_not_matter_in_contact(tmp_path, chain, mu,
 def all_rows(bench):
     """Rows of both grasps in the logged system, and their rates."""
     latches = [bench.latch(side) for side in "lr"]
-    return LatchRowEvaluator(bench.system.mj, bench.data, latches, range(bench.system.mj.nbody)).at_state()
+    return ClosedLoops(bench.system.mj, bench.data, latches).rows()
 
 
 @pytest.mark.parametrize("mu", [0.0, 0.05, 0.6])
@@ -77,9 +77,9 @@ def test_impulses_on_a_closed_loop(tmp_path, mu):
         )
         data.qpos[:], data.qvel[:] = record.qpos, after
         mujoco.mj_forward(model, data)
-        B = LatchRowEvaluator(model, data, [bench.loops.motion.loops.latches[0]], range(model.nbody)).at_state().J
+        B = ClosedLoops(model, data, [bench.loops.motion.loops.sources[0]]).rows().J
         first = bench.latch("l")
-        B = np.vstack((B, LatchRowEvaluator(model, data, [first], range(model.nbody)).at_state().J))
+        B = np.vstack((B, ClosedLoops(model, data, [first]).rows().J))
         pair = bench.pairs[0]
         contact = Contact(pair.body_a, pair.body_b, np.array(record.point_m), np.array(record.normal), 0.5, mu)
         along = record.impulse_N_s * np.array(record.normal) + np.array(record.tangential_impulse_N_s)

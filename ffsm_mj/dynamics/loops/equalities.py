@@ -1,0 +1,78 @@
+"""Equality constraints of a compiled scene as sources of rows: connect, weld, couplings of joints and of tendons."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial, TendonCoupling
+from ffsm_mj.dynamics.loops.latch import LatchedBodies, stopped_along_axes
+from ffsm_mj.dynamics.loops.rows import RowSource
+
+_SITE = int(mujoco.mjtObj.mjOBJ_SITE)
+_EYE = np.eye(3)
+
+
+class Equality(NamedTuple):
+    """An equality constraint of a model file.
+
+    Attributes:
+        id: Its id in the model.
+        source: Its rows, in ids of this model.
+    """
+
+    id: int
+    source: RowSource
+
+
+def equalities_of(model: Any) -> tuple[Equality, ...]:
+    """All equality constraints that are active from the start; those that cannot be rows were refused.
+
+    Args:
+        model: The compiled scene.
+    """
+    return tuple(Equality(e, _source(model, e)) for e in np.flatnonzero(model.eq_active0).tolist())
+
+
+def _source(model: Any, e: int) -> RowSource:
+    kind, data = mujoco.mjtEq(model.eq_type[e]), np.array(model.eq_data[e])
+    one, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+    if kind == mujoco.mjtEq.mjEQ_JOINT:
+        zeros = [0.0 if each < 0 else float(model.qpos0[model.jnt_qposadr[each]]) for each in (one, other)]
+        leader = None if other < 0 else int(model.jnt_dofadr[other])
+        return JointCoupling(int(model.jnt_dofadr[one]), leader, _polynomial(zeros, data))
+    if kind == mujoco.mjtEq.mjEQ_TENDON:
+        zeros = [0.0 if each < 0 else float(model.tendon_length0[each]) for each in (one, other)]
+        leads = None if other < 0 else str(model.tendon(other).name)
+        return TendonCoupling(str(model.tendon(one).name), leads, _polynomial(zeros, data))
+    return _latch(model, e, rigid=kind == mujoco.mjtEq.mjEQ_WELD)
+
+
+def _polynomial(zeros: list[float], data: FloatArray) -> Polynomial:
+    a0, a1, a2, a3, a4 = data[:5].tolist()
+    return Polynomial(zeros[0], zeros[1], (a0, a1, a2, a3, a4))
+
+
+def _latch(model: Any, e: int, *, rigid: bool) -> LatchedBodies:
+    """A connect is a ball latch, a weld a rigid one; between sites their frames coincide."""
+    data, ends = np.array(model.eq_data[e]), [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+    if int(model.eq_objtype[e]) == _SITE:
+        bodies = [int(model.site_bodyid[site]) for site in ends]
+        points = [np.array(model.site_pos[site]) for site in ends]
+        axes = [_matrix(model.site_quat[site]) for site in ends]
+    else:
+        # eq_data holds the point in body 1, then in body 2; for a weld the other way round, and then the pose of 2 in 1.
+        bodies, points = ends, [data[3:6], data[0:3]] if rigid else [data[0:3], data[3:6]]
+        axes = [_EYE, _matrix(data[6:10]).T if rigid else _EYE]
+    # A weld without torque, torquescale="0", is a connect.
+    stopped = stopped_along_axes("rigid" if rigid and data[10] > 0.0 else "ball")
+    return LatchedBodies(bodies[0], bodies[1], points[0], points[1], axes[0], axes[1], stopped)
+
+
+def _matrix(quaternion: FloatArray) -> FloatArray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
