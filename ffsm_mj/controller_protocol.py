@@ -41,7 +41,7 @@ from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints, drives_rotation
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.shared_joints import SharedJoints, shared_joints
-from ffsm_mj.model.system import Joint, System, Tree
+from ffsm_mj.model.system import Joint, System, Tree, driven_bodies
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import Command, GivenCommand
@@ -106,6 +106,7 @@ __all__ = [
     "base_jacobian",
     "base_wrench",
     "cross",
+    "driven_bodies",
     "driven_joints",
     "drives_rotation",
     "entries",
@@ -169,7 +170,8 @@ class ControllerContext:
 
     Attributes:
         system: The composed model with its index maps; what it is taken for where the scenario has a ``controller_model``.
-            ``system.grasp`` says which object is held in it, if one is.
+            ``system.grasp`` says which object is held in it, if one is. For a law that drives an object, ``system.robot`` is
+            that object.
         task: The tip's task, or None where the scenario has none.
         control_period_s: Time between two regular calls in s.
         reserved: Ids of the actuators that other parts of the phase drive; a law whose ``joints`` are left out leaves their

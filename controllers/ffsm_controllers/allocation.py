@@ -16,6 +16,7 @@ from ffsm_mj.controller_protocol import (
     IntArray,
     ScenarioFaults,
     System,
+    driven_bodies,
     site_actuators,
     site_wrench,
 )
@@ -29,10 +30,10 @@ _NO_SHARE = 1e-12
 
 
 def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArray:
-    """Ids of actuators.
+    """Ids of actuators of the robot, or of the object that a law drives in its place.
 
     Raises:
-        ScenarioFaults: An unknown actuator.
+        ScenarioFaults: An unknown actuator, or one of another model.
     """
     found, faults = [], []
     for i, name in enumerate(names):
@@ -40,6 +41,16 @@ def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArra
             found.append(system.index("actuator", name))
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), (key, i)))
+            continue
+        if not any(body in system.robot.bodies for body in driven_bodies(system.mj, found[-1])):
+            full = system.names("actuator")[found[-1]]
+            faults.append(
+                Fault(
+                    f"{full} is no actuator of {system.robot.name!r}; a part that drives an object is a part of "
+                    "'controllers', with its object in the 'drives' of the phase",
+                    (key, i),
+                )
+            )
     if faults:
         raise ScenarioFaults(faults)
     return np.array(found, dtype=np.intp)

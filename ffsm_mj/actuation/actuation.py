@@ -44,7 +44,7 @@ class Actuation(Stateful):
         gear: Effort per ctrl, (nu,).
         envelope: Limits of the actuators.
         counts: On-time in s and unsigned impulse in N s of each on-off actuator, (number of on-off actuators, 2).
-        others: Indices of the on-off actuators, which have valves, and of those of objects, which no law may drive.
+        others: Indices of the on-off actuators, which have valves.
         columns: Columns of the table and the counts.
         keys: Columns of ``command``, ``applied``, ``lower`` and ``upper`` by actuator.
     """
@@ -82,9 +82,7 @@ class Actuation(Stateful):
                 _count_signals([self.names[i] for i in self._counted]), live=self.counts.reshape(-1), resume=self._resume
             ),
         )
-        foreign = np.array([not name.startswith("robot/") for name in self.names], dtype=np.bool_)
-        self._system, self._foreign = system, foreign if foreign.any() else None
-        self.others = frozenset([*self._counted.tolist(), *np.flatnonzero(foreign).tolist()])
+        self.others = frozenset(self._counted.tolist())
         self._data: Any = None
         self._command: Command | None = None
 
@@ -106,15 +104,12 @@ class Actuation(Stateful):
         """Convert a command to ``data.ctrl``, to be held until the next one.
 
         Raises:
-            ControllerError: A powered effort is not finite, or one of an actuator of an object is not zero.
+            ControllerError: A powered effort is not finite.
         """
         self.bind(command, data)
         if not self._limits.apply():
             names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
             raise ControllerError(f"the controller commands a non-finite effort for {names}")
-        if self._foreign is not None and self._wanted[self._foreign].any():
-            driven = self._system.foreign_actuators(np.flatnonzero(self._wanted).tolist())
-            raise ControllerError(f"the controller drives {driven}")
         if self._valves:
             self._switch(command.powered, time_s)
 

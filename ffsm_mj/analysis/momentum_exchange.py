@@ -25,7 +25,7 @@ from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import COMPONENTS, coordinate_keys, identifier, rate_keys
 from ffsm_mj.verification.terminal_check import grasped_objects
 
-_OUTSIDE = ("external", "fixed_on_robot", "fixed_on_objects")
+_OUTSIDE = ("external", "external_on_objects", "fixed_on_robot", "fixed_on_objects")
 
 
 class _OuterLoad(NamedTuple):

@@ -17,7 +17,7 @@ from ffsm_mj.assembly.phase_endings import phase_endings
 from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
-from ffsm_mj.errors import Fault, ScenarioFaults, described
+from ffsm_mj.errors import Fault, ScenarioFaults, described, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig
@@ -112,7 +112,8 @@ def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerCon
     owners: dict[int, str] = {}
     for name, part in sorted(config.controllers.items(), key=lambda item: _leaves_joints_out(item[1])):
         path = ("controllers", name)
-        law = _made(classes, part, replace(context, reserved=frozenset(owners)), path, tables)
+        own = replace(_context_of_part(config, name, context), reserved=frozenset(owners))
+        law = _made(classes, part, own, path, tables)
         if fault := signals_fault(law.telemetry_signals):
             raise ScenarioFaults([Fault(f"telemetry of kind {part.kind!r}: {fault}", (*path, "kind"))])
         claims = claims_of(law)
@@ -121,6 +122,21 @@ def _law(config: PhaseConfig, classes: Mapping[str, Any], context: ControllerCon
         made[name] = law
     laws = {name: (part.kind, made[name]) for name, part in config.controllers.items()}
     return Parts(laws, context.system.names("actuator"))
+
+
+def _context_of_part(config: PhaseConfig, part: str, context: ControllerContext) -> ControllerContext:
+    """What the law of a part is made for: the robot with its task, or an object in its place.
+
+    Raises:
+        ScenarioFaults: An unknown object, or one that is fixed.
+    """
+    if part not in config.drives:
+        return context
+    name, system = config.drives[part], context.system
+    moving = [tree.name for tree in (*system.objects, *([system.grasped] if system.grasped is not None else ()))]
+    if name not in moving:
+        raise ScenarioFaults([Fault(unknown_name("object that moves", name, moving), ("drives", part))])
+    return replace(context, system=system.for_law_of(name), task=None)
 
 
 def _made(
@@ -142,8 +158,6 @@ def _made(
     if unknown:
         message = f"driven_actuators of kind {config.kind!r} contains {unknown[0]}; ids are 0 to {context.system.mj.nu - 1}"
         raise ScenarioFaults([Fault(message, (*path, "kind"))])
-    if foreign := context.system.foreign_actuators(claims_of(law)):
-        raise ScenarioFaults([Fault(f"drives {foreign}", path)])
     return law
 
 
@@ -214,10 +228,10 @@ def _undriven_by_parts(system: System, phase: Phase, parts: Parts) -> Iterator[s
 
 
 def _motors(system: System) -> set[int]:
-    """Ids of the motors of the robot's joints other than those of its base."""
+    """Ids of the motors of joints other than those of a base."""
     model = system.mj
     on_joints = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT))
-    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+    base = {dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)}
     return {int(i) for i in on_joints if model.jnt_dofadr[model.actuator_trnid[i, 0]] not in base}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ffsm_mj._core.tick import StepWork
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.balance.external import BaseMotors, Gravity, thrusters
+from ffsm_mj.balance.external import Gravity, JointMotors, external_parts
 from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues, SampleBuffer
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.balance.subsystems import (
@@ -75,27 +75,20 @@ class Balance:
         self._base = BaseMomentum(system, system.robot)
         falls, joints = bool(np.any(system.mj.opt.gravity)), JointSprings(system.mj)
         springy, trees = joints.elastic or joints.damped, len(system.trees)
+        driven = any(tree > 0 for tree in system.actuator_trees)
         self._statement = BalanceSignals(
-            fixed=bool(system.fixed), gravity=falls, springs=joints.elastic, dampers=joints.damped
+            fixed=bool(system.fixed), gravity=falls, springs=joints.elastic, dampers=joints.damped, driven=driven
         )
-        self._numbers = np.zeros(_OF_TREES + TreeAccounts.size(trees, falls=falls, springy=springy))
+        kept = {"falls": falls, "springy": springy, "driven": driven}
+        self._numbers = np.zeros(_OF_TREES + TreeAccounts.size(trees, **kept))
         self._accounts = BalanceTerms.of(self._numbers[:ACCOUNTS])
-        self._of_trees = TreeAccounts(self._numbers[_OF_TREES:], trees, falls=falls)
+        self._of_trees = TreeAccounts(self._numbers[_OF_TREES:], trees, **kept)
         gravity = Gravity(system, data, self._of_trees.gravity) if falls else None
         self._springs = SpringBalance(system, data, joints, self._of_trees.springs) if springy else None
         held = self._numbers[ACCOUNTS:_OF_TREES]
         self._grasped_object = GraspedObjectBalance(system, data, momentum, held, self._of_trees)
-        external = external_actuators(system)
-        on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        flags = on_joint.astype(np.float64), external.astype(np.float64)
-        accounts = self._accounts.work, self._accounts.external
-        by_pose = thrusters(system, data, *accounts)
-        for group in by_pose:
-            external[group.actuators] = False
-        motors = [BaseMotors(system, data, external, on_joint, *accounts)] if external.any() else []
         always = [part for part in (gravity, self._springs) if part is not None]
-        exchanged = self._accounts.gained, self._accounts.contact, self._accounts.fixed
-        self.work = StepWork(data, *flags, self._numbers, *exchanged, always, [*by_pose, *motors])
+        self.work = self._step_work(data, always)
         self.momentum = momentum
         self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
@@ -103,6 +96,21 @@ class Balance:
             Columns(self._statement.signals, table=self.table, on_sample=self._buffer.on_sample, resume=self.resume),
         )
         self.resume(np.zeros(len(self._statement.signals)))
+
+    def _step_work(self, data: Any, always: list[Any]) -> StepWork:
+        """Accounts of the actuators over a (sub-)step: the robot's, and those of each object that has any."""
+        system, accounts = self._system, self._accounts
+        on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        of_tree = np.array(system.actuator_trees, dtype=np.intp)
+        outside = external_parts(system, data, 0, (accounts.work, accounts.external), on_joint)
+        for tree, account in enumerate(self._of_trees.actuators):
+            motors = np.flatnonzero(on_joint & (of_tree == tree))
+            if tree and motors.size:
+                always = [*always, JointMotors(data, motors, account[:1])]
+            if tree:
+                outside += external_parts(system, data, tree, (account[:1], account[1:]), on_joint)
+        flags = (on_joint & (of_tree == 0)).astype(np.float64), external_actuators(system).astype(np.float64)
+        return StepWork(data, *flags, self._numbers, accounts.gained, accounts.contact, accounts.fixed, always, outside)
 
     def resume(self, logged: FloatArray) -> None:
         """Continue at the state in ``data`` with the balance terms and residuals of a logged row.
@@ -119,6 +127,8 @@ class Balance:
         work, impulse = terms.fallen[0], terms.gravity[0].reshape(2, 6)
         for tree, own, pushed in zip(self._of_trees.gravity, work[1:], impulse, strict=False):
             tree[0], tree[1:] = own, pushed
+        for sums in self._of_trees.actuators[1:2]:
+            sums[0], sums[1:] = terms.objects_work[0, 0], terms.objects_external[0]
         for tree, *sums in zip(self._of_trees.springs, terms.heat[0, 1:], terms.truncation[0, 1:], strict=False):
             tree[1:] = sums
         if self._springs is not None:
@@ -158,7 +168,10 @@ class Balance:
     ) -> tuple[FloatArray, FloatArray]:
         """Residuals of energy, (n, 3), and of momentum, (n, 3, 6)."""
         grown = accounts.gained + accounts.fallen - accounts.elastic - accounts.heat
-        impulses = accounts.external, accounts.contact, accounts.fixed + accounts.gravity
+        grown[:, 0::2] += accounts.objects_work  # of the whole and of the objects
+        outside = accounts.fixed + accounts.gravity
+        outside[:, 6:] += accounts.objects_external
+        impulses = accounts.external, accounts.contact, outside
         left = [
             (
                 energy_balance_residual(subsystem, energy[:, i], accounts.work[:, 0], grown[:, i]),

@@ -10,8 +10,10 @@ one wrench about the origin of its frame. Its impulse and work over a (sub-)step
 both ends: Simpson's rule, with the midpoint by cubic Hermite interpolation of position and quaternion. The arithmetic is in
 Python floats, which are faster than numpy arrays of three elements.
 
-The others are base joint motors, tendons, and sites with a reference site. Their wrench on the robot follows from the
+The others are base joint motors, tendons, and sites with a reference site. Their wrench on their tree follows from the
 generalised forces on its base joints.
+
+All of them act on the tree that they are mounted on, the robot or an object, and are entered there.
 """
 
 from __future__ import annotations
@@ -24,8 +26,15 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.balance.quadrature import hermite_midpoint, simpson
-from ffsm_mj.dynamics.rigid_body import base_jacobian, base_wrench, free_projector, site_actuators, site_wrench
-from ffsm_mj.model.system import System
+from ffsm_mj.dynamics.rigid_body import (
+    base_jacobian,
+    base_wrench,
+    external_actuators,
+    free_projector,
+    site_actuators,
+    site_wrench,
+)
+from ffsm_mj.model.system import System, Tree
 
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
 
@@ -114,7 +123,7 @@ class Thrusters:
             body: Id of the body.
             actuators: Ids of its thrusters, (n,).
             wrenches: Wrench per unit of the force of each, about the origin of the body's frame in its axes, (6, n).
-            felt: Map from an impulse (P, L about the world origin) to the part that is entered in the balance, (6, 6).
+            felt: Map from an impulse (P, L about the world origin) to what the base joints leave free of it, (6, 6).
             work: Receives the work, J, (1,).
             impulse: Receives the impulse, (6,).
         """
@@ -191,29 +200,29 @@ def _rates(at: _BodyState, wrench: list[float]) -> tuple[float, ...]:
     return fx, fy, fz, tx + py * fz - pz * fy, ty + pz * fx - px * fz, tz + px * fy - py * fx, power
 
 
-def thrusters(system: System, data: Any, work: FloatArray, impulse: FloatArray) -> list[Thrusters]:
-    """Thrusters of a system, grouped by body.
+def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: FloatArray) -> list[Thrusters]:
+    """Thrusters of a tree, grouped by body.
 
     Actuators with a reference site are left out, and all are if the constraint directions of the base joints rotate or are
-    limited: the impulse on the robot then does not follow from the pose of the body alone.
+    limited: the impulse on the tree then does not follow from the pose of the body alone.
 
     Args:
         system: Robot and objects.
         data: Their state.
+        tree: Robot or object.
         work: Takes their work, J, (1,).
-        impulse: Takes their impulse on the robot (P, L about the world origin), (6,).
+        impulse: Takes their impulse on the tree (P, L about the world origin), (6,).
     """
-    model, robot = system.mj, system.robot
-    of_robot = free_projector(system, robot)
-    if of_robot is None or model.jnt_actfrclimited[model.jnt_bodyid == robot.root].any():
+    model = system.mj
+    felt = free_projector(system, tree)
+    if felt is None or model.jnt_actfrclimited[model.jnt_bodyid == tree.root].any():
         return []
     ids = np.flatnonzero(site_actuators(model))
     bodies = model.site_bodyid[model.actuator_trnid[ids, 0]]
     groups = []
-    for body in np.unique(bodies).tolist():
+    for body in [body for body in np.unique(bodies).tolist() if body in tree.bodies]:
         own = ids[bodies == body]
         wrenches = np.stack([site_wrench(model, i) for i in own], axis=1)
-        felt = of_robot if body in robot.bodies else np.zeros((6, 6))
         groups.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
     return groups
 
@@ -225,6 +234,7 @@ class BaseMotors:
         self,
         system: System,
         data: Any,
+        tree: Tree,
         chosen: npt.NDArray[np.bool_],
         elsewhere: npt.NDArray[np.bool_],
         work: FloatArray,
@@ -235,12 +245,13 @@ class BaseMotors:
         Args:
             system: Robot and objects.
             data: Their state.
+            tree: Robot or object that they act on.
             chosen: Mask of the actuators to account for, (nu,).
             elsewhere: Mask of the actuators whose work is accounted for elsewhere, (nu,).
             work: Receives the work, J, (1,).
-            impulse: Receives the impulse on the robot (P, L about the world origin), (6,).
+            impulse: Receives the impulse on the tree (P, L about the world origin), (6,).
         """
-        self._robot, self._model, self._data = system.robot, system.mj, data
+        self._tree, self._model, self._data = tree, system.mj, data
         self._scratch, self._chosen, self._worked = mujoco.MjData(system.mj), chosen, 1.0 - elsewhere
         self._work, self._impulse = work, impulse
         self._pushing = False
@@ -266,11 +277,54 @@ class BaseMotors:
         self._work += done[6]
 
     def _rates(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
-        """Wrench on the robot about the world origin, and power, at a state, (7,)."""
-        model, scratch, robot = self._model, self._scratch, self._robot
+        """Wrench on the tree about the world origin, and power, at a state, (7,)."""
+        model, scratch, tree = self._model, self._scratch, self._tree
         scratch.qpos[:], scratch.qvel[:] = qpos, qvel
         mujoco.mj_fwdPosition(model, scratch)
         mujoco.mj_fwdVelocity(model, scratch)
         mujoco.mj_fwdActuation(model, scratch)
-        wrench = base_wrench(base_jacobian(model, scratch, robot), scratch.qfrc_actuator[robot.base_dofs])
+        wrench = base_wrench(base_jacobian(model, scratch, tree), scratch.qfrc_actuator[tree.base_dofs])
         return np.append(wrench, (scratch.actuator_force * scratch.actuator_velocity) @ self._worked)
+
+
+class JointMotors:
+    """Accumulates the work of motors on the joints of an object: force times displacement, exactly."""
+
+    def __init__(self, data: Any, motors: IntArray, work: FloatArray) -> None:
+        """Bind to the state.
+
+        Args:
+            data: State of robot and objects.
+            motors: Ids of the actuators, (n,).
+            work: Receives the work, J, (1,).
+        """
+        self._length, self._force, self._motors, self._work = data.actuator_length, data.actuator_force, motors, work
+        self.open()
+
+    def open(self) -> None:
+        """Begin a (sub-)step at the state in ``data``."""
+        self._start = self._length[self._motors]
+
+    def close(self, duration_s: float) -> None:  # noqa: ARG002
+        """End the step at the state in ``data``, with the efforts that acted in it."""
+        self._work += self._force[self._motors].dot(self._length[self._motors] - self._start)
+
+
+def external_parts(
+    system: System, data: Any, tree: int, account: tuple[FloatArray, FloatArray], on_joint: npt.NDArray[np.bool_]
+) -> list[Thrusters | BaseMotors]:
+    """What accounts for the external actuators of a tree.
+
+    Args:
+        system: Robot and objects.
+        data: Their state.
+        tree: Index of the tree.
+        account: Receives the work, J, (1,), and the impulse on the tree (P, L about the world origin), (6,).
+        on_joint: Mask of the actuators on joints, whose work is accounted for elsewhere, (nu,).
+    """
+    external = external_actuators(system) & (np.array(system.actuator_trees) == tree)
+    by_pose = thrusters(system, data, system.trees[tree], *account)
+    for group in by_pose:
+        external[group.actuators] = False
+    motors = [BaseMotors(system, data, system.trees[tree], external, on_joint, *account)] if external.any() else []
+    return [*by_pose, *motors]

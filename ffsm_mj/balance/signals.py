@@ -20,19 +20,29 @@ from ffsm_mj.records.signals import (
     COMPONENTS,
     DAMPER_HEAT,
     ELASTIC,
+    OBJECTS_WORK,
     SPRING_TRUNCATION,
     SUBSYSTEMS,
     Signal,
     unit_of,
 )
 
-ACCOUNTS = 52
+ACCOUNTS = 59
 """Number of scalar terms in a balance."""
 _BY_MATRIX = "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free"
 _RESIDUAL = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
 _FIXED = "impulse of fixed bodies on the {}"
 _GRAVITY = "impulse of gravity on the {}"
-_OPTIONAL = {"fixed": 12, "fallen": 3, "gravity": 12, "elastic": 3, "heat": 3, "truncation": 3}
+_OPTIONAL = {
+    "fixed": 12,
+    "fallen": 3,
+    "gravity": 12,
+    "elastic": 3,
+    "heat": 3,
+    "truncation": 3,
+    "objects_work": 1,
+    "objects_external": 6,
+}
 
 
 @dataclass(frozen=True)
@@ -40,7 +50,7 @@ class BalanceTerms:
     """Terms of the balance accumulated since t = 0, now or at n samples.
 
     Attributes:
-        work: Work of the actuators, J, (..., 1).
+        work: Work of the actuators of the robot, J, (..., 1).
         gained: Kinetic energy gained in impacts by (total, robot, objects), J, (..., 3).
         external: Impulse (P, L about the origin) of base actuators on the robot, (..., 6).
         contact: Impulse of the robot on the objects, (..., 6).
@@ -50,6 +60,8 @@ class BalanceTerms:
         elastic: Elastic energy of the joint springs of (total, robot, objects), J, (..., 3).
         heat: Heat of the joint dampers of (total, robot, objects), J, (..., 3).
         truncation: Energy that the truncation of RK4 takes from the modes of springs, by subsystem, J, (..., 3).
+        objects_work: Work of the actuators of the objects, J, (..., 1).
+        objects_external: Impulse (P, L about the origin) of base actuators of the objects on them, (..., 6).
     """
 
     work: FloatArray
@@ -62,11 +74,13 @@ class BalanceTerms:
     elastic: FloatArray
     heat: FloatArray
     truncation: FloatArray
+    objects_work: FloatArray
+    objects_external: FloatArray
 
     @classmethod
     def of(cls, numbers: FloatArray) -> BalanceTerms:
         """Views of an array of all terms, (..., ACCOUNTS)."""
-        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31, 43, 46, 49), axis=-1))
+        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31, 43, 46, 49, 52, 53), axis=-1))
 
     def take(self, other: BalanceTerms) -> None:
         """Copy the values of another set of terms."""
@@ -157,6 +171,13 @@ _ENTRIES = {
         _by_subsystem("balance", SPRING_TRUNCATION, "energy that RK4 takes from the modes of joint springs"),
         lambda b: b.accounts.truncation,
     ),
+    "objects_work": _SignalGroup(
+        (Signal("balance", OBJECTS_WORK, "J", "work of the actuators of the objects"),), lambda b: b.accounts.objects_work
+    ),
+    "objects_external": _SignalGroup(
+        _components("balance", "external_on_objects", "impulse of base actuators of the objects on them"),
+        lambda b: b.accounts.objects_external,
+    ),
     "energy_residual": _SignalGroup(
         _by_subsystem("balance", "{}_energy_residual_J", "T - T(0) - work - impact energy"), lambda b: b.energy_residual
     ),
@@ -175,13 +196,15 @@ class BalanceSignals:
     """Columns of the balance of a scene.
 
     Attributes:
-        signals: The columns; those of fixed bodies, gravity, springs and dampers only if the scene has them.
+        signals: The columns; those of fixed bodies, gravity, springs, dampers and actuators of objects only if the scene
+            has them.
     """
 
-    def __init__(self, *, fixed: bool, gravity: bool, springs: bool, dampers: bool) -> None:
-        """Choose the columns for a scene with or without fixed bodies, gravity, and springs and dampers of joints."""
+    def __init__(self, *, fixed: bool, gravity: bool, springs: bool, dampers: bool, driven: bool) -> None:
+        """Choose the columns for a scene with or without fixed bodies, gravity, springs and dampers, driven objects."""
         present = {"fixed": fixed, "fallen": gravity, "gravity": gravity}
         present |= {"elastic": springs, "heat": dampers, "truncation": springs}
+        present |= {"objects_work": driven, "objects_external": driven}
         self._entries = {name: entry for name, entry in _ENTRIES.items() if present.get(name, True)}
         self.signals = tuple(signal for entry in self._entries.values() for signal in entry.signals)
         self._ends = tuple(accumulate(len(entry.signals) for entry in self._entries.values()))

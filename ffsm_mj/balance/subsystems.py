@@ -1,8 +1,8 @@
 """Energies, momenta and their residuals by subsystem: total, robot and objects.
 
-Gravity, and the springs and dampers of its own joints, act on each tree alone; their sums since t = 0 are kept by tree. What
-a grasped object gains from the robot is the change of its energy and momentum between two states, less what these sums give
-it.
+Gravity, the springs and dampers of its own joints, and the actuators of an object act on each tree alone; their sums since
+t = 0 are kept by tree. What a grasped object gains from the robot is the change of its energy and momentum between two
+states, less what these sums give it.
 """
 
 from __future__ import annotations
@@ -79,35 +79,40 @@ class TreeAccounts:
         numbers: The values, (number of values,).
         gravity: Those of gravity, a view, (number of trees or 0, Gravity.SIZE).
         springs: Those of springs and dampers, a view, (number of trees or 0, SpringBalance.SIZE).
+        actuators: Work and impulse of those of the objects, a view, (number of trees or 0, Gravity.SIZE); the first is zero.
     """
 
-    def __init__(self, numbers: FloatArray, trees: int, *, falls: bool) -> None:
+    def __init__(self, numbers: FloatArray, trees: int, *, falls: bool, springy: bool, driven: bool) -> None:
         """Lay out the values.
 
         Args:
             numbers: Array for the values, of the size of :meth:`size`.
             trees: Number of trees.
-            falls: Whether there is gravity; springs and dampers take what is left.
+            falls: Whether there is gravity.
+            springy: Whether there are springs or dampers.
+            driven: Whether an object has actuators.
         """
-        self.numbers, self._trees, self._fallen = numbers, trees, trees * Gravity.SIZE * falls
-        self.gravity, self.springs = self._parts(numbers)
+        self.numbers = numbers
+        sizes = (Gravity.SIZE, SpringBalance.SIZE, Gravity.SIZE)
+        self._tables = [(trees * there, size) for size, there in zip(sizes, (falls, springy, driven), strict=True)]
+        self.gravity, self.springs, self.actuators = self._parts(numbers)
 
     @staticmethod
-    def size(trees: int, *, falls: bool, springy: bool) -> int:
+    def size(trees: int, *, falls: bool, springy: bool, driven: bool) -> int:
         """Number of values."""
-        return trees * (Gravity.SIZE * falls + SpringBalance.SIZE * springy)
+        return trees * (Gravity.SIZE * (falls + driven) + SpringBalance.SIZE * springy)
 
-    def _parts(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        fallen, stored = numbers[..., : self._fallen], numbers[..., self._fallen :]
-        lead = numbers.shape[:-1]
-        return (
-            fallen.reshape(*lead, self._trees if fallen.size else 0, Gravity.SIZE),
-            stored.reshape(*lead, self._trees if stored.size else 0, SpringBalance.SIZE),
-        )
+    def _parts(self, numbers: FloatArray) -> list[FloatArray]:
+        ends = np.cumsum([lines * size for lines, size in self._tables[:-1]])
+        parts = np.split(numbers, ends, axis=-1)
+        return [part.reshape(*numbers.shape[:-1], *table) for part, table in zip(parts, self._tables, strict=True)]
 
     def enter(self, numbers: FloatArray, terms: BalanceTerms) -> None:
         """Write the balance terms that follow from values, (..., number of values)."""
-        of_gravity, of_springs = self._parts(numbers)
+        of_gravity, of_springs, of_actuators = self._parts(numbers)
+        if of_actuators.size:
+            of_objects = of_actuators[..., 1:, :].sum(axis=-2)
+            terms.objects_work[:], terms.objects_external[:] = of_objects[..., :1], of_objects[..., 1:]
         if of_gravity.size:
             terms.fallen[:], terms.gravity[:] = _gravity_by_subsystem(of_gravity)
         if of_springs.size:
@@ -120,12 +125,14 @@ class TreeAccounts:
             numbers: Values, (..., number of values).
             tree: Index of the tree.
         """
-        of_gravity, of_springs = self._parts(numbers)
-        if not (of_gravity.size or of_springs.size):
+        of_gravity, of_springs, of_actuators = self._parts(numbers)
+        if not numbers.size:
             return None
         given = of_gravity[..., tree, :].copy() if of_gravity.size else np.zeros((*numbers.shape[:-1], Gravity.SIZE))
         if of_springs.size:
             given[..., 0] -= of_springs[..., tree, 0] + of_springs[..., tree, 1]
+        if of_actuators.size:
+            given += of_actuators[..., tree, :]
         return given
 
 
@@ -153,7 +160,7 @@ def _springs_by_subsystem(of_trees: FloatArray) -> FloatArray:
 class GraspedObjectBalance:
     """The grasped object: its number among the objects, from 1, and its energy and momentum when the grasp began.
 
-    Its energy includes that of its own joint springs and the heat of its dampers.
+    Its energy includes that of its own joint springs and the heat of its dampers; the work of its actuators is its own too.
     """
 
     SIZE = 8

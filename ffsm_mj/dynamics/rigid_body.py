@@ -157,9 +157,9 @@ def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
 
 
 def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Mask of the actuators that exert external forces on the robot: on a base joint, or at a site, (nu,)."""
+    """Mask of the actuators that exert external forces on robot or objects: on a base joint, or at a site, (nu,)."""
     model = system.mj
-    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+    base = {dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)}
     mask = np.ones(model.nu, dtype=np.bool_)
     for i in range(model.nu):
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:

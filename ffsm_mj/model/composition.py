@@ -28,7 +28,7 @@ from ffsm_mj.model.joint_limits import unsupported_limits
 from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
 from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.scene import compile_scene, empty_scene, left_out, take_options
-from ffsm_mj.model.system import Joint, JointKind, System, Tree
+from ffsm_mj.model.system import Joint, JointKind, System, Tree, ancestors
 
 _JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
 _QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
@@ -95,6 +95,7 @@ def compile_system(
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
         grasp=grasp,
+        grasped=_grasped(model, trees[0], grasp) if grasp is not None else None,
         sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()} | added,
         effort_limits=limits,
         equalities=equalities,
@@ -180,6 +181,14 @@ def _tree(model: Any, name: str, place: str) -> Tree:
         dofs=slice(joints[0].dofs.start, joints[-1].dofs.stop),
         base_dofs=slice(base[0].dofs.start, base[-1].dofs.stop),
     )
+
+
+def _grasped(model: Any, robot: Tree, grasp: Grasp) -> Tree:
+    """A grasped object: a part of the tree of the robot, whose base and dofs are its own."""
+    root = int(model.body(grasp.root).id)
+    bodies = tuple(body for body in robot.bodies if root in ancestors(model, body))
+    joints = tuple(joint for joint in robot.joints if joint.body in bodies)
+    return Tree(grasp.tree, root, bodies, joints, robot.dofs, robot.base_dofs)
 
 
 def _joint(model: Any, j: int) -> Joint:

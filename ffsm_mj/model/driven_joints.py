@@ -36,6 +36,8 @@ def driven_joints(
 ) -> DrivenJoints:
     """Resolve joints by name; ``None`` means every motor-driven joint of the robot that is not a base joint.
 
+    A law of an object has it in place of the robot. Joints of a grasped object are not the robot's.
+
     Args:
         system: The system.
         names: Full or unambiguous names, or None.
@@ -49,7 +51,12 @@ def driven_joints(
     key_given = names is not None
     base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
     if names is None:
-        own = [joint.name for joint in system.robot.joints if joint.name in motors and joint.dofs.start not in base]
+        others = system.grasped.joints if system.grasped is not None and system.grasped is not system.robot else ()
+        own = [
+            joint.name
+            for joint in system.robot.joints
+            if joint.name in motors and joint.dofs.start not in base and joint not in others
+        ]
         names = [name for name in own if motors[name] not in reserved]
         if own and not names:
             raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])

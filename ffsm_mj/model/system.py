@@ -7,10 +7,12 @@ Attached models get the prefixes ``robot/`` and ``<object>/``. Frames: world, un
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
+
+import mujoco
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import unknown_name
@@ -21,6 +23,8 @@ from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.sensors import ModelSensor
 
 JointKind = Literal["free", "ball", "slide", "hinge"]
+_JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
+_SPHERE, _CYLINDER = int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER)
 
 
 def ancestors(model: Any, body: int) -> Iterator[int]:
@@ -28,6 +32,25 @@ def ancestors(model: Any, body: int) -> Iterator[int]:
     while body:
         yield body
         body = int(model.body_parentid[body])
+
+
+def driven_bodies(model: Any, actuator: int) -> list[int]:
+    """Bodies that an actuator acts on: those of its joint, of its sites, or of what its tendon is attached to."""
+    kind = mujoco.mjtTrn(int(model.actuator_trntype[actuator]))
+    targets = [target for target in model.actuator_trnid[actuator].tolist() if target >= 0]
+    if kind == mujoco.mjtTrn.mjTRN_TENDON:
+        return tendon_bodies(model, targets[0])
+    if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        return [int(model.jnt_bodyid[targets[0]])]
+    return targets if kind == mujoco.mjtTrn.mjTRN_BODY else model.site_bodyid[targets].tolist()
+
+
+def tendon_bodies(model: Any, tendon: int) -> list[int]:
+    """Bodies that a tendon is attached to: those of its joints, of its sites and of the geoms that it wraps."""
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    attached = [(int(model.wrap_type[i]), int(model.wrap_objid[i])) for i in range(first, first + count)]
+    bodies = {_JOINT: model.jnt_bodyid, _SITE: model.site_bodyid, _SPHERE: model.geom_bodyid, _CYLINDER: model.geom_bodyid}
+    return [int(bodies[kind][element]) for kind, element in attached if kind in bodies]  # pulleys are on no body
 
 
 @dataclass(frozen=True)
@@ -77,6 +100,7 @@ class System:
         notes: Elements removed from models, settings of the MJCF that are ignored, and MuJoCo's warnings.
         changes: Properties of bodies and geoms given in the scenario, with their compiled values.
         grasp: The closed grasp, which makes an object part of the robot's tree; None in the initial scene.
+        grasped: The grasped object: its bodies and joints, and the dofs of the tree that it is a part of; None without one.
         sensors: Sensors of the models by full name, in MuJoCo's order.
         actuator_delays_s: Delays of actuators in the model files by full name, s.
         equalities: Places of the equality constraints that are active from the start, by their ids in the model.
@@ -93,6 +117,7 @@ class System:
     joints: Mapping[str, Joint] = field(default_factory=dict)
     changes: tuple[PropertyChange, ...] = ()
     grasp: Grasp | None = None
+    grasped: Tree | None = None
     sensors: Mapping[str, ModelSensor] = field(default_factory=dict)
     actuator_delays_s: Mapping[str, float] = field(default_factory=dict)
     equalities: Mapping[int, str] = field(default_factory=dict)
@@ -170,11 +195,23 @@ class System:
         """
         return int(getattr(self.mj, kind)(self.resolve(kind, name)).id)
 
-    def foreign_actuators(self, ids: Iterable[int]) -> str:
-        """Those of some actuators that are not the robot's, which cannot be driven, as text; empty if there are none."""
-        names = [self.names("actuator")[i] for i in ids]
-        foreign = ", ".join(name for name in names if not name.startswith("robot/"))
-        return foreign and f"{foreign}: an actuator of an object, whose work and impulse enter no balance; drive the robot's"
+    def for_law_of(self, name: str) -> System:
+        """The same scene for a control law that drives an object, which takes the place of the robot in it.
+
+        Args:
+            name: Name of the object, which moves. A grasped one keeps its own joints, and moves with all others of the tree.
+        """
+        if self.grasped is not None and self.grasped.name == name:
+            return replace(self, robot=self.grasped)
+        driven = next(tree for tree in self.objects if tree.name == name)
+        return replace(self, robot=driven, objects=tuple(tree for tree in self.trees if tree is not driven))
+
+    @cached_property
+    def actuator_trees(self) -> tuple[int, ...]:
+        """Index in ``trees`` of the tree that each actuator drives, by its transmission; -1: none that moves, (nu,)."""
+        of_body = {body: i for i, tree in enumerate(self.trees) for body in tree.bodies}
+        moved = ([of_body[body] for body in driven_bodies(self.mj, i) if body in of_body] for i in range(self.mj.nu))
+        return tuple(trees[0] if trees else -1 for trees in moved)
 
     def joint(self, name: str) -> Joint:
         """Joint by full or unambiguous name.

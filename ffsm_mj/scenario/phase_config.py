@@ -115,6 +115,9 @@ class PhaseConfig(StrictModel):
     """Control law, chosen by ``kind``."""
     controllers: Annotated[dict[PartName, SerializeAsAny[ControllerConfig]], Field(min_length=1)] | None = None
     """In place of ``controller``: several control laws at once by part of the robot, each with actuators of its own."""
+    drives: dict[PartName, Name] = {}
+    """Objects that parts of ``controllers`` drive, by the name of the part; all other parts drive the robot. For its law the
+    object is in the place of the robot: its base, its joints, its thrusters and wheels."""
 
     @model_validator(mode="after")
     def _is_consistent(self) -> PhaseConfig:
@@ -122,6 +125,8 @@ class PhaseConfig(StrictModel):
             raise ValueError("a phase needs 'controller: {kind: ...}', or 'controllers: {PART: {kind: ...}, ...}'")
         if self.controller is not None and self.controllers is not None:
             raise ValueError("has both 'controller' and 'controllers'; leave one of them out")
+        if unknown := [part for part in self.drives if part not in (self.controllers or {})]:
+            raise ValueError(f"'drives' names {unknown[0]!r}, which is no part of 'controllers'")
         if self.stop_when is not None:
             StopCondition.parse(self.stop_when)
         if message := self._fault_of_ends():

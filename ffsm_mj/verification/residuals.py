@@ -11,13 +11,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.balance.subsystems import energy_balance_residual, momentum_balance_residual
 from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import (
     COMPONENTS,
     DAMPER_HEAT,
     ELASTIC,
+    OBJECTS_WORK,
     SPRING_TRUNCATION,
     SUBSYSTEMS,
     Layout,
@@ -72,6 +73,12 @@ class BalanceColumns:
             "robot": [self._external, self._contact, *on_robot],
             "objects": [self._contact, *on_objects],
         }[subsystem]
+        self._objects_work = layout.index.get(f"balance.{OBJECTS_WORK}") if subsystem != "robot" else None
+        self._on_objects: IntArray | None = None
+        if self._objects_work is not None:
+            self._on_objects = layout.places(f"balance.external_on_objects_{component}" for component in COMPONENTS)
+            self._energies.append(self._objects_work)
+            self._impulses.append(self._on_objects)
         own = "state.q_robot_" if subsystem == "robot" else "state.q_"
         self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
 
@@ -83,6 +90,8 @@ class BalanceColumns:
         energy, work, gained = (block[:, i] for i in (self._energy, self._work, self._gained))
         if self._fallen is not None:
             gained = gained + block[:, self._fallen]
+        if self._objects_work is not None:
+            gained = gained + block[:, self._objects_work]
         for i in self._stored:
             gained = gained - block[:, i]
         return energy_balance_residual(self._party, energy, work, gained)
@@ -97,6 +106,8 @@ class BalanceColumns:
         outside = (
             np.sum([block[:, places] for places in self._outside], axis=0) if self._outside else np.zeros((len(block), 12))
         )
+        if self._on_objects is not None:
+            outside = outside + np.pad(block[:, self._on_objects], ((0, 0), (6, 0)))
         return momentum_balance_residual(self._party, own, external, contact, outside, self._free)
 
     def scales(self, block: FloatArray) -> FloatArray:

@@ -120,10 +120,10 @@ def test_thrusters_are_entered_as_their_generalised_forces_are(tmp_path, base):
     """
     system, data = tug(tmp_path, base, "both", 0.001)
     model, accounts = system.mj, np.zeros((2, 7))
-    by_pose = thrusters(system, data, accounts[0, :1], accounts[0, 1:])
+    by_pose = thrusters(system, data, system.robot, accounts[0, :1], accounts[0, 1:])
     assert [group.actuators.tolist() for group in by_pose] == [[0], [1]]
     mask = np.array((True, True, False))
-    motors = BaseMotors(system, data, mask, ~mask, accounts[1, :1], accounts[1, 1:])
+    motors = BaseMotors(system, data, system.robot, mask, ~mask, accounts[1, :1], accounts[1, 1:])
     for _ in range(300):
         for group in (*by_pose, motors):
             group.open()
@@ -140,7 +140,7 @@ def test_thrusters_are_entered_as_their_generalised_forces_are(tmp_path, base):
 def test_only_plain_sites_are_entered_by_pose(tmp_path, base):
     """A site with a reference is not, nor is any where the components that the base bears turn with it."""
     system, data = tug(tmp_path, base, "reference", 0.001)
-    actuators = [group.actuators.tolist() for group in thrusters(system, data, np.zeros(1), np.zeros(6))]
+    actuators = [group.actuators.tolist() for group in thrusters(system, data, system.robot, np.zeros(1), np.zeros(6))]
     assert actuators == ([] if base == "turning" else [[1]])
 
 
@@ -180,7 +180,7 @@ def test_a_quaternion_may_change_its_sign_in_a_step(tmp_path):
     for sign in (1.0, -1.0):
         system, data = tug(tmp_path, "free", "base", 0.01)
         done.append(np.zeros(7))
-        (group,) = thrusters(system, data, done[-1][:1], done[-1][1:])
+        (group,) = thrusters(system, data, system.robot, done[-1][:1], done[-1][1:])
         group.open()
         mujoco.mj_step(system.mj, data)
         data.qpos[3:7] *= sign

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
-from ffsm_mj.records.events import Outcome
 from tests.scenes import HEAD, ball, compile_paths, scene
 
 BUS = """<mujoco>{head}<worldbody><body name="bus"><freejoint name="free"/>
@@ -221,22 +219,3 @@ def test_an_ambiguous_geom_is_said_to_be_ambiguous(tmp_path):
     path = scene(tmp_path, ball("hull"), {"other": ball("hull")}, contacts={"rules": [{"between": ["hull", "other"]}]})
     with pytest.raises(InputError, match=r"(body|geom) 'hull' is ambiguous; write one of robot/hull, other/hull"):
         prepare(path)
-
-
-def test_actuators_of_objects_are_not_driven(tmp_path):
-    """Their work and impulse enter no balance; unused they are welcome."""
-    tug = bus(site='<site name="nozzle"/>', actuator='<motor name="jet" site="nozzle" gear="1 0 0 0 0 0"/>')
-    path = scene(
-        tmp_path, ball("robot"), {"tug": tug}, duration_s=0.1, initial={"joints": {"tug/free": [5, 0, 0, 1, 0, 0, 0]}}
-    )
-    simulator = ffsm_mj.Simulator(path, check=False)
-    simulator.reset()
-    simulator.step(np.zeros(1))
-    ended = simulator.step(np.ones(1)).ended
-    assert ended.outcome == Outcome.CONTROLLER_FAILED
-    simulator.close()
-    assert "drives tug/jet: an actuator of an object" in ended.message
-    (tmp_path / "jets.csv").write_text("time_s,jet_N\n0,0.2\n1,0\n")
-    playback = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": "jets.csv"}}]
-    with pytest.raises(InputError, match="drives tug/jet: an actuator of an object"):
-        prepare(path, {"phases": playback})

@@ -13,6 +13,7 @@ from ffsm_mj.records.signals import (
     COMPONENTS,
     DAMPER_HEAT,
     ELASTIC,
+    OBJECTS_WORK,
     SUBSYSTEMS,
     coordinate_names,
     identifier,
@@ -218,7 +219,9 @@ def energies(subject: Subject) -> Figure:
         for p, c, s in zip(_moving(subject), (BLUE, VERMILION), _STYLES, strict=False)
     ]
     # A run that goes on from another one brings its work and its losses along.
-    work, impacts = (run[key] - run[key][0] for key in ("balance.work_J", "balance.total_impact_energy_J"))
+    keys = [key for key in ("balance.work_J", f"balance.{OBJECTS_WORK}") if key in run.keys]
+    work = np.sum([run[key] - run[key][0] for key in keys], axis=0)
+    impacts = run["balance.total_impact_energy_J"] - run["balance.total_impact_energy_J"][0]
     account = [
         Curve("energy change", energy - energy[0], BLUE, "-"),
         Curve("work + impacts", work + impacts, BLACK, (0, (1.0, 2.5)), 1.1),
