@@ -54,7 +54,7 @@ def similar_file(path: Path) -> str:
     except OSError:
         return ""
     # Stems only: files of one kind would be similar by their suffix alone.
-    stems = {each.stem: each for each in there if each.suffix == path.suffix or not path.suffix}
+    stems = {each.stem: each for each in there if each != path and (each.suffix == path.suffix or not path.suffix)}
     found = similar_name(path.stem, list(stems))
     if not found:  # the same name with another suffix
         found = next((each.stem for each in there if path.suffix and each.stem == path.stem), "")

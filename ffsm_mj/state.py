@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import fields, is_dataclass
 from functools import partial
+from hashlib import sha256
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -25,7 +26,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.errors import FfsmError
 
 FORMAT = "ffsm-state 1"
-"""Name and version of the format, the first line of a state."""
+"""Name and version of the format; the first line of a state is this and a digest of the rest."""
 _KINDS = "fiub"
 """Kinds of NumPy's types that arrays of a state may have: numbers."""
 _SCALARS = (bool, int, float, str, type(None))
@@ -204,12 +205,16 @@ def _taken(present: Any, told: Any) -> Any:
 
 
 def to_bytes(state: Any) -> bytes:
-    """A state as bytes.
+    """A state as bytes: a line with format and digest, then JSON.
 
     Raises:
         StateError: It holds something else than numbers, texts, arrays and containers of these.
     """
-    return f"{FORMAT}\n{json.dumps(_plain(state, ''), separators=(',', ':'), allow_nan=False)}\n".encode()
+    try:
+        text = json.dumps(_plain(state, ""), separators=(",", ":"), allow_nan=False).encode()
+    except (ValueError, RecursionError) as error:  # of thousands of digits, or nested without end
+        raise StateError(f"a state cannot be written: {error}") from error
+    return f"{FORMAT} {_digest(text)}\n".encode() + text
 
 
 def from_bytes(data: bytes) -> Any:
@@ -219,12 +224,20 @@ def from_bytes(data: bytes) -> Any:
         StateError: They are no state of this version.
     """
     first, _, rest = data.partition(b"\n")
-    if first != FORMAT.encode():
+    format_, _, digest = first.decode(errors="replace").rpartition(" ")
+    if format_ != FORMAT:
         raise StateError(f"no state of the format {FORMAT!r}: it begins with {first[:40].decode(errors='replace')!r}")
+    # The parts check what they are set to as far as they must; a state whose numbers were changed is none of this program.
+    if digest != _digest(rest):
+        raise StateError("a state that is damaged: its content is not that of its digest")
     try:
         return _read(json.loads(rest))
-    except (ValueError, TypeError, KeyError, RecursionError, binascii.Error) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError, binascii.Error) as error:
         raise StateError(f"a state that is damaged: {error}") from error
+
+
+def _digest(text: bytes) -> str:
+    return sha256(text).hexdigest()[:32]
 
 
 def _plain(value: Any, where: str) -> Any:

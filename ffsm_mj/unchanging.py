@@ -1,10 +1,10 @@
-"""Plug-ins without a state: control laws, estimators and contact models that must not remember, and whether they do."""
+"""States of plug-ins: of those that say theirs, by name; those that say nothing must not remember, and whether they do."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Set
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from enum import Enum
 from functools import partial
 from random import Random
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.state import HasState, StateError, Stateful
+from ffsm_mj.errors import described
+from ffsm_mj.state import HasState, StateError, Stateful, from_bytes, to_bytes
 
 _SINGLE = (
     bool,
@@ -70,9 +71,44 @@ class Unchanging:
         self.get_state()
 
 
+class Named:
+    """A part that says itself what it remembers: faults have its name, and its state shares nothing with it."""
+
+    def __init__(self, part: HasState, name: str) -> None:
+        """Wrap a part; ``name`` is for messages."""
+        self._part, self._name = part, name
+
+    def get_state(self) -> Any:
+        """What it remembers, as it is read from bytes.
+
+        Raises:
+            StateError: It cannot be written, or the part raises something.
+        """
+        with self._named("get_state"):
+            return from_bytes(to_bytes(self._part.get_state()))
+
+    def set_state(self, state: Any) -> None:
+        """Hand a state to the part.
+
+        Raises:
+            StateError: The part raises something.
+        """
+        with self._named("set_state"):
+            self._part.set_state(state)
+
+    @contextmanager
+    def _named(self, method: str) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:  # whatever a plug-in raises
+            raise StateError(f"{self._name}, {method}: {described(error)}") from error
+
+
 def with_state(part: Any, name: str) -> HasState:
-    """A part, or what stands for one that says nothing of a state."""
-    return part if isinstance(part, HasState) else Unchanging(part, name)
+    """What has the state of a part: itself, or what stands for it if it is no :class:`~ffsm_mj.state.Stateful`."""
+    if isinstance(part, Stateful):
+        return part
+    return Named(part, name) if isinstance(part, HasState) else Unchanging(part, name)
 
 
 def _differs(one: Any, other: Any) -> bool:

@@ -119,7 +119,7 @@ class Origin:
     def _made_again(self) -> Start:
         # A tick or event this close before the instant, in control periods, is at it.
         until_s = self.at_s - 1e-9 * self.before.scenario.control_period_s
-        for kept in (*_states_before(self.folder, until_s), None):
+        for kept in (*self._states_before(until_s), None):
             with suppress(StateError):  # of another version, or damaged: another one, or the beginning, will do
                 simulation, state = self._at_instant(kept, until_s)
                 break
@@ -131,6 +131,19 @@ class Origin:
         if holds_log(self.folder):
             self._compare(simulation)
         return Start(simulation.progress.time_s, state, self.new_laws, self.replaced)
+
+    def _states_before(self, until_s: float) -> Iterator[Any]:
+        """States in the log of the other run up to a time, the last one first; none if its files have changed since."""
+        if not holds_log(self.folder):
+            return
+        before, header = self.before, load_run(self.folder).log.header
+        if header.scenario_yaml != before.scenario_yaml or before.logged_files.items() - header.files.items():
+            return
+        for data in reversed(stored_states(find_log(self.folder))):
+            with suppress(StateError, LookupError, TypeError, ValueError):  # of another version, or damaged
+                state = from_bytes(data)
+                if state["progress"]["time_s"] <= until_s:
+                    yield state
 
     def _at_instant(self, kept: Any, until_s: float) -> tuple[Simulation, Any]:
         """The other run at the instant, with its state there, from a state of its log or from its beginning."""
@@ -167,15 +180,6 @@ class Origin:
                 f"{self.folder}: the run cannot be made again: at {now:.6g} s its state differs from the logged one by"
                 f" {apart.max():.3g}; it was made by another version, or its files have changed"
             )
-
-
-def _states_before(folder: Path, until_s: float) -> Iterator[Any]:
-    """States in the log of a run up to a time, the last one first."""
-    for data in reversed(stored_states(find_log(folder)) if holds_log(folder) else ()):
-        with suppress(StateError, KeyError, TypeError):
-            state = from_bytes(data)
-            if state["progress"]["time_s"] <= until_s:
-                yield state
 
 
 def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Path], Prepared]) -> Origin | None:

@@ -15,6 +15,7 @@ from ffsm_mj.assembly.prepare import PreparedRun, Scenario, as_overrides, law_er
 from ffsm_mj.assembly.step import SimulatorError, SimulatorState, Step
 from ffsm_mj.assembly.stepped_run import SteppedRun, seeded
 from ffsm_mj.controller_protocol import Observation
+from ffsm_mj.errors import FfsmError
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
 from ffsm_mj.simulation.outcome import Ended
@@ -144,6 +145,8 @@ class Simulator:
     def set_state(self, state: SimulatorState) -> Observation:
         """Go on from a state, bit for bit, also from one of another process or machine; a log begins anew, at its time.
 
+        If the state is refused, a run without a record goes on from where it is; one with a record has ended.
+
         Returns:
             What a control law sees at the state.
 
@@ -156,10 +159,15 @@ class Simulator:
             run.compare(state)  # the run under way goes on if the state is refused
         else:
             run = None
-        if run is None or self._record is not False:
-            run = self._begin(state.overrides, state.seed, state.time_s)
+        if run is not None and self._record is False:
+            return run.set_state(state)
+        run = self._begin(state.overrides, state.seed, state.time_s)
+        try:
             run.compare(state)
-        return run.set_state(state)
+            return run.set_state(state)
+        except FfsmError:
+            self.close()  # its log would begin at a time at which nothing is known
+            raise
 
     def close(self) -> Run | None:
         """End the run: its log is closed, with its outcome and summary. One that has not reached its end was interrupted.

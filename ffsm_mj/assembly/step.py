@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 from ffsm_mj.controller_protocol import Observation
@@ -31,7 +31,7 @@ class SimulatorState:
     overrides: tuple[str, ...]
     seed: int | None
     fingerprint: str
-    parts: Any
+    parts: Any = field(repr=False)
 
     def to_bytes(self) -> bytes:
         """The state as bytes; see :mod:`ffsm_mj.state` for their format."""
@@ -42,7 +42,7 @@ class SimulatorState:
         """A state from bytes; nothing is executed.
 
         Raises:
-            StateError: They are no state of a simulator, or of another version.
+            StateError: They are no state of a simulator, of another version, or damaged.
         """
         state = entries(from_bytes(data), [each.name for each in fields(cls)], "a simulator")
         return cls(**state)

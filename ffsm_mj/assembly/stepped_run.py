@@ -30,6 +30,7 @@ from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collecting, collectors, handled_warnings
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.state import StateError
 
 _DECISIONS = ("tick", "event")
 _SAME_TIME = 1e-9
@@ -183,13 +184,19 @@ class SteppedRun:
             raise SimulatorError("the state is that of another scenario, or of other models")
 
     def set_state(self, state: SimulatorState) -> Observation:
-        """Go on from a state of the same scenario.
+        """Go on from a state of the same scenario; if it is refused, from where the run is.
 
         Returns:
             What a control law sees at the state.
         """
         simulation = self.simulation
-        self._context.run(simulation.set_state, state.parts)
+        present = self._context.run(simulation.get_state) if simulation.ended is None else None
+        try:
+            self._context.run(simulation.set_state, state.parts)
+        except StateError:
+            if present is not None:
+                self._context.run(simulation.set_state, present)
+            raise
         self._tap.take()
         self._reported = len(simulation.due.records) if simulation.due is not None else 0
         return simulation.observation()

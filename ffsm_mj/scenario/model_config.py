@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import (
@@ -38,6 +38,8 @@ def _source(given: Any, as_path: ValidatorFunctionWrapHandler) -> Any:
         kept = inline_model(given)
     except InputError as error:
         raise ValueError(" ".join(error.lines)) from error
+    if not isinstance(kept, (str, PurePath, InlineModel)):
+        raise ValueError(f"must be a path, XML text or a mujoco.MjSpec, and is {type(kept).__name__}")
     return kept if isinstance(kept, InlineModel) else as_path(kept)
 
 

@@ -32,6 +32,8 @@ def refuse_script_classes(option: str, classes: Mapping[str, Any], installed: Co
     Raises:
         InputError: One line per fault.
     """
+    if not isinstance(classes, Mapping):
+        raise InputError(f"{option}: must be a mapping of classes by kind, and is {type(classes).__name__}")
     lines, methods = [], _METHODS[option]
     for kind, law in classes.items():
         missing = [name for name in methods if not callable(getattr(law, name, None))]

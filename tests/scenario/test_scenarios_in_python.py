@@ -222,7 +222,7 @@ def test_paths_are_those_of_their_folder(tmp_path, monkeypatch):
         ({"phases": [COAST | {"controller": {"kind": "of"}}]}, r"phases\.0\.controller\.kind: unknown kind 'of' "),
         ({"robot": {"mjcf": "nowhere.xml"}}, r"robot\.mjcf: no such model file nowhere\.xml"),
         ({"robot": {}}, r"robot\.mjcf: is missing"),
-        ({"robot": {"mjcf": 3}}, r"robot\.mjcf: should be a valid string, got 3"),
+        ({"robot": {"mjcf": 3}}, r"robot\.mjcf: must be a path, XML text or a mujoco.MjSpec, and is int, got 3"),
         ({"robot": {"mjcf": "a.xml", "xml": "<mujoco/>"}}, r"robot\.xml: unknown key"),
         ({"robot": {"xml": "<mujoco><worldbody>"}}, r"robot\.xml:1:20: malformed XML"),
         ({"robot": {"xml": ball().replace("</body>", "<geom mesh='m' type='mesh'/></body>")}}, r"robot\.xml: "),

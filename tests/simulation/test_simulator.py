@@ -24,7 +24,7 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import InputError
 from ffsm_mj.state import StateError
-from ffsm_mj.unchanging import Unchanging
+from ffsm_mj.unchanging import Unchanging, with_state
 
 TAP = {"duration_s": 0.4}
 """Four impacts with a wall from 0.08 s on, then contact that lasts from 0.22 to 0.33 s; a control tick takes 5 ms."""
@@ -461,3 +461,42 @@ def test_what_is_refused_leaves_the_run(tmp_path):
     assert simulator.time_s == 0.001
     assert stepped(simulator)[1].outcome == "completed"
     assert [each.name for each in tmp_path.iterdir()] == ["run"]
+
+
+class Shares(Keeps):
+    """Hands out its own list as its state."""
+
+    def __init__(self, config, context):
+        self.calls = [0.0]
+
+    def control(self, observation, command):
+        self.calls[0] += 1.0
+
+    def get_state(self):
+        return self.calls
+
+    def set_state(self, state):
+        self.calls[:] = state
+
+
+def test_a_state_shares_nothing_with_a_law():
+    """What a law hands out is data at once: it stays as it is while the run goes on."""
+    simulator = Simulator("baseline", OF_SCRIPT, record=False, controllers={"law": Shares})
+    simulator.reset()
+    state = simulator.get_state()
+    before = state.to_bytes()
+    simulator.step()
+    assert state.to_bytes() == before
+    assert simulator.get_state().to_bytes() != before
+    simulator.set_state(state)
+    assert simulator.get_state().to_bytes() == before
+
+
+@pytest.mark.parametrize("told", [lambda: 1, object(), (i for i in "ab"), Few, 1j, np.array([None])])
+def test_what_a_law_says_that_is_no_state_is_named(told):
+    part = SimpleNamespace(get_state=lambda: told, set_state=lambda _: 1 / 0)
+    named = with_state(part, "the control law 'mine'")
+    with pytest.raises(StateError, match=r"^the control law 'mine', get_state: "):
+        named.get_state()
+    with pytest.raises(StateError, match=r"^the control law 'mine', set_state: ZeroDivisionError"):
+        named.set_state(None)

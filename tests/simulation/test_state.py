@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from hashlib import sha256
 from random import Random
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.assembly.step import SimulatorState
+from ffsm_mj.assembly.step import SimulatorError, SimulatorState
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.scenario.shipped import scenario_names
@@ -84,7 +85,12 @@ def changed(state, path, change):
     for key in path[:-1]:
         place = place[key]
     place[path[-1]] = change(place[path[-1]])
-    return SimulatorState.from_bytes(b"ffsm-state 1\n" + json.dumps(parts).encode())
+    return SimulatorState.from_bytes(sealed(json.dumps(parts).encode()))
+
+
+def sealed(text):
+    """A state with the digest of its text."""
+    return b"ffsm-state 1 " + sha256(text).hexdigest()[:32].encode() + b"\n" + text
 
 
 SHORT = {"$array": ["<f8", [1], "AAAAAAAAAAA="]}
@@ -124,14 +130,17 @@ def test_a_state_that_does_not_fit_is_refused(tap, path, change):
     "data",
     [
         b"",
-        b"ffsm-state 2\n{}",
-        b"ffsm-state 1\n",
-        b"ffsm-state 1\n{",
-        b'ffsm-state 1\n{"$array": ["O", [1], ""]}',
-        b'ffsm-state 1\n{"$array": ["<f8", [1000000000], ""]}',
-        b'ffsm-state 1\n{"$float": "1"}',
-        b'ffsm-state 1\n{"$code": "1"}',
-        b"ffsm-state 1\n" + b"[" * 100_000,
+        b"ffsm-state 2 0\n{}",
+        b"ffsm-state 1\n{}",
+        to_bytes({"a": 1.0}).replace(b"1.0", b"2.0"),
+        sealed(b""),
+        sealed(b"{"),
+        sealed(b'{"$array": ["O", [1], ""]}'),
+        sealed(b'{"$array": ["<f8", [1000000000], ""]}'),
+        sealed(b'{"$array": ["<f8", [1e400], ""]}'),
+        sealed(b'{"$float": "1"}'),
+        sealed(b'{"$code": "1"}'),
+        sealed(b"[" * 100_000),
     ],
 )
 def test_bytes_of_no_state(data):
@@ -157,6 +166,60 @@ def test_every_kind_of_value_comes_back():
     assert again["b"][0, "x"].dtype == np.int64
     with pytest.raises(StateError, match=r"state\.a: object is no number"):
         to_bytes({"a": object()})
+
+
+def test_what_is_no_state():
+    endless = []
+    endless.append(endless)
+    for value in (lambda: 1, iter(()), 10**5000, endless, np.array([None])):
+        with pytest.raises(StateError):
+            to_bytes({"a": value})
+
+
+def test_contact_points_that_change():
+    """The last points of a patch open one after the other: those of before have no part in a state."""
+    simulator = ffsm_mj.Simulator("squeeze")
+    simulator.reset()
+    simulator.step(until=1.6)
+    states = []
+    while not simulator.ended:
+        if simulator.step(until="event").events and not simulator.ended:
+            states.append(simulator.get_state().to_bytes())
+    whole = told(simulator.close())
+    assert len(states) >= 3
+    for state in states:
+        assert is_rest_of(whole, rest("squeeze", {}, state))
+
+
+def test_a_state_that_is_refused_changes_nothing(tap):
+    """The run under way goes on from where it is, be the fault in the last part that is set."""
+    given, whole, state = tap
+    simulator = ffsm_mj.Simulator("tap", given, record=False)
+    simulator.reset()
+    simulator.step(until=0.1)
+    for path in (("parts", "controller"), ("parts", "due"), ("parts", "watch")):
+        with pytest.raises(StateError):
+            simulator.set_state(changed(state, path, lambda _: {"nothing": 1}))
+        assert simulator.time_s == pytest.approx(0.1)
+    simulator.step(until=0.2)
+    assert is_rest_of(whole, rest("tap", given, simulator.get_state().to_bytes()))
+    logging = ffsm_mj.Simulator("tap", given)
+    logging.reset()
+    with pytest.raises(StateError):
+        logging.set_state(changed(state, ("parts", "controller"), lambda _: {"nothing": 1}))
+    with pytest.raises(SimulatorError, match="there is no run"):
+        logging.step()
+
+
+def test_states_of_a_log_whose_scenario_was_edited(tmp_path):
+    """They are not used: the run is made again, and does not arrive at its logged state."""
+    ffsm_mj.run("tap", {"duration_s": 0.6, "log.states": "events"}, out=tmp_path / "run", rerun=False)
+    scenario = tmp_path / "run" / "scenario.yaml"
+    text = scenario.read_text()
+    assert "restitution: 0.4" in text
+    scenario.write_text(text.replace("restitution: 0.4", "restitution: 0.3"))
+    with pytest.raises(InputError, match="cannot be made again"):
+        ffsm_mj.resume(tmp_path / "run", 0.4)
 
 
 def test_a_log_with_states(tmp_path, capsys):

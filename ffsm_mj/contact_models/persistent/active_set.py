@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -170,12 +170,14 @@ class ActiveContactSet:
         Attributes:
             closed: Name of each with its features, in order.
             pressing: Places of the points that carry force among all of them; None: no step has chosen them.
+            flat: Names of the pairs that carried force at enough points for a patch, be it at others than now.
             modes: Friction modes of the points.
             in_step: Whether a step since the last event has ended here: the forces at its end are known.
         """
 
         closed: list[tuple[str, list[Any]]]
         pressing: list[int]
+        flat: list[str]
         modes: Any
         in_step: bool
 
@@ -188,7 +190,8 @@ class ActiveContactSet:
         ]
         place = {contact: i for i, contact in enumerate(self.contact_points)}
         pressing = [place[each] for each in self.pressing if each in place]
-        return self.State(closed, pressing, self.modes.get_state(self.contact_points), bool(self.stages))
+        flat = sorted(pair.name for pair in self.solver.flat)
+        return self.State(closed, pressing, flat, self.modes.get_state(self.contact_points), bool(self.stages))
 
     def set_state(self, state: Any, pairs: Mapping[str, UnilateralConstraint]) -> None:
         """Close contacts at the state in ``data``.
@@ -201,7 +204,7 @@ class ActiveContactSet:
             StateError: They do not fit.
         """
         told, stored = (
-            entries(state, ("closed", "pressing", "modes", "in_step"), "ActiveContactSet"),
+            entries(state, [each.name for each in fields(self.State)], "ActiveContactSet"),
             StoredFeatures(self._model),
         )
         self.by_pair.clear()
@@ -212,6 +215,7 @@ class ActiveContactSet:
             )
         self._count()
         self.set_pressing(tuple(self.contact_points[i] for i in told["pressing"]))
+        self.solver.flat = frozenset(pairs[name] for name in told["flat"])
         self.modes.set_state(told["modes"], self.contact_points)
         self._chosen = None
         self.clear_stages()

@@ -240,7 +240,8 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._report.friction.set_state(told["friction"])
         self._active_set.set_state(told["closed"], by_name)
         self._landing, self._located_s = False, None
-        self._resumes = entries(told["closed"], ("closed", "pressing", "modes", "in_step"), "ActiveContactSet")["in_step"]
+        names = [each.name for each in fields(ActiveContactSet.State)]
+        self._resumes = entries(told["closed"], names, "ActiveContactSet")["in_step"]
         self._set_activity()
 
     def forget(self) -> None:

@@ -220,13 +220,13 @@ class FrictionModes:
         estimates: list[Any]
 
     def get_state(self, contact_points: Sequence[ContactPoint]) -> State:
-        """The modes of all closed points."""
+        """The modes of all closed points; what is kept of points that have opened counts no more."""
         place = {contact: i for i, contact in enumerate(contact_points)}
 
         def by_place(values: Mapping[ContactPoint, Any]) -> dict[int, Any]:
             return {place[contact]: value for contact, value in values.items() if contact in place}
 
-        layers = self.layers
+        layers = self.layers if self.layers is not None and place.keys() >= set(self.layers.points) else None
         return self.State(
             (self.released, self.struck, self.stops),
             sorted(place[each] for each in self.beginning if each in place),
@@ -236,7 +236,11 @@ class FrictionModes:
             by_place(self._largest_slip),
             by_place(self._straight),
             None if layers is None else ([place[each] for each in layers.points], *layers[1:]),
-            [([place[each] for each in points], np.array(found)) for points, found in self.estimates.items()],
+            [
+                ([place[each] for each in points], np.array(found))
+                for points, found in self.estimates.items()
+                if place.keys() >= set(points)
+            ],
         )
 
     def set_state(self, state: Any, contact_points: Sequence[ContactPoint]) -> None:
