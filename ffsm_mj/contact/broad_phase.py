@@ -1,10 +1,14 @@
-"""Broad phase: which of many pairs may be close, by the bounding spheres of their geoms; joint limits are exact."""
+"""Broad phase: which of many pairs may be close, by the bounding spheres of their geoms; joint limits are exact.
+
+A plane is a half-space: the sphere of the other geom is over it by the height of its centre less its radius.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
@@ -37,6 +41,10 @@ class BroadPhase:
         self.pairs, self._model = tuple(pairs), model
         ids = np.array([pair.ids for pair in pairs if not isinstance(pair, JointLimit)], dtype=np.intp).reshape(-1, 2)
         self._a, self._b = np.ascontiguousarray(ids.T)
+        on_a, on_b = (model.geom_type[ids] == int(mujoco.mjtGeom.mjGEOM_PLANE)).T
+        self._over = np.flatnonzero(on_a | on_b)
+        self._planes = np.where(on_a, self._a, self._b)[self._over]
+        self._senses = np.where(on_a, -1.0, 1.0)[self._over]
         limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
         self._qpos = np.array([limit.qpos for limit in limits], dtype=np.intp)
         self._signs, self._limits = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
@@ -45,7 +53,11 @@ class BroadPhase:
     def gaps(self, data: Any) -> FloatArray:
         """Distances between the spheres and from the limits at the state in ``data``, m or rad, (n,): no gap is smaller."""
         apart = data.geom_xpos[self._a] - data.geom_xpos[self._b]
-        spheres = np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self.radii[: len(self._a)]
+        centres = np.sqrt(np.einsum("ij,ij->i", apart, apart))
+        if len(self._over):
+            axes = data.geom_xmat[self._planes][:, 2::3]
+            centres[self._over] = self._senses * np.einsum("ij,ij->i", apart[self._over], axes)
+        spheres = centres - self.radii[: len(self._a)]
         return np.concatenate((spheres, self._signs * (data.qpos[self._qpos] - self._limits)))
 
     def within(self, data: Any, distance: float) -> Sequence[int]:

@@ -35,9 +35,12 @@ def facing(first: Shape, second: Shape, normal: FloatArray) -> tuple[FloatArray,
     A cap of a cylinder is represented by points of its rim: a fixed few, and those at which the sides of the other geom's
     polygon, extended, cross the rim. The hull of these points then contains every corner of that polygon within the rim. If
     both geoms show a cap, each has its fixed points, those of the other that are over it, and the crossings of the rims.
+    A plane has the points opposite to those of the other geom.
     """
     tolerance = first.position_tolerance + second.position_tolerance
     a, b = first.extreme(normal, PARALLEL, tolerance), second.extreme(-normal, PARALLEL, tolerance)
+    if first.is_plane or second.is_plane:
+        return (first.projected(b), b) if first.is_plane else (a, second.projected(a))
     of_first, of_second = caps_of(first, second, normal)
     if of_first and of_second:
         a, b = on_each_other(of_first, of_second, a, b)

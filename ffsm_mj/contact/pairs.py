@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.caps import lowest_of_rims
+from ffsm_mj.contact.half_space import HalfSpaceNormal
 from ffsm_mj.contact.manifold import flush_offset, touching_set
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import separation
@@ -25,12 +26,11 @@ from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
 
 _UNSUPPORTED = {
-    int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
     int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
     int(mujoco.mjtGeom.mjGEOM_SDF): "signed distance field",
 }
 _SPHERE, _CYLINDER = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CYLINDER)
-_ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+_ELLIPSOID, _PLANE = int(mujoco.mjtGeom.mjGEOM_ELLIPSOID), int(mujoco.mjtGeom.mjGEOM_PLANE)
 _GAP_ROUNDING_M = 1e-14
 """Rounding of a gap at the origin; it grows with the distance from there."""
 
@@ -39,7 +39,7 @@ def shape_fault(system: System, geom: int) -> str:
     """Why a geom (id) has no exact distance; empty if it has."""
     shape = _UNSUPPORTED.get(int(system.mj.geom_type[geom]))
     name = system.mj.geom(geom).name
-    return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...)" if shape else ""
+    return f"geom {name!r} is a {shape}: impacts need convex geoms (sphere, capsule, box, ...) or planes" if shape else ""
 
 
 class ContactPair(Stateful):
@@ -92,7 +92,8 @@ class ContactPair(Stateful):
         self.body_a, self.body_b = int(model.geom_bodyid[self._g1]), int(model.geom_bodyid[self._g2])
         self.geom_ids = frozenset((self._g1, self._g2))
         self._kinds = {int(model.geom_type[g]) for g in self.geom_ids}
-        self._query_scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
+        scatters = _ELLIPSOID in self._kinds or (_CYLINDER in self._kinds and _SPHERE not in self._kinds)
+        self._query_scatters = scatters and _PLANE not in self._kinds
         self._check(system)
         on_robot = [body in system.robot.bodies for body in (self.body_a, self.body_b)]
         self.robot_on_object = on_robot == [True, False]
@@ -102,7 +103,8 @@ class ContactPair(Stateful):
         self._root1, self._root2 = int(model.body_rootid[self.body_a]), int(model.body_rootid[self.body_b])
         radius = side_radius(model, self._g1) + side_radius(model, self._g2)
         self.flush_offset, self.flush_angle = flush_offset(radius), flush_offset(radius) / radius if radius > 0.0 else 0.0
-        self._search, self._bound = NormalSearch(self.ids, self.size, self.flush_offset), MotionBound(model, self.ids)
+        search = HalfSpaceNormal if _PLANE in self._kinds else NormalSearch
+        self._search, self._bound = search(self.ids, self.size, self.flush_offset), MotionBound(model, self.ids)
 
     def _check(self, system: System) -> None:
         model = system.mj

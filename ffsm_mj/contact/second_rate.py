@@ -142,7 +142,7 @@ def _flats(
     if first and second:
         return _flats_of_caps(first, second, points, tangents)
     flats = [
-        _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
+        np.eye(2) if shape.is_plane else _flat(tangents @ (shape.extreme(outward * normal, PARALLEL) - point).T)
         for shape, point, outward in zip(shapes, points, (1.0, -1.0), strict=True)
     ]
     return [flats[k] if cap is None else _flat_of_cap(cap, points[k], tangents, flats[1 - k]) for k, cap in enumerate(caps)]

@@ -3,7 +3,8 @@
 The support function h(n) is the extent of a geom along n. Its gradient is the extreme point, and its Hessian R holds the
 radii of curvature there: if the normal turns by dn, the extreme point moves by R dn. R is the radius of a sphere across the
 normal, 0 at a vertex, and 0 across an edge. Along an edge and within a face the extreme point is not unique: these flat
-directions have no finite radius and are 0 in R.
+directions have no finite radius and are 0 in R. A plane bounds a half-space, whose support function is finite along its
+normal only, where every point of it is extreme.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _ON_AXIS = 1e-9
 _DISC_POINTS = 8
 """Number of fixed points that represent the rim of a cap."""
 
-_SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
+_PLANE, _SPHERE, _ELLIPSOID = mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID
 _BOX, _CAPSULE, _CYLINDER = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER
 
 
@@ -39,6 +40,20 @@ class Shape:
         self._position: FloatArray = data.geom_xpos[geom]
 
     @property
+    def is_plane(self) -> bool:
+        """Whether it is a half-space."""
+        return bool(self._kind == _PLANE)
+
+    @property
+    def axis(self) -> FloatArray:
+        """Its z axis, world axes, (3,): the outward normal of a plane."""
+        return self._rotation[:, 2]
+
+    def projected(self, points: FloatArray) -> FloatArray:
+        """Feet of the perpendiculars from points, (k, 3), to a plane."""
+        return np.asarray(points - np.outer((points - self._position) @ self.axis, self.axis))
+
+    @property
     def position_tolerance(self) -> float:
         """Tolerance to which its points are known, m: 0 except for meshes."""
         return position_tolerance(self._model, self._geom)
@@ -52,7 +67,8 @@ class Shape:
         """All extreme points along a unit vector, (k, 3).
 
         Edges and faces within ``width`` rad of perpendicular to the vector count with all their corners, and caps of
-        cylinders whose whole rim is level within CONTACT_GAP_M and a further ``tolerance`` in m.
+        cylinders whose whole rim is level within CONTACT_GAP_M and a further ``tolerance`` in m. The origin of a plane
+        stands for all of it.
         """
         local, size = self._rotation.T @ direction, self._size
         if self._kind == _SPHERE:
@@ -69,6 +85,8 @@ class Shape:
             points = np.array([[0.0, 0.0, z] for z in _ends(local[2], size[1], width)]) + size[0] * local
         elif self._kind == _CYLINDER:
             points = _cylinder_points(local, size, width, tolerance)
+        elif self._kind == _PLANE:
+            points = np.zeros((1, 3))
         else:
             points = self._mesh_points(local, width)
         return np.asarray(self._position + points @ self._rotation.T)

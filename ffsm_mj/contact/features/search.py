@@ -17,6 +17,7 @@ from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, shif
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
 from ffsm_mj.contact.features.outline import Outline
+from ffsm_mj.contact.features.plane_outline import PlaneOutline
 from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
 from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
 from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings, rim_towards
@@ -27,12 +28,15 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
 
-_CYLINDER, _ELLIPSOID = int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)
+_OUTLINES: dict[int, type[Outline]] = {
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): CylinderOutline,
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): EllipsoidOutline,
+    int(mujoco.mjtGeom.mjGEOM_PLANE): PlaneOutline,
+}
 _FIRST: tuple[type[Core], ...] = (Face, Ellipsoid, Circle, Line, Point)
 """The first of two cores is the one whose kind comes first here."""
 _NAMES = ("sphere", "end", "side", "rim", "ellipsoid", "vertex", "edge", "cap", "face")
 """Names of two cores of one kind are given in this order."""
-_OUTLINES: dict[int, type[Outline]] = {_CYLINDER: CylinderOutline, _ELLIPSOID: EllipsoidOutline}
 
 
 def features(pair: ContactPair, model: Any, data: Any, near: Proximity) -> tuple[Feature, ...]:
