@@ -1,6 +1,6 @@
-"""Elastic energy, damper heat and truncation of joint springs, by tree, over (sub-)steps.
+"""Elastic energy, damper heat and truncation of springs of joints and tendons, by tree, over (sub-)steps.
 
-Springs and dampers act between two links of one tree, so they exchange no momentum with anything else. The elastic energy
+Springs and dampers act between links of one tree, so they exchange no momentum with anything else. The elastic energy
 is a function of the configuration. The heat is integrated by Simpson's rule with a cubic Hermite midpoint, as external
 forces are: its error is of fifth order per step, and it is a sum of terms that are not negative.
 
@@ -55,16 +55,28 @@ class SpringBalance:
         # Coordinates of hinges and slides; rates of other joints are no differences of coordinates.
         scalar = np.isin(system.mj.jnt_type, (_HINGE, _SLIDE))
         self._places, self._dofs = system.mj.jnt_qposadr[scalar], system.mj.jnt_dofadr[scalar]
+        self._tendons = springs.tendons
+        self._of_tendons = self._trees[:, self._tendons.dofs]
         self.open()
 
     def set_elastic(self) -> None:
         """Set the elastic energy to that of the state in ``data``."""
-        self._accounts[:, 0] = self._trees @ self._springs.energy(self._data.qpos)
+        self._accounts[:, 0] = self._elastic_now()
+
+    def _elastic_now(self) -> FloatArray:
+        """Elastic energy at the state in ``data``, J, by tree."""
+        energy = self._trees.dot(self._springs.energy(self._data.qpos))
+        if self._tendons.elastic:
+            energy += self._of_tendons.dot(self._tendons.energy(self._data))
+        return np.asarray(energy)
 
     def open(self) -> None:
         """Begin a (sub-)step at the state in ``data``."""
         self._qpos, self._qvel = self._data.qpos.copy(), self._data.qvel.copy()
         self._elastic = self._springs.energy(self._qpos)
+        if len(self._tendons.ids):
+            tendons, data = self._tendons, self._data
+            self._before = tendons.lengths(data), tendons.rates(data), tendons.energy(data)
 
     def close(self, duration_s: float) -> None:
         """End the step at the state in ``data``, derived quantities current."""
@@ -77,6 +89,9 @@ class SpringBalance:
             accounts[:, 2] += taken
         if springs.damped:
             accounts[:, 1] += self._trees.dot(self._heat(duration_s))
+        if len(self._tendons.ids):
+            accounts[:, 0] += self._of_tendons.dot(self._tendons.energy(self._data) - self._before[2])
+            accounts[:, 1] += self._of_tendons.dot(self._heat_of_tendons(duration_s))
 
     def _heat(self, duration_s: float) -> FloatArray:
         """Heat of dampers by degree of freedom, J, (nv,)."""
@@ -88,19 +103,34 @@ class SpringBalance:
             middle[self._dofs] += 1.5 / duration_s * (qpos[self._places] - self._qpos[self._places])
         return duration_s / 6.0 * (power(self._qvel) + 4.0 * power(middle) + power(qvel))
 
+    def _heat_of_tendons(self, duration_s: float) -> FloatArray:
+        """Heat of dampers by tendon, J, (n,): a length is a coordinate as that of a slide is."""
+        (length, rate, _), power = self._before, self._tendons.dissipation
+        end, end_rate = self._tendons.lengths(self._data), self._tendons.rates(self._data)
+        middle = 1.5 / duration_s * (end - length) - 0.25 * (rate + end_rate)
+        return np.asarray(duration_s / 6.0 * (power(rate) + 4.0 * power(middle) + power(end_rate)))
+
     def _truncation(self, duration_s: float) -> FloatArray:
         """Energy that RK4 takes from the modes in the step, J, by tree; zero where they are too fast for its step."""
         K, v, h = self._springs.stiffness(self._data.qpos), self._data.qvel, duration_s
         forces, answers = self._forces, self._answers
         np.multiply(K, self._qvel, forces[0])
         np.multiply(K, v, forces[1])
+        if self._tendons.elastic:
+            rows, along = self._tendons.rows(self._data), self._tendons.stiffness(self._data)
+            forces[0] += (along * (rows @ self._qvel)) @ rows
+            forces[1] += (along * (rows @ v)) @ rows
         np.subtract(forces[1], forces[0], forces[2])
         forces[2] /= h
         mujoco.mj_solveM(self._model, self._data, answers, forces)
         first, second, third = forces * answers
         moving = 0.5 * K * (answers[0] * answers[0] + answers[1] * answers[1])
+        stretched = np.zeros(len(self._tendons.ids))
+        if self._tendons.elastic:
+            stretched = 0.5 * along * ((rows @ answers[0]) ** 2 + (rows @ answers[1]) ** 2)
         # The mean of w^2 over the modes that move; the formula is that of modes that RK4 resolves.
-        if h * h * moving.sum() > MODE_STEP**2 * 0.5 * (first.sum() + second.sum()):
+        if h * h * (moving.sum() + stretched.sum()) > MODE_STEP**2 * 0.5 * (first.sum() + second.sum()):
             return np.zeros(len(self._trees))
         taken: FloatArray = self._trees.dot(h**6 / 144.0 * (moving + third))
+        taken += self._of_tendons.dot(h**6 / 144.0 * stretched)
         return taken

@@ -62,8 +62,13 @@ class StateProjection:
         displacement = np.empty(system.mj.nv)
         mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
         energy[:2] -= float(data.qfrc_actuator @ displacement)
+        others = [tree.dofs for tree in system.objects if tree not in self._own_trees(motion)]
+        of_others = sum(float(data.qfrc_actuator[dofs] @ displacement[dofs]) for dofs in others)
+        energy[1:] += of_others, -of_others
         if self._springs.damped:
-            heat = self._springs.dissipation_slope(data.qvel) * displacement
+            heat, tendons = self._springs.dissipation_slope(data.qvel) * displacement, self._springs.tendons
+            if tendons.damped:  # the dofs of a tendon are those of one tree
+                heat += (tendons.dissipation_slope(tendons.rates(data)) @ tendons.rows(data)) * displacement
             own = sum(float(heat[tree.dofs].sum()) for tree in self._own_trees(motion))
             energy += np.array((heat.sum(), own, heat.sum() - own))
         return Exchange(energy, impulse, from_outside)
@@ -85,7 +90,9 @@ class StateProjection:
         total = 0.5 * float(momentum @ data.qvel)
         ours = self._own_trees(motion)
         own = sum(0.5 * float(momentum[tree.dofs] @ data.qvel[tree.dofs]) for tree in ours)
-        elastic, weight = self._springs.energy(data.qpos), np.einsum("ij,ij->i", self._weights, data.xipos)
+        elastic, tendons = self._springs.energy(data.qpos), self._springs.tendons
+        np.add.at(elastic, tendons.dofs, tendons.energy(data))
+        weight = np.einsum("ij,ij->i", self._weights, data.xipos)
         total += float(elastic.sum() - weight.sum())
         own += sum(float(elastic[tree.dofs].sum() - weight[list(tree.bodies)].sum()) for tree in ours)
         of_objects = (

@@ -14,6 +14,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.tendon_springs import TendonSprings
 from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficients
 
 _BALL, _FREE = int(mujoco.mjtJoint.mjJNT_BALL), int(mujoco.mjtJoint.mjJNT_FREE)
@@ -32,12 +33,13 @@ class FastestMode(NamedTuple):
 
 
 class JointSprings:
-    """Springs and dampers of the joints of a model, except those of free joints.
+    """Springs and dampers of the joints of a model, except those of free joints, and those of its tendons.
 
     Attributes:
-        elastic: Whether a joint has a spring.
+        elastic: Whether a joint or tendon has a spring.
         damped: Whether one has a damper.
         damped_balls: Whether a ball joint has one.
+        tendons: Those of tendons, which are none of the values by degree of freedom.
     """
 
     def __init__(self, model: Any) -> None:
@@ -53,7 +55,9 @@ class JointSprings:
                 self._scalars.append((dof, place, float(model.qpos_spring[place]), coefficients))
         kinds = model.jnt_type[model.dof_jntid]
         self._d = np.where((kinds != _FREE)[:, None], damping_coefficients(model), 0.0)
-        self.elastic, self.damped = bool(sprung.any()), bool(self._d.any())
+        self.tendons = TendonSprings(model)
+        self.elastic = bool(sprung.any()) or self.tendons.elastic
+        self.damped = bool(self._d.any()) or self.tendons.damped
         self.damped_balls = bool(self._d[kinds == _BALL].any())
         linear = not stiffness[sprung, 1:].any()
         self._constant = self._stiffness(np.array(model.qpos_spring)) if linear else None
@@ -116,17 +120,19 @@ class JointSprings:
 
         Constraints such as a grasp or a contact only make the modes slower (Rayleigh).
         """
-        M = mass_matrix(model, data)
-        square, dof = _largest(M, self.stiffness(data.qpos))
-        return FastestMode(math.sqrt(square), dof), FastestMode(*_largest(M, np.maximum(self.damping(data.qvel), 0.0)))
+        M, tendons = mass_matrix(model, data), self.tendons
+        rows = tendons.rows(data)
+        square, dof = _largest(M, self.stiffness(data.qpos), rows, tendons.stiffness(data))
+        decay = np.maximum(self.damping(data.qvel), 0.0), rows, np.maximum(tendons.damping(tendons.rates(data)), 0.0)
+        return FastestMode(math.sqrt(square), dof), FastestMode(*_largest(M, *decay))
 
 
-def _largest(mass: FloatArray, diagonal: FloatArray) -> tuple[float, int]:
-    """Largest eigenvalue of M^-1 K with a diagonal K, and the largest share of its vector."""
-    dofs = np.flatnonzero(diagonal > 0.0)
-    if not len(dofs):
+def _largest(mass: FloatArray, diagonal: FloatArray, rows: FloatArray, along: FloatArray) -> tuple[float, int]:
+    """Largest eigenvalue of M^-1 K, and the dof that takes the largest part in it; K is diagonal, plus rows^T along rows."""
+    dofs, tendons = np.flatnonzero(diagonal > 0.0), np.flatnonzero(along > 0.0)
+    if not len(dofs) + len(tendons):
         return 0.0, -1
-    root = np.sqrt(diagonal[dofs])
-    mobility = np.linalg.inv(mass)[np.ix_(dofs, dofs)]
-    values, vectors = np.linalg.eigh(root[:, None] * mobility * root)
-    return float(values[-1]), int(dofs[np.argmax(np.abs(vectors[:, -1]))])
+    units = np.eye(len(diagonal))[dofs]
+    root = np.vstack((units, rows[tendons])) * np.sqrt(np.concatenate((diagonal[dofs], along[tendons])))[:, None]
+    values, vectors = np.linalg.eigh(root @ np.linalg.inv(mass) @ root.T)
+    return float(values[-1]), int(np.argmax(np.abs(vectors[:, -1] @ root)))

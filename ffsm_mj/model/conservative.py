@@ -16,10 +16,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficients
+from ffsm_mj.model.coefficients import damping_coefficients, sign_preserving, stiffness_coefficients
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors
+from ffsm_mj.model.tendons import tendon_springs_faults
 
 _OPTIONS = (
     *("timestep", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance", "ccd_tolerance", "sleep_tolerance"),
@@ -131,8 +132,7 @@ def _spring_faults(model: Any, j: int, dof: int) -> Iterator[str]:
         if np.any(stiffness):
             yield f"stiffness {_coefficients(stiffness)} {on_world}"
         return
-    a, b, c = damping.tolist()
-    if a < 0.0 or c < 0.0 or (b < 0.0 and b * b > 4.0 * a * c):  # MuJoCo's condition of sign preservation
+    if not sign_preserving(damping):
         yield f"damping {_coefficients(damping)}, which drives the joint at some rates"
     if model.jnt_plasticadr[j] >= 0:
         yield "springyield, a spring that yields"
@@ -146,13 +146,9 @@ def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
         yield from (("joint", joint.name, what) for what in _spring_faults(model, j, joint.dofadr[0]))
         if np.any(model.dof_frictionloss[dofs]):
             yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
-    for t in range(model.ntendon):
-        for attribute in ("stiffness", "damping", "frictionloss"):
-            coefficients = [getattr(model, f"tendon_{attribute}")[t]]
-            if attribute != "frictionloss":
-                coefficients.append(getattr(model, f"tendon_{attribute}poly")[t])
-            if any(np.any(each) for each in coefficients):
-                yield "tendon", model.tendon(t).name, attribute
+    for t in np.flatnonzero(model.tendon_frictionloss).tolist():
+        yield "tendon", model.tendon(t).name, "frictionloss"
+    yield from (("tendon", name, what) for name, what in tendon_springs_faults(model))
     for b in np.flatnonzero(model.body_gravcomp).tolist() if np.any(model.opt.gravity) else ():
         if _has_limited_gravcomp(model, b):
             yield "body", model.body(b).name, "gravcomp"

@@ -113,12 +113,13 @@ _MOTOR: dict[str, Any] = {
 }
 _TENDON: dict[str, Any] = {
     "armature": "0.3",
+    "stiffness": "3 1 2",
+    "damping": "0.4 0.1",
+    "springlength": {"stiffness": "3", "springlength": "0.1 0.2"},
     "actuatorfrclimited": "false",
     "limited": "false",
     "margin": "0.1",
     **_SOFT_JOINT,
-    "springlength": "2",
-    "springyield": "0.1",
     "group": "2",
     "user": "1",
 }
@@ -325,7 +326,11 @@ WITHOUT_FORCE = {
 _FLEX = '<flexcomp name="f" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" mass="1" rigid="true"/>'
 _PLUGIN = '<plugin plugin="x"/>'
 _JOINT2 = 'name="probe" joint="j2"'
-_TENDON_FORCES = {"stiffness": "1", "damping": "1", "frictionloss": "1", "range": "-1 1"}
+_TENDON_FORCES: dict[str, Any] = {
+    "frictionloss": "1",
+    "range": "-1 1",
+    "springyield": {"stiffness": "1", "springyield": "0.1"},
+}
 
 
 def _sensor(kind: str, attributes: str) -> dict[str, Case]:

@@ -18,7 +18,7 @@ SUB = f"""<mujoco>{HEAD}
 <joint axis="0 1 0"/>
 <geom size="0.1" mass="1"/><site name="a"/><site name="z" pos="1 0 0"/>{{inner}}</body></body></worldbody>
 <tendon>
-<spatial stiffness="2"><site site="a"/><site site="z"/></spatial></tendon>
+<spatial damping="-2"><site site="a"/><site site="z"/></spatial></tendon>
 <equality>
 <weld body1="s" body2="tip"/>
 <connect name="pin" body1="s" body2="tip" anchor="0 0 0"/></equality>
@@ -40,7 +40,7 @@ def test_each_element_with_its_own_file_and_line(tmp_path):
 <equality><weld body1="one_s" body2="b"/></equality></mujoco>""",
         inc_dot_xml="""<mujocoinclude>
 
-<tendon><fixed stiffness="3"><joint joint="bj" coef="1"/></fixed></tendon>
+<tendon><fixed damping="-3"><joint joint="bj" coef="1"/></fixed></tendon>
 <equality>
 <joint joint1="bj" joint2="one_j"/></equality></mujocoinclude>""",
         b_dot_xml="""<mujocoinclude>
@@ -55,13 +55,13 @@ def test_each_element_with_its_own_file_and_line(tmp_path):
         "b.xml:4: joint 'k0' has frictionloss 1",
         "b.xml:4: joint 'k1' has frictionloss 1",
         "b.xml:5: joint 'bj' has frictionloss 3",
-        "inc.xml:3: tendon of 'bj' has stiffness",
+        "inc.xml:3: tendon of 'bj' has damping that drives the tendon at some rates",
         "sub/s.xml:4: joint 'one_j' has frictionloss 2",
         "sub/s.xml:7: joint 'one_tip_joint' has frictionloss 2",
-        "sub/s.xml:10: tendon of 'one_a' and 'one_z' has stiffness",
+        "sub/s.xml:10: tendon of 'one_a' and 'one_z' has damping that drives the tendon at some rates",
         "sub/deep/s.xml:6: joint 'one_two_j' has frictionloss 2",
         "sub/deep/s.xml:9: joint 'one_two_tip_joint' has frictionloss 2",
-        "sub/deep/s.xml:12: tendon of 'one_two_a' and 'one_two_z' has stiffness",
+        "sub/deep/s.xml:12: tendon of 'one_two_a' and 'one_two_z' has damping that drives the tendon at some rates",
     }
     bound = compile_paths(tmp_path / "r.xml", conservative=False).equalities.values()
     assert {each.removeprefix(f"{tmp_path}/") for each in bound} == {
