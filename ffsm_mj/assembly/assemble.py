@@ -58,6 +58,7 @@ class Assembly:
         start: Finds the state at which the run begins, by simulating where that is needed; None: it begins at t = 0.
         before: Files of the run that it goes on from, contents by name.
         held: The systems in which captures hold, by the names of these.
+        start_notes: Notes on the initial state, one line each.
     """
 
     scenario: ScenarioConfig
@@ -74,6 +75,7 @@ class Assembly:
     start: Callable[[], Start] | None = None
     before: Mapping[str, bytes] = field(default_factory=dict)
     held: Mapping[str, GraspedSystem] = field(default_factory=dict)
+    start_notes: tuple[str, ...] = ()
 
     @property
     def logged_files(self) -> dict[str, bytes]:
@@ -138,7 +140,7 @@ def assemble(
     """
     recorded = recorded or RecordedFiles()
     try:
-        data = initial_state(scenario, system)
+        data, start_notes = initial_state(scenario, system)
         refuse_coarse_steps(scenario, system, data)
         contacts = resolve_contacts(scenario.contacts, system)
         refuse_undetectable(system, data, contacts)
@@ -178,6 +180,7 @@ def assemble(
         start,
         before,
         held,
+        start_notes,
     )
 
 

@@ -30,6 +30,7 @@ def notes(assembly: Assembly) -> list[str]:
             f"{a} and {b} overlap at the start, and no contact force will separate them"
             for a, b in unwatched_overlaps(assembly)
         ),
+        *assembly.start_notes,
         *initial_notes(assembly),
         *unstable_damping(assembly),
         *undriven_actuators(assembly.system, assembly.controller.phases),

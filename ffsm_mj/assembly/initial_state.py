@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from ffsm_mj.assembly.closed_start import close_loops
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.number_faults import LEAST_SHARE, weakest_dof
@@ -16,8 +17,20 @@ from ffsm_mj.scenario.scenario import JointValue, ScenarioConfig
 _HUGE = 1e10
 
 
-def initial_state(scenario: ScenarioConfig, system: System) -> Any:
-    """Data at t = 0 with all derived quantities.
+class InitialState(NamedTuple):
+    """State at t = 0.
+
+    Attributes:
+        data: MuJoCo data with all derived quantities.
+        notes: What a user should know about it, one line each.
+    """
+
+    data: Any
+    notes: tuple[str, ...]
+
+
+def initial_state(scenario: ScenarioConfig, system: System) -> InitialState:
+    """State at t = 0, with the equality constraints closed.
 
     Raises:
         ScenarioFaults: An unknown joint, an invalid value, or a state from which no run can start.
@@ -39,7 +52,7 @@ def initial_state(scenario: ScenarioConfig, system: System) -> Any:
         raise ScenarioFaults(faults)
     if fault := fault_of_start(system, data):
         raise ScenarioFaults([Fault(fault, ("initial",))])
-    return data
+    return InitialState(data, close_loops(system, data, scenario.initial.joints, scenario.initial.rates))
 
 
 def fault_of_start(system: System, data: Any) -> str:

@@ -7,15 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.assembly.coupled_limits import redundant_ends
+from ffsm_mj.contact.joint_limit import JointLimit, Side
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.tolerances import CONTACT_GAP_M
 
+_SIDES: tuple[Side, ...] = ("lower", "upper")
+
 
 def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, ...]:
-    """Both ends of the range of every limited joint, in the order of the joints.
+    """Both ends of the range of every limited joint, in the order of the joints; of coupled joints, the tighter ones.
 
     Models whose limits are ignored are compiled without them.
 
@@ -36,13 +39,21 @@ def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, 
             faults.append(Fault(f"the joint {joint} is listed twice", ("joint_limits", name)))
         else:
             restitution[joint] = config.restitution
-    if faults:
-        raise ScenarioFaults(faults)
-    return tuple(
+    redundant = redundant_ends(system.mj)
+    limits = tuple(
         JointLimit(system.mj, joint, side, restitution.get(system.mj.joint(joint).name, 0.0))
         for joint in np.flatnonzero(system.mj.jnt_limited).tolist()
-        for side in ("lower", "upper")
+        for side in _SIDES
+        if (joint, side) not in redundant
     )
+    kept = {each.joint for each in limits}
+    for name in scenario.joint_limits if not faults else ():
+        if system.resolve("joint", name) not in kept:
+            why = "the joint is coupled with others that reach their limits first: name one of these"
+            faults.append(Fault(why, ("joint_limits", name)))
+    if faults:
+        raise ScenarioFaults(faults)
+    return limits
 
 
 def refuse_outside(scenario: ScenarioConfig, system: System, data: Any, limits: tuple[JointLimit, ...]) -> None:

@@ -124,7 +124,7 @@ class Targets:
 
     @cached_property
     def _state(self) -> Any:
-        return initial_state(self._scenario, self._system)
+        return initial_state(self._scenario, self._system).data
 
 
 def _properties(model: Any, wanted: tuple[str, ...]) -> Iterator[tuple[str, ...]]:

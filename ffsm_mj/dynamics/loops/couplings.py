@@ -163,6 +163,8 @@ class TendonRow:
                 mujoco.mj_jacDot(model, data, rates, None, point, body)
             span = data.site_xpos[last] - data.site_xpos[first]
             size = float(np.linalg.norm(span))
+            if size == 0.0:
+                continue  # no direction: the rate of the length is not defined
             along, v, a = span / size, (J - other) @ data.qvel, (rate - other_rate) @ data.qvel
             total += along @ (J - other) / divisor
             speed = float(along @ v)

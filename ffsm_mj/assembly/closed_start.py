@@ -1,0 +1,225 @@
+"""Initial states with equality constraints: joints that the scenario leaves out close them, or the state is refused.
+
+Positions are found by Newton's method, dq = -J^+ phi in the metric of M, over the joints without a value; bases keep their
+poses. Rates that are left out follow from those that are given; what is left of the velocities of the rows is stopped by
+their plastic impulse, v - M^-1 B^T (B M^-1 B^T)^+ B v, which keeps the momenta.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.dynamics.loops.latch import LatchedBodies
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.system import Joint, System
+from ffsm_mj.tolerances import MECHANISM_RANK
+
+_CLOSED = 1e-12
+"""Error of a row at which it is closed, m or rad, as a share of 1 m + the largest coordinate of a body."""
+_SILENT, _NOTED = 1e-6, 5e-3
+"""Errors of given coordinates, m or rad, up to which they are corrected: without a word, and with a note.
+
+Numbers of six decimals are off by the first; the keyframe of Cassie is off by 1.5e-3 m.
+"""
+_ROUNDED = 1e-9
+"""Error of dependent rows, m or rad, from which on it is noted: numbers in files are rounded, of Toddlerbot to 3e-8."""
+_LONGEST_STEP = 0.1
+"""Longest step of a coordinate, rad or m: whole steps of Newton's method land on a branch that is a turn away."""
+_STEPS = 300
+"""Most steps: a joint that turns once and a half takes a third of them."""
+_MOVED = 1e-3
+"""Displacement of a joint without a value, rad or m, from which on it is noted."""
+_LOSS = 1e-12
+"""Energy that the plastic impulse of the start takes, as a share of all, from which on it is noted."""
+
+
+def close_loops(system: System, data: Any, joints: Mapping[str, Any], rates: Mapping[str, Any]) -> tuple[str, ...]:
+    """Close the equality constraints of a system at its initial state, and return notes.
+
+    Args:
+        system: The system.
+        data: The state as the scenario gives it, derived quantities current; changed.
+        joints: Joints with coordinates in the scenario, by full or unambiguous name.
+        rates: The same with rates.
+
+    Raises:
+        ScenarioFaults: They cannot be closed, or the given coordinates contradict them.
+    """
+    equalities = equalities_of(system.mj)
+    if not equalities:
+        return ()
+    start = _Start(system, data, ClosedLoops(system.mj, data, [each.source for each in equalities], rank=MECHANISM_RANK))
+    named = {system.joint(name).name: name for name in joints}
+    notes = [*start.close(named), *start.match_rates({system.joint(name).name for name in rates})]
+    mujoco.mj_forward(system.mj, data)
+    return tuple(notes)
+
+
+class _Start:
+    """An initial state that is brought onto its rows."""
+
+    def __init__(self, system: System, data: Any, loops: ClosedLoops) -> None:
+        self._system, self._model, self._data, self._loops = system, system.mj, data, loops
+        self._latches = [each for each in loops.sources if isinstance(each, LatchedBodies)]
+        self._closed = _CLOSED * (1.0 + float(np.abs(data.xpos).max()))
+
+    def close(self, named: Mapping[str, str]) -> list[str]:
+        """Close the rows in position; ``named`` has the joints with a value by their full names, as the scenario names them.
+
+        Raises:
+            ScenarioFaults: It is not possible.
+        """
+        data, notes = self._data, list[str]()
+        before = data.qpos.copy()
+        left = self._newton(self._movable(named))
+        solved = data.qpos.copy()
+        if left > self._closed:
+            # The given coordinates contradict the rows: how much so, and which values near them do not?
+            self._newton(self._movable({}))
+            self._refuse_open(self._left(), self._closed)
+            self._refuse_open(float(np.abs(self._loops.errors()).max()), _SILENT)
+            if left > _NOTED:
+                raise ScenarioFaults([self._contradiction(named, solved, left)])
+            if left > _SILENT:
+                changed = self._moved(solved, self._system.joints)
+                notes.append(f"the initial state is off {self._worst(solved)} by {left:.2g}, corrected to {changed}")
+        elif moved := self._moved(before, [name for name in self._system.joints if name not in named], _MOVED):
+            notes.append(f"joints without an initial value move to close the equality constraints: {moved}")
+        # Combinations of rows that no motion changes: rounded numbers of a file, or a loop that cannot close from here.
+        dropped = float(np.abs(self._loops.errors()).max())
+        self._refuse_open(dropped, _SILENT)
+        if dropped > _ROUNDED:
+            notes.append(f"equality constraints contradict each other by {dropped:.2g}, which no motion changes")
+        return notes
+
+    def _movable(self, named: Mapping[str, Any]) -> BoolArray:
+        """Degrees of freedom that may change, (nv,): of joints without a value; of bases only where rows join two trees."""
+        free = np.ones(self._model.nv, dtype=np.bool_)
+        for name, joint in self._system.joints.items():
+            free[joint.dofs] = name not in named
+        J = self._loops.rows().J
+        trees = [tree.dofs for tree in self._system.trees]
+        across = J[[sum(bool(row[dofs].any()) for dofs in trees) > 1 for row in J]]
+        for tree in self._system.trees:
+            if tree is self._system.robot or not across[:, tree.base_dofs].any():
+                free[tree.base_dofs] = False
+        return free
+
+    def _newton(self, free: BoolArray) -> float:
+        """Close the rows by some degrees of freedom as far as possible; returns what is left."""
+        model, data, best = self._model, self._data, (np.inf, self._data.qpos.copy())
+        for _ in range(_STEPS):
+            was_closed, left = best[0] <= self._closed, self._left()
+            if left < best[0]:
+                best = left, data.qpos.copy()
+            if was_closed:  # one more step: convergence is quadratic
+                break
+            step = self._least(free, -self._loops.errors())
+            size = float(np.abs(step).max(initial=0.0))
+            if size <= np.finfo(float).eps:
+                break
+            mujoco.mj_integratePos(model, data.qpos, step * min(1.0, _LONGEST_STEP / size), 1.0)
+            mujoco.mj_forward(model, data)
+        data.qpos[:] = best[1]
+        mujoco.mj_forward(model, data)
+        return best[0]
+
+    def _least(self, free: BoolArray, wanted: FloatArray) -> FloatArray:
+        """Least change in the metric of M of some rates by which the rows move as wanted, as far as they can, (nv,)."""
+        change = np.zeros(self._model.nv)
+        if free.any():
+            L = np.linalg.cholesky(mass_matrix(self._model, self._data)[np.ix_(free, free)])
+            A = np.linalg.solve(L, self._loops.rows().J[:, free].T)
+            change[free] = np.linalg.solve(L.T, np.linalg.pinv(A.T, rcond=MECHANISM_RANK) @ wanted)
+        return change
+
+    def _left(self) -> float:
+        """Largest error that motions can remove, m or rad; infinite if the bodies of a weld are turned too far."""
+        errors, frames = self._loops.errors(), self._data.xmat
+        for latch in self._latches:
+            # The error in orientation is the sine of the angle: it vanishes half a turn away, too.
+            if latch.count == 6:
+                a = frames[latch.first].reshape(3, 3) @ latch.axes_in_first
+                b = frames[latch.second].reshape(3, 3) @ latch.axes_in_second
+                if np.trace(a.T @ b) < 1.0:  # 1 + 2 cos: more than a quarter turn
+                    return float("inf")
+        vanishing = self._loops.weighted().independent()[1]
+        return float(np.abs(errors - vanishing.T @ (vanishing @ errors)).max())
+
+    def match_rates(self, named: set[str]) -> list[str]:
+        """Let rates that are left out follow the others, and stop what is left by the plastic impulse of all rows."""
+        data = self._data
+        data.qvel[:] += self._least(self._movable(dict.fromkeys(named)), -self._loops.rows().J @ data.qvel)
+        M, before = mass_matrix(self._model, data), data.qvel.copy()
+        closing = self._loops.plastic()
+        data.qvel[:] += closing.change
+        if closing.loss_J <= _LOSS * float(before @ M @ before):
+            return []
+        changed = ", ".join(
+            f"{name} {_numbers(data.qvel[joint.dofs])}"
+            for name, joint in self._system.joints.items()
+            if np.abs(data.qvel[joint.dofs] - before[joint.dofs]).max() > 1e-9
+        )
+        return [
+            f"the initial rates contradict the equality constraints: the plastic impulse that stops them takes "
+            f"{closing.loss_J:.6g} J, not in the balance; rates from then on: {changed}"
+        ]
+
+    def _worst(self, qpos: FloatArray) -> str:
+        """Place of the constraint with the largest error at a state, which is set only for this."""
+        now = self._data.qpos.copy()
+        self._data.qpos[:] = qpos
+        mujoco.mj_forward(self._model, self._data)
+        errors = self._loops.errors()
+        worst = [part.stop for part in self._loops.parts]
+        place = int(np.searchsorted(worst, int(np.abs(errors).argmax()), side="right"))
+        self._data.qpos[:] = now
+        mujoco.mj_forward(self._model, self._data)
+        return [*self._system.equalities.values()][place]
+
+    def _refuse_open(self, left: float, most: float) -> None:
+        """Refuse a state of which larger errors are left than the most.
+
+        Raises:
+            ScenarioFaults: It is one.
+        """
+        if left <= most:
+            return
+        far = f"{left:.2g} m or rad are left" if np.isfinite(left) else "its bodies are turned by more than a quarter turn"
+        text = (
+            f"{self._worst(self._data.qpos)} cannot be closed from this state: {far}; "
+            "give joints under initial.joints near a state in which it is closed"
+        )
+        raise ScenarioFaults([Fault(text, ("initial",))])
+
+    def _contradiction(self, named: Mapping[str, str], solved: FloatArray, left: float) -> Fault:
+        """Fault of given coordinates, with the nearest ones that fit."""
+        first = next(iter(self._changed(solved, named, _NOTED)), next(iter(named), ""))
+        path = ("initial", "joints", named[first]) if first in named else ("initial",)
+        return Fault(
+            f"the initial state is off {self._worst(solved)} by {left:.2g} m or rad; nearest values that fit: "
+            f"{self._moved(solved, named)}",
+            path,
+        )
+
+    def _changed(self, since: FloatArray, names: Iterable[str], least: float) -> dict[str, Joint]:
+        now = self._data.qpos
+        joints = {name: self._system.joints[name] for name in names}
+        return {name: each for name, each in joints.items() if np.abs(now[each.qpos] - since[each.qpos]).max() > least}
+
+    def _moved(self, since: FloatArray, names: Iterable[str], least: float = _CLOSED) -> str:
+        """Joints that differ from an earlier state by more than a least value, with their coordinates."""
+        changed = self._changed(since, names, least)
+        return ", ".join(f"{name} {_numbers(self._data.qpos[joint.qpos])}" for name, joint in changed.items())
+
+
+def _numbers(values: FloatArray) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

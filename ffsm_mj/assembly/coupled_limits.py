@@ -1,0 +1,112 @@
+"""Limits of joints that an equality constraint couples: of two ends that are one stop, the tighter one is kept.
+
+Both fingers of a gripper that are coupled reach their limits at one instant, with rows that depend on each other: the split
+of the force would not be determined. The range of a joint that follows is mapped to the one that leads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial
+from ffsm_mj.dynamics.loops.equalities import equalities_of
+
+_TIE = 1e-12
+"""Ends within this, rad or m, are one: that of the joint which leads is kept."""
+
+End = tuple[int, str]
+"""An end of a range: id of the joint, and ``lower`` or ``upper``."""
+
+
+class _Ends(NamedTuple):
+    """Ends of the range of a joint, its own or mapped ones: values, and the limits whose ends they are; None: there is none."""
+
+    values: tuple[float, float]
+    owners: tuple[End | None, End | None]
+
+
+def redundant_ends(model: Any) -> frozenset[End]:
+    """Ends of ranges that another limit of a coupled joint implies.
+
+    A polynomial that is not monotone on the range of the joint which leads maps no ends: all are kept.
+
+    Args:
+        model: MuJoCo model of the system.
+    """
+    joints = np.flatnonzero(model.jnt_limited).tolist()
+    ends = {
+        joint: _Ends((float(low), float(high)), ((joint, "lower"), (joint, "upper")))
+        for joint, (low, high) in zip(joints, model.jnt_range[joints], strict=True)
+    }
+    dropped = set[End]()
+    for coupling in _followers_first([each.source for each in equalities_of(model)]):
+        follower = int(model.dof_jntid[coupling.follower])
+        of_follower = ends.pop(follower, None)
+        if of_follower is None:
+            continue
+        if coupling.leader is None:
+            dropped |= {each for each in of_follower.owners if each is not None}
+            continue
+        leader = int(model.dof_jntid[coupling.leader])
+        of_leader = ends.get(leader, _Ends((-math.inf, math.inf), (None, None)))
+        merged = _merged(coupling.law, of_leader, of_follower)
+        if merged is not None:
+            before = {*of_leader.owners, *of_follower.owners}
+            ends[leader] = merged
+            dropped |= {each for each in before - {*merged.owners} if each is not None}
+    return frozenset(dropped)
+
+
+def _followers_first(sources: Sequence[Any]) -> list[JointCoupling]:
+    """Couplings of joints, each after those by which its follower leads other joints; of a circle, in the given order."""
+    left, ordered = [each for each in sources if isinstance(each, JointCoupling)], list[JointCoupling]()
+    while left:
+        leading = {each.leader for each in left}
+        ready = next((each for each in left if each.follower not in leading), left[0])
+        left.remove(ready)
+        ordered.append(ready)
+    return ordered
+
+
+def _merged(law: Polynomial, leader: _Ends, follower: _Ends) -> _Ends | None:
+    """Tighter ends of both ranges in the coordinate that leads; None if the law is not monotone there."""
+    slopes = np.polynomial.Polynomial(law.coefficients).deriv()
+    low, high = (each - law.leader_zero for each in leader.values)
+    roots = [float(each.real) for each in slopes.roots().astype(complex) if abs(each.imag) < _TIE]
+    if any(low < each < high for each in roots) or not any(law.coefficients[1:]):
+        return None
+    at = law.leader_zero + (0.0 if math.isinf(low) and math.isinf(high) else _inside(low, high))
+    rises = law.at(at)[1] > 0.0
+    values, owners = list(leader.values), list(leader.owners)
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        other = side if rises else 1 - side
+        mapped = _inverse(law, leader.values, follower.values[other], rises=rises)
+        if sign * (mapped - leader.values[side]) > _TIE:
+            values[side], owners[side] = mapped, follower.owners[other]
+    return _Ends((values[0], values[1]), (owners[0], owners[1]))
+
+
+def _inside(low: float, high: float) -> float:
+    """A place between two ends, of which one may be infinite."""
+    if math.isinf(low):
+        return high - 1.0
+    return low + 1.0 if math.isinf(high) else 0.5 * (low + high)
+
+
+def _inverse(law: Polynomial, between: tuple[float, float], value: float, *, rises: bool) -> float:
+    """Leading coordinate at which the other one has a value, by bisection; the end of its range, if it is beyond."""
+    low, high = between
+    if not any(law.coefficients[2:]):
+        return law.leader_zero + (value - law.follower_zero - law.coefficients[0]) / law.coefficients[1]
+    low, high = max(low, -1e10), min(high, 1e10)
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if (law.at(middle)[0] < value) == rises:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)

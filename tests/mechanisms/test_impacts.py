@@ -1,0 +1,169 @@
+"""Impacts on mechanisms: their rows respond as the couplings and loops do; limits, contacts that last, grips."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact_models.impact.contact import Contact
+from ffsm_mj.contact_models.impact.resolution import resolve
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.errors import InputError
+from tests.mechanisms.models import four_bar, geared, mechanism, rock
+from tests.mechanisms.test_motions import assert_sound
+
+
+def hit_wheel(folder, e, *, boost=0.0, **scenario):
+    """M1: a ball of .4 kg at (0, -1) hits wheel A .15 m from its axis."""
+    # The point of contact is at -y of the centre of both spheres, at .15 of the axis along x: put the geom there.
+    geom = '<geom name="arm" type="sphere" size=".01" pos=".15 .01 0" mass="0"/>'
+    ball = {"rock/free": [0.45, 0.12, 0, 1, 0, 0, 0]}
+    rates = {"rock/free": [0, -1 + boost, 0, 0, 0, 0], "robot/base": [0, boost, 0, 0, 0, 0]}
+    return mechanism(
+        folder,
+        geared(geom=geom),
+        ball,
+        rates,
+        objects={"rock": rock(0.4, 0.05)},
+        contacts={"rules": [{"between": ["arm", "rock/rock"], "restitution": e}]},
+        **{"duration_s": 0.1, "control_period_s": 0.01} | scenario,
+    )
+
+
+@pytest.mark.parametrize("boost", [0.0, 3.0])
+def test_a_ball_hits_a_geared_wheel(tmp_path, boost):
+    """M1: both wheels and the base respond at once, as the elimination says."""
+    run = ffsm_mj.run(hit_wheel(tmp_path, 1.0, boost=boost))
+    assert_sound(run)
+    (record,) = run.records["impacts"]
+    assert record.impulse_N_s == pytest.approx(0.618700163172, abs=1e-11)
+    after = record.qvel_after
+    assert after["robot/A"][0] == pytest.approx(-1.608940611434, abs=1e-11)
+    assert after["robot/B"][0] == pytest.approx(4.826821834303, abs=1e-11)
+    base, ball = after["robot/base"], after["rock/free"]
+    np.testing.assert_allclose(
+        [base[0], base[1] - boost, base[5], ball[1] - boost],
+        [0.0, -0.059788799606, -0.338043779440, 0.546750407931],
+        rtol=0,
+        atol=1e-11,
+    )
+    assert record.energy_change_J == pytest.approx(0.0, abs=1e-12)
+
+
+def test_half_of_the_restitution(tmp_path):
+    run = ffsm_mj.run(hit_wheel(tmp_path, 0.5))
+    assert_sound(run)
+    (record,) = run.records["impacts"]
+    assert record.impulse_N_s == pytest.approx(0.464025122379, abs=1e-11)
+
+
+def test_an_impact_without_the_rows_would_tear_the_gears(tmp_path):
+    """The control: impulse .520763 in place of .618700, and a rate of the coupling of -10.9 rad/s."""
+    assembly = prepare(hit_wheel(tmp_path, 1.0)).assemble()
+    model, data = assembly.system.mj, assembly.data
+    bodies = [model.body(name).id for name in ("robot/A", "rock/rock")]
+    contact = Contact(*bodies, np.array([0.45, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), 1.0, 0.0)
+    loops = ClosedLoops(model, data, [each.source for each in equalities_of(model)])
+    free, held = resolve(model, data, [contact]), resolve(model, data, [contact], constrained=loops.projected)
+    assert held.impulses[0] == pytest.approx(0.618700163172, abs=1e-12)
+    assert free.impulses[0] == pytest.approx(0.520763, abs=1e-6)
+    assert float((loops.rows().J @ free.after.qvel)[0]) == pytest.approx(-10.9, abs=0.05)
+    assert abs(float((loops.rows().J @ held.after.qvel)[0])) < 1e-12
+
+
+def test_a_ball_hits_the_rocker_of_a_four_bar_linkage(tmp_path):
+    """M4: e .6 at half of the rocker along its normal; the pin and the crank respond."""
+    angle = 1.555752341392
+    normal = np.array([-math.sin(angle), math.cos(angle), 0.0])
+    point = np.array([0.4, 0.1, 0.0]) + 0.125 * np.array([math.cos(angle), math.sin(angle), 0.0])
+    geom = '<geom name="spot" type="sphere" size=".01" pos=".125 -.01 0" mass="0"/>'
+    centre = point - 0.12 * normal
+    path = mechanism(
+        tmp_path,
+        four_bar(geom),
+        {"crank": math.pi / 3, "rock/free": [*centre, 1, 0, 0, 0]},
+        {"rock/free": [*normal, 0, 0, 0]},
+        objects={"rock": rock(0.3, 0.05)},
+        contacts={"rules": [{"between": ["spot", "rock/rock"], "restitution": 0.6}]},
+        duration_s=0.1,
+        control_period_s=0.01,
+    )
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    (record,) = run.records["impacts"]
+    assert record.impulse_N_s == pytest.approx(0.450747917954, abs=1e-10)
+    base = record.qvel_after["robot/base"]
+    np.testing.assert_allclose(
+        [base[0], base[1], base[5], record.qvel_after["robot/crank"][0]],
+        [-0.045420760787, -0.009134763333, 0.084697764666, 0.633674870869],
+        rtol=0,
+        atol=1e-10,
+    )
+
+
+def test_a_coupled_joint_reaches_its_limit(tmp_path):
+    """M11: the limit of B takes the momentum of both wheels; e .4."""
+    path = mechanism(
+        tmp_path,
+        geared('range="-3 .6"'),
+        {},
+        {"A": -0.5},
+        joint_limits={"B": {"restitution": 0.4}},
+        duration_s=1.0,
+        control_period_s=0.01,
+    )
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    (record,) = run.records["limit_impacts"]
+    assert record.time_s == pytest.approx(0.4, abs=1e-12)
+    assert record.impulse == pytest.approx(0.013046930069, abs=1e-12)
+    after = record.qvel_after
+    np.testing.assert_allclose(
+        [after["robot/A"][0], after["robot/B"][0], *np.array(after["robot/base"])[[1, 5]]],
+        [0.2, -0.6, 0.000116861436, -0.007401224263],
+        rtol=0,
+        atol=2e-12,
+    )
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "law", "kept"),
+    [
+        ("-1 1", "-3 3", "0 -3 0 0 0", {"A lower", "A upper"}),  # a tie goes to the joint that leads
+        ("-1 1", "-2 4", "0 -3 0 0 0", {"A lower", "B lower"}),
+        ("-1 1", "", "0 -3 0 0 0", {"A lower", "A upper"}),
+        ("", "-2 4", "0 2 0 0 0", {"B lower", "B upper"}),
+        ("-1 1", "-2 .5", "0 .5 0 .1 0", {"A lower", "B upper"}),
+        ("-1 1", "-1 2", "0 .5 1 0 0", {"A lower", "A upper", "B lower", "B upper"}),  # not monotone
+        ("-1 1", "-1 1", ".5 0 0 0 0", {"A lower", "A upper", "B lower", "B upper"}),  # does not follow
+    ],
+)
+def test_of_two_limits_that_are_one_stop_the_tighter_one_is_kept(tmp_path, a, b, law, kept):
+    text = geared(f'range="{b}"' if b else "").replace('"0 -3 0 0 0"', f'"{law}"')
+    text = text.replace('name="A" axis="0 0 1" ', f'name="A" axis="0 0 1" {f"range={chr(34)}{a}{chr(34)}" if a else ""} ')
+    limits = prepare(mechanism(tmp_path, text, {}, {})).assemble().limits
+    assert {f"{each.joint.removeprefix('robot/')} {each.side}" for each in limits} == kept
+
+
+def test_a_chain_of_couplings_has_one_limit(tmp_path):
+    """C follows B, and B follows A: ends of the same stop."""
+    text = geared('range="-3 3"').replace("</body></body></worldbody>", "</body>{}</body></worldbody>")
+    wheel = (
+        '<body name="C" pos="0 .3 0"><joint name="C" axis="0 0 1" range="-6 2"/>'
+        '<inertial pos="0 0 0" mass=".2" diaginertia=".01 .01 .01"/></body>'
+    )
+    text = text.format(wheel).replace("<equality>", '<equality><joint joint1="C" joint2="B" polycoef="0 2 0 0 0"/>')
+    limits = prepare(mechanism(tmp_path, text, {}, {})).assemble().limits
+    # C at 2 is B at 1 and A at -1/3; C at -6 is B at -3, a tie.
+    assert {(each.joint, each.side) for each in limits} == {("robot/C", "upper"), ("robot/B", "lower")}
+
+
+def test_a_restitution_of_a_limit_that_is_never_reached_is_refused(tmp_path):
+    text = geared('range="-9 9"').replace('name="A" axis="0 0 1"', 'name="A" axis="0 0 1" range="-1 1"')
+    with pytest.raises(InputError, match=r"joint_limits\.B: the joint is coupled with others that reach their limits first"):
+        prepare(mechanism(tmp_path, text, {}, {}, joint_limits={"B": {"restitution": 0.4}})).assemble()

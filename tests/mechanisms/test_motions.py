@@ -1,0 +1,168 @@
+"""Mechanisms in motion: whole runs against elimination and closed forms, with their checks, replays and restarts."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.replay import replay_log
+from tests.contact_models.limits import DRIVEN, driven_by
+from tests.mechanisms.models import WELDED, four_bar, geared, mechanism, parallelogram, turned
+
+
+def last(run, *names):
+    return [float(run[f"state.{name}"][-1]) for name in names]
+
+
+def angle(run):
+    """Angle of the base about z."""
+    w, z = last(run, "q_robot_base_qw", "q_robot_base_qz")
+    return 2.0 * math.atan2(z, w)
+
+
+def assert_sound(run):
+    """Complete, every check passes, and the replay of the log agrees."""
+    assert run.outcome == "completed", run.message
+    assert [check for check in all_checks(run) if not check.passes] == []
+    again = replay_log(run.log)
+    assert not again.obstacle
+    assert again.agrees
+    assert [check for check in again.checks() if not check.passes] == []
+
+
+def linkage(folder, step_s, **scenario):
+    """M3: the crank is driven by .02 N m for 1.5 s."""
+    path = mechanism(
+        folder,
+        four_bar(),
+        {"crank": math.pi / 3},
+        {"robot/base": [0.02, -0.01, 0, 0, 0, 0.1], "crank": 2.0},
+        **{"duration_s": 1.5, "time_step_s": step_s, "control_period_s": 0.02, "phases": DRIVEN} | scenario,
+    )
+    return path, driven_by(lambda _: (0.02,))
+
+
+M3 = (-0.020219556376, 0.035748069614, 0.264427984378, 5.264011458758, 3.310309246622, 0.084336278151)
+
+
+def test_a_driven_four_bar_linkage(tmp_path):
+    """M3: digits by elimination, order 4, momentum as the integrator keeps it."""
+    errors = []
+    for step_s in (2e-3, 1e-3):
+        path, laws = linkage(tmp_path, step_s)
+        run = ffsm_mj.run(path, controllers=laws)
+        found = (
+            *last(run, "q_robot_base_x_m", "q_robot_base_y_m"),
+            angle(run),
+            *last(run, "q_robot_crank_rad", "v_robot_crank_rad_s"),
+            float(run["balance.work_J"][-1]),
+        )
+        errors.append(np.abs(np.subtract(found, M3)).max())
+    assert_sound(run)
+    assert errors[1] < 4e-12
+    assert errors[0] / errors[1] > 10.0
+
+
+def test_a_parallelogram_with_a_redundant_bar(tmp_path):
+    """M7: rank 3 of 6; with two bars it is another mechanism."""
+    found = []
+    for bars in (3, 2):
+        rates = {"robot/base": [0, 0, 0, 0, 0, 0.2], "bar0": 1.5}
+        run = ffsm_mj.run(mechanism(tmp_path, parallelogram(bars), {"bar0": 0.8}, rates, control_period_s=0.02))
+        assert_sound(run)
+        found.append([*last(run, "q_robot_base_x_m", "q_robot_base_y_m"), angle(run), *last(run, "q_robot_bar0_rad")])
+    np.testing.assert_allclose(found[0], [0.01640258328, 0.051855406556, 0.336456346953, 2.061623317634], rtol=0, atol=2e-12)
+    assert found[1][3] == pytest.approx(2.067992560911, abs=2e-12)
+
+
+@pytest.mark.parametrize("kind", ["welded", "body joined by two connects and a weld"])
+def test_a_welded_body_moves_as_one_rigid_body(tmp_path, kind):
+    """M8: two bodies as one, also if further constraints say the same."""
+    more = (
+        "" if kind == "welded" else '<connect body1="base" body2="child" anchor="1 0 0"/><weld body1="child" body2="base"/>'
+    )
+    text = WELDED.replace("</equality>", f"{more}</equality>")
+    om, centre = np.array([0.8, -1.1, 0.6]), np.array([0.8, 0.4, -0.2]) / 7.0
+    rates = {"robot/base": [*-np.cross(om, centre), *om]}
+    run = ffsm_mj.run(mechanism(tmp_path, text, {}, rates, control_period_s=0.02, time_step_s=2e-3))
+    assert_sound(run)
+    spin = last(run, *(f"v_robot_base_w{axis}_rad_s" for axis in "xyz"))
+    np.testing.assert_allclose(spin, [0.887732327255, -0.932093100647, 0.752527426020], rtol=0, atol=1e-12)
+    turn = last(run, *(f"q_robot_base_q{axis}" for axis in "wxyz"))
+    np.testing.assert_allclose(turn, [0.736125052348, 0.373179733624, -0.467830662279, 0.316213954706], rtol=0, atol=1e-12)
+
+
+def test_two_masses_on_a_tendon_of_constant_length(tmp_path):
+    """M10: masses of 3 and 2 kg turn about each other at 1.6 rad/s, with any path of rows over quarter turns."""
+    text = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>
+      <inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/><site name="a"/>
+      <body name="mass"><joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/><site name="b"/></body></body></worldbody>
+      <tendon><spatial name="rope"><site site="a"/><site site="b"/></spatial></tendon>
+      <equality><tendon tendon1="rope" polycoef=".5 0 0 0 0"/></equality></mujoco>"""
+    errors = []
+    for step_s in (0.01, 0.005):
+        run = ffsm_mj.run(
+            mechanism(tmp_path, text, {"x": 0.5}, {"x": 0.0, "y": 0.8}, time_step_s=step_s, control_period_s=0.02)
+        )
+        x, y = last(run, "q_robot_x_m", "q_robot_y_m")
+        assert math.hypot(x, y) == pytest.approx(0.5, abs=1e-10)
+        errors.append(abs(math.atan2(y, x) - 1.6))
+    assert_sound(run)
+    assert errors[1] < 2e-10
+
+
+def test_a_run_goes_on_from_its_states(tmp_path):
+    """Bit for bit, in another simulator that knows the bytes of the state only."""
+    path, laws = linkage(tmp_path, 2e-3, duration_s=0.4)
+    whole = ffsm_mj.run(path, controllers=laws)
+    for at_s in (0.0, 0.14):
+        simulator = ffsm_mj.Simulator(path, controllers=laws)
+        simulator.reset()
+        while simulator.time_s < at_s - 1e-9:
+            simulator.step()
+        state = simulator.get_state().to_bytes()
+        again = ffsm_mj.Simulator(path, controllers=laws)
+        again.set_state(ffsm_mj.SimulatorState.from_bytes(state))
+        while not again.ended:
+            again.step()
+        rest = again.close()
+        n = len(rest.log.rows[:])
+        np.testing.assert_array_equal(np.array(whole.log.rows[:])[-n:], np.array(rest.log.rows[:]))
+
+
+def test_motion_does_not_depend_on_place_time_or_speed_of_the_frame(tmp_path):
+    """The linkage turned by .7 rad, 50 m away and moving at 2 m/s: the same joints."""
+    found = []
+    for boost in (False, True):
+        c, s = math.cos(0.7), math.sin(0.7)
+        v = np.array([0.02, -0.01, 0.0])
+        if boost:
+            v = np.array([c * v[0] - s * v[1] + 2.0, s * v[0] + c * v[1] + 0.3, -0.1])
+        pose = {"robot/base": [50, -20, 5, *turned(0.7)]} if boost else {}
+        path = mechanism(
+            tmp_path,
+            four_bar(),
+            pose | {"crank": math.pi / 3},
+            {"robot/base": [*v, 0, 0, 0.1], "crank": 2.0},
+            control_period_s=0.02,
+        )
+        run = ffsm_mj.run(path)
+        found.append(last(run, "q_robot_crank_rad", "q_robot_rocker_rad", "v_robot_crank_rad_s"))
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=2e-10)
+
+
+def test_a_scene_has_no_soft_forces(tmp_path):
+    """MuJoCo's own constraints are off: its rows would be there besides."""
+    path = mechanism(tmp_path, geared(), {}, {"A": 1.0}, duration_s=0.1)
+    assert prepare(path).system.mj.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EQUALITY
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    a, b = last(run, "v_robot_A_rad_s", "v_robot_B_rad_s")
+    assert b == pytest.approx(-3.0 * a, abs=1e-12)
