@@ -23,7 +23,7 @@ End = tuple[int, str]
 
 
 class _Ends(NamedTuple):
-    """Ends of the range of a joint, its own or mapped ones: values, and the limits whose ends they are; None: there is none."""
+    """Ends of the range of a joint, its own or mapped ones: values, and the limits whose ends they are, None without one."""
 
     values: tuple[float, float]
     owners: tuple[End | None, End | None]

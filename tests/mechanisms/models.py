@@ -114,5 +114,37 @@ def mechanism(folder: Any, mjcf: str, joints: dict[str, Any], rates: dict[str, A
     """A scenario with a mechanism, and a rock far away unless one is given."""
     given = {"objects": {"rock": rock()}} | scenario
     objects = given.pop("objects")
-    joints = ({"rock/free": [0, 0, 90, 1, 0, 0, 0]} if "rock/free" not in joints else {}) | joints
-    return scene(folder, mjcf, objects, **({"initial": {"joints": joints, "rates": rates}} | given))
+    away = {"rock/free": [0, 0, 90, 1, 0, 0, 0]} if "rock" in objects and "rock/free" not in joints else {}
+    return scene(folder, mjcf, objects, **({"initial": {"joints": away | joints, "rates": rates}} | given))
+
+
+def gripper(drive: str = 'tendon="pull"') -> str:
+    """M6: a palm of 2 kg with two fingers of .1 kg on slides that close together, and one motor."""
+
+    def finger(name: str, y: float) -> str:
+        axis = "0 -1 0" if y > 0.0 else "0 1 0"
+        return (
+            f'<body name="{name}" pos="0 {y} 0"><joint name="{name}" type="slide" axis="{axis}"/>'
+            '<inertial pos="0 0 0" mass=".1" diaginertia="1e-3 1e-3 1e-3"/>'
+            f'<geom name="{name}" type="box" size=".005 .005 .005" mass="0"/></body>'
+        )
+
+    base = (
+        '<joint name="px" type="slide" axis="1 0 0"/><joint name="py" type="slide" axis="0 1 0"/><joint name="pt" axis="0 0 1"/>'
+        '<inertial pos="0 0 0" mass="2" diaginertia=".1 .1 .1"/><site name="palm"/>'
+    )
+    return (
+        f'<mujoco>{HEAD}<worldbody><body name="palm">{base}{finger("f1", 0.045)}{finger("f2", -0.045)}</body></worldbody>'
+        '<tendon><fixed name="pull"><joint joint="f1" coef=".5"/><joint joint="f2" coef=".5"/></fixed></tendon>'
+        f'<equality><joint joint1="f2" joint2="f1"/></equality><actuator><motor name="grip" {drive}/></actuator></mujoco>'
+    )
+
+
+def box(mass: float = 0.1) -> str:
+    """A box of .04 m a side in the plane of the gripper."""
+    return (
+        f'<mujoco>{HEAD}<worldbody><body name="box"><joint name="bx" type="slide" axis="1 0 0"/>'
+        '<joint name="by" type="slide" axis="0 1 0"/><joint name="bt" axis="0 0 1"/>'
+        f'<inertial pos="0 0 0" mass="{mass}" diaginertia="1e-4 1e-4 1e-4"/>'
+        '<geom name="box" type="box" size=".02 .02 .02" mass="0"/><site name="held"/></body></worldbody></mujoco>'
+    )

@@ -54,9 +54,10 @@ def _capture(scene: LoggedScene, record: Any, others: Sequence[Latched], twist: 
     M, change = scene.mass_matrix(), np.empty(scene.model.nv)
     mujoco.mj_mulM(scene.model, scene.data, change, after - before)
     missing = change - relative.T @ wrench
-    if others:
-        # Impulses of the grasps that were closed already are not in the record: they may be any along their rows.
-        missing = _across(np.concatenate([scene.latch_rows(other) for other in others]), M, missing)
+    if held := [scene.latch_rows(other) for other in others] + ([scene.equality_rows()] if scene.model.neq else []):
+        # Impulses of the grasps that were closed already, and of equality constraints, are not in the record: they may be
+        # any along their rows.
+        missing = _across(np.concatenate(held), M, missing)
     momentum: Array = np.abs(M) @ (np.abs(before) + np.abs(after))
     impulse.add(grasp.name, missing, momentum, record.time_s, "N s, N m s")
 

@@ -146,6 +146,17 @@ class LoggedScene:
         relative = self.body_rows(child, point, rates=rates) - self.body_rows(link, point, rates=rates)
         return np.asarray(self.stopped(grasp) @ relative)
 
+    def equality_rows(self) -> Array:
+        """Rows of the equality constraints of the models at the state in the data, as MuJoCo states them, (n, nv)."""
+        model = copy.copy(self.model)
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        data = mujoco.MjData(model)
+        data.qpos[:] = self.data.qpos
+        mujoco.mj_fwdPosition(model, data)
+        rows = np.array(data.efc_J).reshape(-1, model.nv)
+        return rows[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+
     def stopped(self, grasp: Latched) -> Array:
         """Components that a grasp stops, in world axes, (n, 6)."""
         frame = self.data.site_xmat[grasp.robot].reshape(3, 3)

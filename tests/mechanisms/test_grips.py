@@ -1,0 +1,192 @@
+"""Coupled fingers that close on a box: impacts and forces through the coupling, and grasps of mechanisms."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
+from tests.contact_models.limits import DRIVEN, driven_by
+from tests.mechanisms.models import HEAD, box, four_bar, gripper, mechanism
+from tests.mechanisms.test_motions import assert_sound, last
+
+
+def gripped(folder, *, drive='tendon="pull"', mass=0.1, e=0.0):
+    """M6: fingers at +-.04 pulled by 4 N close on a box at .005."""
+    rules = [{"between": [finger, "box/box"], "restitution": e} for finger in ("f1", "f2")]
+    path = mechanism(
+        folder,
+        gripper(drive),
+        {"box/by": 0.005},
+        {},
+        objects={"box": box(mass)},
+        contacts={"rules": rules},
+        phases=DRIVEN,
+        duration_s=0.1,
+        control_period_s=1e-3,
+    )
+    return ffsm_mj.run(path, controllers=driven_by(lambda _: (4.0,)))
+
+
+def impacts(run):
+    """Time and impulse by pair of each impact, summed over its points."""
+    found = {}
+    for record in run.records["impacts"]:
+        key = round(record.time_s, 12), record.pair.partition("-")[0]
+        found[key] = found.get(key, 0.0) + record.impulse_N_s
+    return found
+
+
+@pytest.mark.parametrize(("drive", "normal"), [('tendon="pull"', 2.0), ('joint="f1"', 2.0)])
+def test_coupled_fingers_grip_a_box(tmp_path, drive, normal):
+    """M6: times and impulses in closed form, at rest off centre; 2 N each, wherever the motor pulls."""
+    run = gripped(tmp_path, drive=drive)
+    assert_sound(run)
+    found = impacts(run)
+    first, second = sorted({time for time, _ in found})
+    assert first == pytest.approx(math.sqrt(0.0015), abs=1e-11)
+    assert second == pytest.approx(0.047319450914, abs=1e-11)
+    assert found[first, "f1"] == pytest.approx(0.050120960951, abs=1e-11)
+    assert found[second, "f1"] == pytest.approx(0.033401965351, abs=1e-11)
+    assert found[second, "f2"] == pytest.approx(0.094638901828, abs=1e-11)
+    between = int(np.searchsorted(run.time, 0.043))
+    assert run["contact.f1_box_box_force_N"][between] == pytest.approx(1.294117647059, abs=1e-10)
+    for finger in ("f1", "f2"):
+        assert run[f"contact.{finger}_box_box_force_N"][-1] == pytest.approx(normal, abs=1e-10)
+    assert last(run, "q_box_by_m")[0] == pytest.approx(0.000217391304, abs=1e-11)
+
+
+def test_a_finger_that_would_have_to_pull_lets_go(tmp_path):
+    """Of a box of 1 kg both contacts at rest would need -.0322 N s at the first finger: it opens instead."""
+    run = gripped(tmp_path, mass=1.0)
+    assert_sound(run)
+    found = impacts(run)
+    second = max(time for time, _ in found)
+    assert found[second, "f2"] > 0.02
+    assert abs(found.get((second, "f1"), 0.0)) < 1e-12
+
+
+def test_an_elastic_grip(tmp_path):
+    """Elastic impacts of the first finger: energy of the whole is what the motor did."""
+    run = gripped(tmp_path, e=1.0)
+    assert_sound(run)
+    assert float(run["energy.total_J"][-1]) == pytest.approx(float(run["balance.work_J"][-1]), abs=1e-12)
+
+
+GRASP = {
+    "robot_site": "hand",
+    "object_site": "edge",
+    "when": {"within": {"position_m": 0.5, "angle_rad": 3.2, "speed_m_s": 9, "rate_rad_s": 9}},
+}
+
+
+def holding(folder, *, equality='<connect name="pin" site1="pin" site2="end"/>', **scenario):
+    """The coupler of a turning four-bar linkage takes a tumbling plate within bounds at once, and lets it go after .4 s."""
+    text = four_bar().replace(
+        '<site name="pin" pos=".35 0 0"/>', '<site name="pin" pos=".35 0 0"/><site name="hand" pos=".2 0 .1"/>'
+    )
+    plate = (
+        f'<mujoco>{HEAD}<worldbody><body name="plate"><freejoint name="free"/>'
+        '<inertial pos=".02 .01 0" mass="1.5" diaginertia=".02 .03 .04"/><site name="edge" pos="-.1 0 0"/>'
+        '<body name="flap" pos=".1 0 0"><joint name="flap" axis="0 1 0"/>'
+        '<inertial pos=".1 0 0" mass=".3" diaginertia=".001 .002 .002"/></body></body></worldbody></mujoco>'
+    )
+    off = {"kind": "off"}
+    return mechanism(
+        folder,
+        text.replace('<connect name="pin" site1="pin" site2="end"/>', equality),
+        {"crank": math.pi / 3, "plate/free": [0.4, 0.3, 0.1, 1, 0, 0, 0]},
+        {
+            "robot/base": [0.02, -0.01, 0, 0.1, 0, 0.1],
+            "crank": 2.0,
+            "plate/free": [0.1, 0, 0.2, 0.3, -0.2, 0.4],
+            "flap": 0.5,
+        },
+        objects={"plate": plate},
+        phases=[
+            {"name": "hold", "for_s": 0.4, "arm": ["grasp"], "controller": off},
+            {"name": "leave", "until": "end", "release": ["grasp"], "controller": off},
+        ],
+        **{"duration_s": 0.6, "control_period_s": 0.02, "captures": {"grasp": GRASP}} | scenario,
+    )
+
+
+def test_a_mechanism_takes_an_object(tmp_path):
+    """The plastic impulse keeps the loop closed: the velocities nearest in the metric of M with all rows at rest."""
+    path = holding(tmp_path)
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    (capture,) = run.records["capture_impulses"]
+    (release,) = run.records["releases"]
+    assert release.time_s == pytest.approx(0.4, abs=1e-12)
+    system = prepare(path).system
+    model, data = system.mj, mujoco.MjData(system.mj)
+    before, after = (np.concatenate([v[j] for j in system.joints]) for v in (capture.qvel_before, capture.qvel_after))
+    data.qpos[:], data.qvel[:] = capture.qpos, before
+    mujoco.mj_forward(model, data)
+    rows = [np.zeros((6, model.nv)) for _ in range(4)]
+    point = data.site("plate/edge").xpos
+    for J, body in zip(rows, ("plate/plate", "robot/coupler"), strict=False):
+        mujoco.mj_jac(model, data, J[:3], J[3:], point, model.body(body).id)
+    pin = data.site("robot/end").xpos
+    for J, body in zip(rows[2:], ("robot/rocker", "robot/coupler"), strict=True):
+        mujoco.mj_jac(model, data, J[:3], J[3:], pin, model.body(body).id)
+    B, M = np.vstack((rows[0] - rows[1], (rows[2] - rows[3])[:3])), np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, M)
+    rank = np.linalg.matrix_rank(B, tol=1e-9)
+    space = np.linalg.svd(B)[2][rank:].T
+    expected = space @ np.linalg.solve(space.T @ M @ space, space.T @ M @ before)
+    np.testing.assert_allclose(after, expected, rtol=0, atol=1e-11)
+    assert capture.mobility == model.nv - rank
+    # The pin stays closed, held and free.
+    for qpos in (capture.qpos, release.qpos, run.qpos[-1]):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        assert np.abs(data.site("robot/pin").xpos - data.site("robot/end").xpos).max() < 1e-10
+    mass = sum(model.body_mass)
+    assert max(capture.linear_momentum_change_N_s, capture.angular_momentum_change_N_m_s) < 1e-13 * mass
+
+
+def test_a_run_with_a_grasp_goes_on_from_its_states(tmp_path):
+    """Before, while and after the object is held."""
+    path = holding(tmp_path)
+    whole = ffsm_mj.run(path)
+    for at_s in (0.1, 0.5):
+        simulator = ffsm_mj.Simulator(path)
+        simulator.reset()
+        while simulator.time_s < at_s - 1e-9:
+            simulator.step()
+        again = ffsm_mj.Simulator(path)
+        again.set_state(ffsm_mj.SimulatorState.from_bytes(simulator.get_state().to_bytes()))
+        while not again.ended:
+            again.step()
+        rest = np.array(again.close().log.rows[:])
+        np.testing.assert_array_equal(np.array(whole.log.rows[:])[-len(rest) :], rest)
+
+
+def test_the_load_of_a_grasp_of_a_mechanism_is_what_moves_the_object(tmp_path):
+    """Its impulse, by Simpson's rule over the rows, is the change of the momentum of the object."""
+    run = ffsm_mj.run(holding(tmp_path, control_period_s=2e-3))
+    held = run["contact.capture_grasp"] == 1.0
+    first, last_held = np.flatnonzero(held)[[0, -1]]
+    rows = slice(first, last_held + 1 - (last_held - first) % 2)
+    for axis in "xyz":
+        force, momentum = run[f"contact.capture_force_{axis}_N"][rows], run[f"momentum.objects_P_{axis}_N_s"][rows]
+        weights = np.ones(len(force))
+        weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+        assert float(weights @ force) * 2e-3 / 3.0 == pytest.approx(float(momentum[-1] - momentum[0]), abs=1e-8)
+
+
+def test_a_load_limit_of_a_grasp_of_a_mechanism(tmp_path):
+    """A planar loop has rows that depend on each other, but not on those of the grasp: its load is unique, and limited."""
+    free = ffsm_mj.run(holding(tmp_path))
+    limit = 0.9 * float(np.linalg.norm([free[f"contact.capture_force_{axis}_N"] for axis in "xyz"], axis=0).max())
+    run = ffsm_mj.run(holding(tmp_path, captures={"grasp": GRASP | {"load_limit": {"force_N": limit}}}))
+    assert_sound(run)
+    (release,) = run.records["releases"]
+    assert release.reason == "load_limit"
+    assert release.force_N >= limit * (1.0 - 1e-9)
