@@ -130,7 +130,8 @@ def gripper(drive: str = 'tendon="pull"') -> str:
         )
 
     base = (
-        '<joint name="px" type="slide" axis="1 0 0"/><joint name="py" type="slide" axis="0 1 0"/><joint name="pt" axis="0 0 1"/>'
+        '<joint name="px" type="slide" axis="1 0 0"/><joint name="py" type="slide" axis="0 1 0"/>'
+        '<joint name="pt" axis="0 0 1"/>'
         '<inertial pos="0 0 0" mass="2" diaginertia=".1 .1 .1"/><site name="palm"/>'
     )
     return (
