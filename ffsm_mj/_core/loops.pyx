@@ -115,12 +115,12 @@ cdef class LoopStage:
     cdef mjData* d
     cdef list places
     cdef Py_ssize_t n, r, nv
-    cdef bint current
+    cdef bint current, begun
     cdef double[:, ::1] cdof, cdof_dot, cvel, centres, xpos, xmat
     cdef int[::1] roots
     cdef double[::1] qpos, qvel, passive, bias, actuator, applied, ctrl, seen_ctrl
     cdef double[::1] last_qpos, last_qvel, all_gamma, force, own_gamma, own_y
-    cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor
+    cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor, start_response, turn
     cdef double vanishes
 
     def __init__(self, model, data, bound, seen, rank):
@@ -150,11 +150,12 @@ cdef class LoopStage:
 
     def combine(self, T, others):
         """Use some combinations of the rows, (r, n), and others that vanish, (n - r, n)."""
-        self.T, self.others, self.r, self.current = T, others, len(T), False
+        self.T, self.others, self.r, self.current, self.begun = T, others, len(T), False, False
         self.R, self.response = np.zeros((self.r, self.nv)), np.zeros((self.r, self.nv))
         self.factor, self.gamma, self.y = np.zeros((self.r, self.r)), np.zeros(self.r), np.zeros(self.r)
         self.own_R, self.own_response, self.own_factor = self.R, self.response, self.factor
         self.own_gamma, self.own_y = self.gamma, self.y
+        self.start_response, self.turn = np.zeros((self.r, self.nv)), np.zeros((self.r, self.r))
 
     cdef void body(self, Py_ssize_t number, const double[::1] moves, Body* found) noexcept:
         cdef const double* velocity = &self.cvel[number, 0]
@@ -308,6 +309,50 @@ cdef class LoopStage:
                     total += self.others[i, k] * self.rows[k, j]
                 left = max(left, fabs(total))
         return left <= self.vanishes * most
+
+    cpdef int begin(self) except -1:
+        """Keep the rows at the state in ``data`` for :meth:`turns_over`: a step begins there."""
+        self.evaluate()
+        if self.r:
+            memcpy(&self.start_response[0, 0], &self.own_response[0, 0], self.r * self.nv * sizeof(double))
+        self.begun = True
+        return 0
+
+    def turns_over(self):
+        """Whether the rows have lost rank since the step began: the determinant of R_0 M^-1 R^T, 1 at first, changes sign.
+
+        A singular value that passes zero within a step may be as large at its end as at its start.
+        """
+        cdef Py_ssize_t i, j, k, best
+        cdef double total, sign = 1.0
+        if not self.begun:
+            return False
+        self.evaluate()
+        for i in range(self.r):
+            for j in range(self.r):
+                total = 0.0
+                for k in range(self.nv):
+                    total += self.start_response[i, k] * self.own_R[j, k]
+                self.turn[i, j] = total
+        for i in range(self.r):  # Gaussian elimination
+            best = i
+            for k in range(i + 1, self.r):
+                if fabs(self.turn[k, i]) > fabs(self.turn[best, i]):
+                    best = k
+            if best != i:
+                sign = -sign
+                for j in range(self.r):
+                    total = self.turn[i, j]
+                    self.turn[i, j], self.turn[best, j] = self.turn[best, j], total
+            if self.turn[i, i] == 0.0:
+                return True
+            if self.turn[i, i] < 0.0:
+                sign = -sign
+            for k in range(i + 1, self.r):
+                total = self.turn[k, i] / self.turn[i, i]
+                for j in range(i, self.r):
+                    self.turn[k, j] -= total * self.turn[i, j]
+        return sign < 0.0
 
     def errors(self):
         """Errors in position of the rows R, (r,)."""

@@ -7,7 +7,7 @@ their plastic impulse, v - M^-1 B^T (B M^-1 B^T)^+ B v, which keeps the momenta.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
@@ -19,7 +19,7 @@ from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.model.system import Joint, System
+from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import MECHANISM_RANK
 
 _CLOSED = 1e-12
@@ -101,11 +101,11 @@ class _Start:
         return notes
 
     def _movable(self, named: Mapping[str, Any]) -> BoolArray:
-        """Degrees of freedom that may change, (nv,): of joints without a value; of bases only where rows join two trees."""
-        free = np.ones(self._model.nv, dtype=np.bool_)
-        for name, joint in self._system.joints.items():
-            free[joint.dofs] = name not in named
+        """Degrees of freedom that may change, (nv,): of joints in the rows without a value; bases only where rows join trees."""
         J = self._loops.rows().J
+        free: BoolArray = np.any(J != 0.0, axis=0)
+        for name in named:
+            free[self._system.joints[name].dofs] = False
         trees = [tree.dofs for tree in self._system.trees]
         across = J[[sum(bool(row[dofs].any()) for dofs in trees) > 1 for row in J]]
         for tree in self._system.trees:
@@ -202,23 +202,22 @@ class _Start:
 
     def _contradiction(self, named: Mapping[str, str], solved: FloatArray, left: float) -> Fault:
         """Fault of given coordinates, with the nearest ones that fit."""
-        first = next(iter(self._changed(solved, named, _NOTED)), next(iter(named), ""))
-        path = ("initial", "joints", named[first]) if first in named else ("initial",)
+        change = {name: float(np.abs(self._data.qpos[each] - solved[each]).max()) for name, each in self._places(named)}
+        path = ("initial", "joints", named[max(change, key=lambda name: change[name])]) if change else ("initial",)
         return Fault(
             f"the initial state is off {self._worst(solved)} by {left:.2g} m or rad; nearest values that fit: "
             f"{self._moved(solved, named)}",
             path,
         )
 
-    def _changed(self, since: FloatArray, names: Iterable[str], least: float) -> dict[str, Joint]:
-        now = self._data.qpos
-        joints = {name: self._system.joints[name] for name in names}
-        return {name: each for name, each in joints.items() if np.abs(now[each.qpos] - since[each.qpos]).max() > least}
+    def _places(self, names: Iterable[str]) -> Iterator[tuple[str, slice]]:
+        yield from ((name, self._system.joints[name].qpos) for name in names)
 
     def _moved(self, since: FloatArray, names: Iterable[str], least: float = _CLOSED) -> str:
         """Joints that differ from an earlier state by more than a least value, with their coordinates."""
-        changed = self._changed(since, names, least)
-        return ", ".join(f"{name} {_numbers(self._data.qpos[joint.qpos])}" for name, joint in changed.items())
+        now = self._data.qpos
+        changed = [(name, at) for name, at in self._places(names) if np.abs(now[at] - since[at]).max() > least]
+        return ", ".join(f"{name} {_numbers(now[at])}" for name, at in changed)
 
 
 def _numbers(values: FloatArray) -> str:

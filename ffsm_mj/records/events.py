@@ -21,6 +21,7 @@ class Outcome(StrEnum):
     EVENT_LIMIT = "event_limit"
     STEP_LIMIT = "step_limit"
     UNSUPPORTED_CONTACT = "unsupported_contact"
+    SINGULAR_MECHANISM = "singular_mechanism"
     CONTROLLER_FAILED = "controller_failed"
     WRITE_FAILED = "write_failed"
     INTERRUPTED = "interrupted"
@@ -38,6 +39,7 @@ _SENTENCES = {
     Outcome.EVENT_LIMIT: "the scenario's limit on the number of impacts was reached",
     Outcome.STEP_LIMIT: "the motion is too fast for the accuracy that the scenario asks for",
     Outcome.UNSUPPORTED_CONTACT: "a contact cannot be resolved exactly",
+    Outcome.SINGULAR_MECHANISM: "closed loops became singular",
     Outcome.CONTROLLER_FAILED: "the controller failed",
     Outcome.WRITE_FAILED: "the log could not be written",
     Outcome.INTERRUPTED: "the run was interrupted",

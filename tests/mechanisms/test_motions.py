@@ -166,3 +166,19 @@ def test_a_scene_has_no_soft_forces(tmp_path):
     assert_sound(run)
     a, b = last(run, "v_robot_A_rad_s", "v_robot_B_rad_s")
     assert b == pytest.approx(-3.0 * a, abs=1e-12)
+
+
+@pytest.mark.parametrize("step_s", [1e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize("bars", [2, 3])
+def test_a_change_point_ends_the_run(tmp_path, bars, step_s):
+    """A parallelogram that becomes flat can go on as one or as an antiparallelogram: the run ends there."""
+    rates = {"bar0": -1.5}
+    path = mechanism(
+        tmp_path, parallelogram(bars), {"bar0": 0.8}, rates, duration_s=1.0, time_step_s=step_s, control_period_s=4e-3
+    )
+    run = ffsm_mj.run(path)
+    assert run.outcome == "singular_mechanism"
+    assert "dead centre or change point" in run.message
+    bar = run["state.q_robot_bar0_rad"]
+    assert abs(bar[-1]) < 1.6 * 4.1e-3
+    assert not [check for check in all_checks(run) if not check.passes]

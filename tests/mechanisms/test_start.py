@@ -91,7 +91,7 @@ def re_digits(note):
 
 def test_values_that_contradict_each_other_are_refused_with_the_nearest_ones(tmp_path):
     line = refused(tmp_path, geared(), {"A": 0.5, "B": 0.2}, {})
-    assert "initial.joints.A" in line
+    assert "initial.joints.B" in line
     assert f"{tmp_path / 'robot.xml'}:1: equality joint of 'B' and 'A' by 1.7 m or rad" in line
     a, b = (float(line.partition(f"robot/{name} ")[2].split(",")[0]) for name in "AB")
     assert b == pytest.approx(-3.0 * a, abs=1e-8)

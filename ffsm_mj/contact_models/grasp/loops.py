@@ -195,7 +195,7 @@ class LoopForces(ForceSource):
         self.continue_step()
         loops = self.motion.loops
         assert loops is not None
-        loops.choose()
+        loops.begin_step()
         if needs_projection(*loops.drift(), 0.0):
             nv = self.motion.model.nv
             taken, outside = self._exchanged.taken, self._exchanged.outside
@@ -223,7 +223,17 @@ class LoopForces(ForceSource):
         self._exchanged.add_stage(loops.forces, applied - others)
 
     def end_step(self, duration_s: float) -> Exchange | None:
-        """Energy and momentum that the latches exchange between the subsystems."""
+        """Energy and momentum that the latches exchange between the subsystems.
+
+        Raises:
+            RunEnded: The mechanism was singular within the step.
+        """
+        if self.motion.loops is not None:
+            self.motion.loops.end_step()
+        return self._exchanged.over(duration_s, self._projected)
+
+    def exchanged(self, duration_s: float) -> Exchange | None:
+        """The same for a trial step."""
         return self._exchanged.over(duration_s, self._projected)
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002

@@ -26,6 +26,7 @@ from ffsm_mj.dynamics.loops.latch import BoundLatch
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows, PlasticClosing
 from ffsm_mj.dynamics.loops.rows import Rows, RowSource
 from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.state import fitting
 from ffsm_mj.tolerances import RANK
 
@@ -93,10 +94,47 @@ class ClosedLoops:
         """Plastic impulse that stops the velocities of all rows at the state in ``data``, which is not changed."""
         return self.weighted().plastic(self._data.qvel)
 
+    def begin_step(self) -> None:
+        """Find independent combinations of the rows at the state in ``data``, if those of before do not fit any more.
+
+        Raises:
+            RunEnded: Their number is another one than before: the mechanism has become singular.
+        """
+        self.choose()
+        self._stage.begin()
+
+    def end_step(self) -> None:
+        """Check the step that ends at the state in ``data``.
+
+        Raises:
+            RunEnded: The mechanism was singular within the step.
+        """
+        if self._stage.turns_over():
+            raise self._singular()
+
     def choose(self) -> None:
-        """Find independent combinations of the rows at the state in ``data``, if those of before do not fit any more."""
-        if self._combinations is None or not self._stage.fits():
-            self._combine(self.weighted().independent())
+        """The first part of :meth:`begin_step`."""
+        if self._combinations is not None and self._fits():
+            return
+        combinations = self.weighted().independent()
+        if self._combinations is not None and len(combinations[0]) != len(self._combinations[0]):
+            raise self._singular()
+        self._combine(combinations)
+
+    def _fits(self) -> bool:
+        try:
+            return self._stage.fits()
+        except np.linalg.LinAlgError:
+            return False
+
+    def _singular(self) -> RunEnded:
+        """End of a run in which rows that were independent depend on each other, as at the dead centre of a linkage."""
+        ratio = self.weighted().least_ratio
+        return RunEnded(
+            Outcome.SINGULAR_MECHANISM,
+            f"the closed loops are singular at t = {self._data.time:.6g} s, as at a dead centre or change point: "
+            f"least singular value {ratio:.1e} of the largest; the motion that follows is not unique",
+        )
 
     def _combine(self, combinations: tuple[FloatArray, FloatArray]) -> None:
         T, others = (np.ascontiguousarray(each) for each in combinations)
@@ -130,14 +168,15 @@ class ClosedLoops:
         """The independent rows at the state in ``data``."""
         if self._combinations is None:
             self.choose()
-        self._stage.evaluate()
+        try:
+            self._stage.evaluate()
+        except np.linalg.LinAlgError:
+            raise self._singular() from None
         return self._stage
 
     def push(self) -> None:
         """Add the generalised forces of the rows to ``data.qfrc_applied``, which holds all other applied forces."""
-        if self._combinations is None:
-            self.choose()
-        self._stage.push()
+        self._evaluated().push()
 
     @property
     def forces(self) -> FloatArray:
