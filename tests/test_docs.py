@@ -117,6 +117,7 @@ def test_the_log_reference_is_current():
         "docs/friction.md",
         "docs/persistent-contact.md",
         "docs/joint-limits.md",
+        "docs/mechanisms.md",
         "docs/contact-models.md",
         "docs/capture.md",
         "docs/probe-and-cone.md",

@@ -101,7 +101,7 @@ class _Start:
         return notes
 
     def _movable(self, named: Mapping[str, Any]) -> BoolArray:
-        """Degrees of freedom that may change, (nv,): of joints in the rows without a value; bases only where rows join trees."""
+        """Degrees of freedom that may change, (nv,): joints in rows without a value; bases only where rows join trees."""
         J = self._loops.rows().J
         free: BoolArray = np.any(J != 0.0, axis=0)
         for name in named:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from tests.mechanisms.models import WELDED, four_bar, geared, mechanism, parallelogram, turned
 
@@ -135,3 +136,15 @@ def test_what_cannot_be_a_row_is_refused(tmp_path, equality, expected):
     line = refused(tmp_path, text, {}, {})
     assert f"{tmp_path / 'robot.xml'}:3: equality" in line
     assert expected in line
+
+
+def test_check_lists_rows_rank_and_mobility(tmp_path, capfd):
+    """M7: six rows of rank three of a base with four hinges, beside a free rock; near the change point there is a note."""
+    path = mechanism(tmp_path, parallelogram(), {"bar0": 0.8}, {})
+    assert main(["check", str(path)]) == 0
+    told = capfd.readouterr().out
+    assert "2 equality constraints: 6 rows of rank 3, mobility 13" in told
+    assert "nearly singular" not in told
+    path = mechanism(tmp_path, parallelogram(), {"bar0": 1e-5}, {})
+    assert main(["check", str(path)]) == 0
+    assert "the equality constraints are nearly singular at the initial state" in capfd.readouterr().out

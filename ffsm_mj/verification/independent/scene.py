@@ -155,7 +155,7 @@ class LoggedScene:
         data.qpos[:] = self.data.qpos
         mujoco.mj_fwdPosition(model, data)
         rows = np.array(data.efc_J).reshape(-1, model.nv)
-        return rows[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY]
+        return np.asarray(rows[data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY])
 
     def stopped(self, grasp: Latched) -> Array:
         """Components that a grasp stops, in world axes, (n, 6)."""
