@@ -1,7 +1,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 
 WHOLE_STATE: int
@@ -18,6 +18,12 @@ class FreeStepper:
     def step(self, duration_s: float) -> bool: ...
     def account(self, duration_s: float) -> bool: ...
 
+class ActuatorPower:
+    work: FloatArray
+    def __init__(self, data: Any, apart: IntArray, work: FloatArray) -> None: ...
+    def now(self) -> float: ...
+    def take(self, work: float) -> None: ...
+
 class ForcedStepper(FreeStepper):
     implicit: bool
     inside: bool
@@ -26,6 +32,7 @@ class ForcedStepper(FreeStepper):
     stage: ImplicitStep | None
     start_rates: FloatArray
     rotations: Sequence[slice]
+    power: ActuatorPower | None
     def __init__(
         self,
         model: Any,
@@ -34,6 +41,7 @@ class ForcedStepper(FreeStepper):
         momentum: FloatArray,
         pushes: Sequence[Callable[[Any], None]],
         follow: Callable[[], None],
+        power: ActuatorPower | None = None,
     ) -> None: ...
     @property
     def weights(self) -> FloatArray: ...

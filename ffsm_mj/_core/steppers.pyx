@@ -86,6 +86,39 @@ cdef class FreeStepper:
         return 0.5 * twice
 
 
+cdef class ActuatorPower:
+    """Power of the actuators of a motion at a stage of a step, and their work in the last step.
+
+    A servo's force varies within a step, and limits of joints act on the sum of all forces on them: the work is the integral
+    of qfrc_actuator . qvel by the weights of the stages.
+    """
+
+    cdef readonly object work
+    cdef double[::1] total, forces, rates, force, velocity
+    cdef const Py_ssize_t[::1] apart
+
+    def __init__(self, data, const Py_ssize_t[::1] apart not None, double[::1] work not None):
+        """Bind to data; ``work``, J, (1,), receives the work of all actuators but those ``apart``, which are plain motors."""
+        self.work, self.total, self.apart = work, work, apart
+        self.forces, self.rates = data.qfrc_actuator, data.qvel
+        self.force, self.velocity = data.actuator_force, data.actuator_velocity
+
+    cpdef double now(self) noexcept:
+        """Power at the state and efforts in the data, W."""
+        cdef double power = 0.0
+        cdef Py_ssize_t i, k
+        for i in range(self.rates.shape[0]):
+            power += self.forces[i] * self.rates[i]
+        for k in range(self.apart.shape[0]):
+            i = self.apart[k]
+            power -= self.force[i] * self.velocity[i]
+        return power
+
+    def take(self, double work):
+        """Set the work in the last step, J."""
+        self.total[0] = work
+
+
 cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
     """Replace a body-frame angular velocity by the rate of the rotation vector."""
     cdef double a = turned[0], b = turned[1], c = turned[2], x = spin[0], y = spin[1], z = spin[2]
@@ -96,12 +129,13 @@ cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
 
 
 cdef class ForcedStepper(FreeStepper):
-    """Integrates steps under state-dependent applied forces."""
+    """Integrates steps under forces that depend on the state: applied ones, and those of servos."""
 
     cdef public bint implicit, inside, solved
     cdef public int repeats
     cdef public object stage
     cdef readonly object start_rates, rotations
+    cdef readonly ActuatorPower power
     cdef tuple pushes
     cdef object follow
     cdef double[::1] qpos, accelerations, applied, start_qpos, start_qvel
@@ -110,8 +144,18 @@ cdef class ForcedStepper(FreeStepper):
     cdef object flat_slopes, flat_mean
     cdef Py_ssize_t[::1] turning
 
-    def __init__(self, model, data, double[::1] state not None, double[::1] momentum not None, pushes, follow):
+    def __init__(
+        self,
+        model,
+        data,
+        double[::1] state not None,
+        double[::1] momentum not None,
+        pushes,
+        follow,
+        ActuatorPower power=None,
+    ):
         FreeStepper.__init__(self, model, data, state, momentum)
+        self.power = power
         self.pushes, self.follow, self.rotations = tuple(pushes), follow, rotation_dofs(model)
         self.turning = np.array([part.start for part in self.rotations], dtype=np.intp)
         self.qpos, self.accelerations, self.applied = data.qpos, data.qacc, data.qfrc_applied
@@ -165,14 +209,21 @@ cdef class ForcedStepper(FreeStepper):
         """Set the state at the end of a step, by the classical tableau."""
         cdef Py_ssize_t n = self.rates.shape[0]
         cdef double* slopes = &self.slopes[0, 0, 0]
+        cdef double power = self.power.now() if self.power is not None else 0.0
         memcpy(slopes, &self.rates[0], n * sizeof(double))
         memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
         self.data.time, self.inside = start_s + 0.5 * h, True
         try:
             self.evaluate(0.5 * h, slopes, slopes + 2 * n)
+            if self.power is not None:
+                power += 2.0 * self.power.now()
             self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
+            if self.power is not None:
+                power += 2.0 * self.power.now()
             self.data.time = start_s + h
             self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
+            if self.power is not None:
+                self.power.total[0] = h / 6.0 * (power + self.power.now())
         finally:
             self.inside = False
         WEIGHTS.dot(self.flat_slopes, self.flat_mean)  # its order of summation is not ours to know

@@ -52,7 +52,7 @@ cdef class TickLaw:
 cdef class Limits:
     cdef double[::1] effort, velocity, ctrl
     cdef const double[::1] low, high, stall, slope, saturation, gear
-    cdef const unsigned char[::1] powered
+    cdef const unsigned char[::1] powered, keeps
     cdef double[:, ::1] table
 
     cpdef bint apply(self) except? -1

@@ -262,6 +262,7 @@ cdef class Limits:
         self.table, self.ctrl = table, ctrl
         self.low, self.high, self.stall = bounds.low, bounds.high, bounds.stall
         self.slope, self.saturation, self.gear = bounds.slope, bounds.saturation, bounds.gear
+        self.keeps = bounds.keeps.view(np.uint8)
 
     cpdef bint apply(self) except? -1:
         """Compute the table and ``ctrl``; returns False, with the commands only, if a powered effort is not finite."""
@@ -269,7 +270,8 @@ cdef class Limits:
         cdef double wanted, lower, upper, applied, drag, speed
         cdef bint finite = True
         for i in range(count):
-            wanted = self.effort[i] if self.powered[i] else 0.0
+            # A servo without a new command keeps its setpoint; a motor is off.
+            wanted = self.effort[i] if self.powered[i] else self.table[i, 0] if self.keeps[i] else 0.0
             self.table[i, 0] = wanted
             finite = finite and isfinite(wanted)
         if not finite:
@@ -285,7 +287,7 @@ cdef class Limits:
             wanted = self.table[i, 0]
             applied = lower if wanted < lower else wanted
             applied = upper if applied > upper else applied
-            applied = applied if self.powered[i] else 0.0
+            applied = applied if self.powered[i] or self.keeps[i] else 0.0
             self.table[i, 1], self.table[i, 2], self.table[i, 3] = applied, lower, upper
             self.ctrl[i] = applied / self.gear[i]
         return True

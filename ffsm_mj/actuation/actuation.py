@@ -1,7 +1,8 @@
 """Actuation of the plant: applies the limits of actuators to the commands of a controller, which cannot bypass them.
 
 Efforts are forces in N or torques in N m at the driven joint or site; MuJoCo's ``ctrl`` is the effort over gear and gain.
-A command is decided once per control tick and held.
+The command of a servo is its setpoint, which is ``ctrl`` itself; where no law commands a servo, it keeps the last one, at the
+start of a run that at which it is in equilibrium. A command is decided once per control tick and constant until the next.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ import numpy.typing as npt
 from ffsm_mj._core.tick import Limits
 from ffsm_mj.actuation.config import AnyActuator
 from ffsm_mj.actuation.limits import limits_of
+from ffsm_mj.actuation.servos import ServoForces, rest_setpoints
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.model.driven_joints import drives_rotation
+from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.driven_joints import control_unit, unit_suffix
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
@@ -31,6 +34,12 @@ _EFFORTS = {
     "lower": "lower bound while powered",
     "upper": "upper bound while powered",
 }
+_SETPOINTS = {
+    "command": "commanded",
+    "applied": "in effect, within its bounds",
+    "lower": "lower bound",
+    "upper": "upper bound",
+}
 """Logged quantities of each actuator, in the order of :attr:`Actuation.table`."""
 
 
@@ -39,9 +48,10 @@ class Actuation(Stateful):
 
     Attributes:
         names: Full names of the actuators in MuJoCo's order.
-        table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4).
-        applied: Currently applied efforts, (nu,).
+        table: By actuator: command, applied effort, least and greatest possible effort, (nu, 4); of a servo the setpoints.
+        applied: Currently applied efforts and setpoints, (nu,).
         gear: Effort per ctrl, (nu,).
+        servos: Which are servos, (nu,).
         envelope: Limits of the actuators.
         counts: On-time in s and unsigned impulse in N s of each on-off actuator, (number of on-off actuators, 2).
         others: Indices of the on-off actuators, which have valves.
@@ -58,18 +68,24 @@ class Actuation(Stateful):
         valves: list[Any]
         valves_open: bool
 
-    def __init__(self, system: System, configs: Mapping[str, AnyActuator]) -> None:
+    def __init__(self, system: System, configs: Mapping[str, AnyActuator], data: Any) -> None:
         """Resolve names and collect limits.
 
+        Args:
+            system: Robot and objects.
+            configs: Limits in the scenario by name.
+            data: State of the system at the start, derived quantities current.
+
         Raises:
-            ScenarioFaults: An unknown actuator, or one that is not a plain motor in MJCF.
+            ScenarioFaults: An unknown actuator, or a limit of motors for a servo.
         """
         self.names = system.names("actuator")
         self.envelope, valves = limits_of(system, configs)
-        self.gear = self.envelope.gear
+        self.gear, self.servos = self.envelope.gear, self.envelope.keeps
         self._valves = [*valves.values()]
         self.table = np.zeros((len(self.names), len(_EFFORTS)))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
+        self._wanted[:] = rest_setpoints(system.mj, data)
         self._counted = np.array([*valves], dtype=np.intp)
         self._gears = self.gear[self._counted]
         self._valves_open = False
@@ -83,6 +99,8 @@ class Actuation(Stateful):
             ),
         )
         self.others = frozenset(self._counted.tolist())
+        if self.servos.any():
+            self.columns += (ServoForces(system, data).columns,)
         self._data: Any = None
         self._command: Command | None = None
 
@@ -104,12 +122,14 @@ class Actuation(Stateful):
         """Convert a command to ``data.ctrl``, to be held until the next one.
 
         Raises:
-            ControllerError: A powered effort is not finite.
+            ControllerError: A powered effort or setpoint is not finite.
         """
         self.bind(command, data)
         if not self._limits.apply():
-            names = ", ".join(self.names[i] for i in np.flatnonzero(~np.isfinite(self._wanted)))
-            raise ControllerError(f"the controller commands a non-finite effort for {names}")
+            wrong = np.flatnonzero(~np.isfinite(self._wanted))
+            names = ", ".join(self.names[i] for i in wrong)
+            what = "setpoint" if self.servos[wrong].all() else "effort"
+            raise ControllerError(f"the controller commands a non-finite {what} for {names}")
         if self._valves:
             self._switch(command.powered, time_s)
 
@@ -139,13 +159,13 @@ class Actuation(Stateful):
             data: State at which they were decided.
             time_s: Time at which they were decided.
         """
-        self.apply(Command(efforts, efforts != 0.0), data, time_s)
+        self.apply(Command(efforts, (efforts != 0.0) | self.servos), data, time_s)
         if self._valves:
             numbers = self._counted.tolist()
             self._take([valve.stand(float(efforts[i]), time_s) for i, valve in zip(numbers, self._valves, strict=True)])
 
     def by_name(self) -> dict[str, tuple[float, ...]]:
-        """Currently applied effort by actuator, N or N m."""
+        """Currently applied effort, N or N m, or setpoint, by actuator."""
         return {name: (effort,) for name, effort in zip(self.names, self.applied.tolist(), strict=True)}
 
     def elapse(self, duration_s: float) -> None:
@@ -162,12 +182,14 @@ class Actuation(Stateful):
 
 def _effort_signals(system: System) -> tuple[Signal, ...]:
     """Four signals per actuator, in the order of the table."""
-    signals = []
+    signals, servos = [], servo_mask(system.mj)
     for i, name in enumerate(system.names("actuator")):
-        unit, suffix = ("N m", "N_m") if drives_rotation(system.mj, i) else ("N", "N")
-        for what, meaning in _EFFORTS.items():
-            text = f"effort of {name}, {meaning}"
-            signals.append(Signal("actuators", f"{identifier(name)}_{what}_{suffix}", unit, text, f"actuator {name}"))
+        unit, kind, meanings = control_unit(system.mj, i), "effort", _EFFORTS
+        if servos[i]:
+            kind, meanings = "setpoint", _SETPOINTS
+        for what, meaning in meanings.items():
+            text, end = f"{kind} of {name}, {meaning}", unit_suffix(unit)
+            signals.append(Signal("actuators", f"{identifier(name)}_{what}{end}", unit, text, f"actuator {name}"))
     return tuple(signals)
 
 

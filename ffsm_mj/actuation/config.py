@@ -15,9 +15,15 @@ class _Delayed(StrictModel):
 
 
 class IdealConfig(_Delayed):
-    """An actuator that delivers the command within MJCF's own ctrlrange and forcerange."""
+    """An actuator with the limits of its model file: ``ctrlrange``, ``forcerange`` and those of its joint."""
 
     kind: Literal["ideal"]
+
+
+class TorqueConfig(_Delayed):
+    """A servo of the model file as an ideal motor: it is commanded by its effort, within ``forcerange``, and has no law."""
+
+    kind: Literal["torque"]
 
 
 class TorqueSpeedConfig(_Delayed):
@@ -63,6 +69,6 @@ class OnOffConfig(_Delayed):
         return self
 
 
-AnyActuator = IdealConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
-ACTUATOR_KINDS = ("ideal", "torque_speed", "reaction_wheel", "on_off")
+AnyActuator = IdealConfig | TorqueConfig | TorqueSpeedConfig | ReactionWheelConfig | OnOffConfig
+ACTUATOR_KINDS = ("ideal", "torque", "torque_speed", "reaction_wheel", "on_off")
 ActuatorConfig = Annotated[AnyActuator, Field(discriminator="kind")]

@@ -10,9 +10,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.actuation.config import AnyActuator, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.actuation.config import AnyActuator, IdealConfig, OnOffConfig, ReactionWheelConfig, TorqueSpeedConfig
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import SCHEDULED_S
@@ -22,6 +23,8 @@ from ffsm_mj.tolerances import SCHEDULED_S
 class Envelope:
     """Limits of each actuator, (nu,) each: low <= effort <= high, |effort + slope * velocity| <= stall.
 
+    For a servo they are those of its setpoint.
+
     Attributes:
         low: Least effort that MJCF allows.
         high: Greatest effort that MJCF allows.
@@ -29,6 +32,7 @@ class Envelope:
         slope: Effort lost per actuator velocity.
         saturation: Joint speed beyond which efforts cannot accelerate it further; infinite without one.
         gear: Effort per ctrl.
+        keeps: Whether it keeps its command where it is not powered: a servo.
     """
 
     low: FloatArray
@@ -37,6 +41,7 @@ class Envelope:
     slope: FloatArray
     saturation: FloatArray
     gear: FloatArray
+    keeps: BoolArray
 
     def bounds(self, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Least and greatest effort of each actuator, (nu,) each, at actuator velocities (nu,); wheels not saturated."""
@@ -121,16 +126,24 @@ def limits_of(system: System, configs: Mapping[str, AnyActuator]) -> tuple[Envel
     """Limits of all actuators, and the valves of the on-off ones by index, in MuJoCo's order.
 
     Raises:
-        ScenarioFaults: An unknown actuator, or one that is not a plain motor in MJCF.
+        ScenarioFaults: An unknown actuator, or a limit of motors for a servo.
     """
-    gear = _effort_per_ctrl(system.mj)
+    gear, servos = _effort_per_ctrl(system.mj), servo_mask(system.mj)
     actuators = [_Actuator(*ends) for ends in zip(*_mjcf_range(system, gear).tolist(), strict=True)]
     faults = []
     for name, config in configs.items():
         try:
-            actuators[system.index("actuator", name)].configure(config)
+            i = system.index("actuator", name)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("actuators", name)))
+            continue
+        if servos[i] and not isinstance(config, IdealConfig):
+            message = (
+                f"{name} is a servo, and {config.kind} is a limit of motors; a servo has those of its model file, and "
+                "'kind: torque' makes it a motor"
+            )
+            faults.append(Fault(message, ("actuators", name, "kind")))
+        actuators[i].configure(config)
     if faults:
         raise ScenarioFaults(faults)
     envelope = Envelope(
@@ -140,24 +153,26 @@ def limits_of(system: System, configs: Mapping[str, AnyActuator]) -> tuple[Envel
         slope=np.array([one.slope for one in actuators]) / gear,
         saturation=np.array([one.saturation for one in actuators]),
         gear=gear,
+        keeps=servos,
     )
     return envelope, {i: one.valve for i, one in enumerate(actuators) if one.valve is not None}
 
 
 def _effort_per_ctrl(model: Any) -> FloatArray:
-    """Gear times gain of each actuator; that of a thruster's gain alone, as its gear is a wrench."""
+    """Gear times gain of each motor; that of a thruster's gain alone, as its gear is a wrench; 1 for the setpoint of a servo."""
     on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    return np.asarray(model.actuator_gainprm[:, 0] * np.where(on_joint, model.actuator_gear[:, 0], 1.0))
+    gear = model.actuator_gainprm[:, 0] * np.where(on_joint, model.actuator_gear[:, 0], 1.0)
+    return np.where(servo_mask(model), 1.0, gear)
 
 
 def _mjcf_range(system: System, gear: FloatArray) -> FloatArray:
-    """Bounds on the effort in the model files, (2, nu)."""
-    model, bounds = system.mj, system.effort_limits.T.copy()
+    """Bounds on the effort, or on the setpoint of a servo, in the model files, (2, nu)."""
+    model, bounds, servos = system.mj, system.effort_limits.T.copy(), servo_mask(system.mj)
     for i in range(model.nu):
         limits = []
         if model.actuator_ctrllimited[i]:
             limits.append(np.sort(model.actuator_ctrlrange[i] * gear[i]))
-        if model.actuator_forcelimited[i]:
+        if model.actuator_forcelimited[i] and not servos[i]:
             limits.append(np.sort(model.actuator_forcerange[i] * gear[i] / model.actuator_gainprm[i, 0]))
         for low, high in limits:
             bounds[0, i], bounds[1, i] = max(bounds[0, i], low), min(bounds[1, i], high)

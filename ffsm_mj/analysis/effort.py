@@ -12,6 +12,7 @@ import numpy as np
 from ffsm_mj.analysis.base_rotation import BaseRotation
 from ffsm_mj.analysis.momentum_exchange import MomentumExchange
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -32,7 +33,8 @@ SUMMED = ("integral_u2", "work_J")
 class Effort:
     """Accumulates the effort statistics. An effort is held from one row to the next, so sums over rows are integrals.
 
-    The work of an effort on a joint is effort times displacement, exact while the effort is held. The work of an effort at a
+    That of a servo varies between two rows: its numbers are those of the force at the rows, held to the next. The work of an
+    effort on a joint is effort times displacement, exact while the effort is held. The work of an effort at a
     site, whose direction moves with the site, is its power at the rows, integrated by the trapezoidal rule.
 
     Attributes:
@@ -58,13 +60,20 @@ class Effort:
         layout, joints = header.layout, self._system.joints.values()
         suffixes = ["N_m" if drives_rotation(self._system.mj, i) else "N" for i in range(len(self._names))]
         units = list(zip(map(identifier, self._names), suffixes, strict=True))
+        servos = servo_mask(self._system.mj)
         self._time = layout.time
         self.base_rotation.open(layout)
         self.momentum_exchange.open(header)
+        # A servo is at a bound where a limit of its model file changes its force.
+        columns = (("applied", "force"), ("lower", "unclamped"), ("upper", "unclamped"))
         self._applied, self._lower, self._upper = (
-            layout.places(f"actuators.{name}_{what}_{suffix}" for name, suffix in units)
-            for what in ("applied", "lower", "upper")
+            layout.places(
+                f"actuators.{name}_{of_servo if servo else of_motor}_{suffix}"
+                for (name, suffix), servo in zip(units, servos, strict=True)
+            )
+            for of_motor, of_servo in columns
         )
+        self._servos = servos
         self._qpos, self._qvel = layout.places(coordinate_keys(joints)), layout.places(rate_keys(joints))
 
     def rows(self, block: FloatArray) -> None:
@@ -74,7 +83,8 @@ class Effort:
         applied, lower, upper = block[:, self._applied], block[:, self._lower], block[:, self._upper]
         self._ticks += len(block)
         self._peak = np.maximum(self._peak, np.abs(applied).max(axis=0, initial=0.0))
-        self._bounded += (((applied <= lower) | (applied >= upper)) & (upper > lower)).sum(axis=0)
+        bounded = ((applied <= lower) | (applied >= upper)) & (upper > lower)
+        self._bounded += np.where(self._servos, applied != lower, bounded).sum(axis=0)
         length, power = self._lengths_and_powers(block[:, self._qpos], block[:, self._qvel], applied)
         times = block[:, self._time]
         if self._last is not None:

@@ -18,6 +18,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
 from ffsm_mj.dynamics.rigid_body import cross, external_actuators
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
 from ffsm_mj.records.header import RunHeader
@@ -65,8 +66,9 @@ class MomentumExchange:
         self._time = layout.time
         self._qpos, self._qvel = layout.places(coordinate_keys(joints)), layout.places(rate_keys(joints))
         suffixes = ["N_m" if drives_rotation(self._model, i) else "N" for i in range(len(self._names))]
+        what = np.where(servo_mask(self._model), "force", "applied").tolist()
         self._applied = layout.places(
-            f"actuators.{name}_applied_{suffix}" for name, suffix in zip(self._names, suffixes, strict=True)
+            f"actuators.{name}_{column}_{suffix}" for name, column, suffix in zip(self._names, what, suffixes, strict=True)
         )
         there = [name for name in _OUTSIDE if f"balance.{name}_{COMPONENTS[0]}" in layout.index]
         self._impulses = [layout.places(f"balance.{name}_{component}" for component in COMPONENTS) for name in there]

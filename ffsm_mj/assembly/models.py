@@ -126,11 +126,22 @@ def _model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader) -> 
     parts = {keys[-1]: part for keys, part in models.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
     files = {
-        name: replace(read_files(), strip=to_strip(parts[name].strip, parts[name].limits), pose=poses.get(name))
+        name: replace(
+            read_files(),
+            strip=to_strip(parts[name].strip, parts[name].limits),
+            motors=_motors(scenario, name),
+            pose=poses.get(name),
+        )
         for name, read_files in readers.items()
     }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}
+
+
+def _motors(scenario: ScenarioConfig, model: str) -> tuple[str, ...]:
+    """Actuators of a model that the scenario makes motors, by their names in its file; others may be in another model."""
+    asked = [name for name, config in scenario.actuators.items() if config.kind == "torque"]
+    return tuple(name.removeprefix(f"{model}/") for name in asked)
 
 
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:

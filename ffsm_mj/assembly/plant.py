@@ -51,11 +51,12 @@ def build_plant(
         ScenarioFaults: A contact model or an actuator does not fit the system, or no accuracy can be measured.
     """
     scene, motion = Scene(system, data), Motion(system.mj, data)
-    actuation = Actuation(system, scenario.actuators)
+    actuation = Actuation(system, scenario.actuators, data)
     control = _delayed_control(scenario, scene, actuation)
     models = contact_models_of(scenario, scene, motion, pairs, limits, held)
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
-    balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS)
+    work = None if motion.power is None else motion.power.work
+    balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS, actuator_work=work)
     integrator.control = step_control(scenario, system, data, balance)
     tip = (task.tip_site, task.axes, task.motion) if task is not None else (None,)
     state = StateSignals(system, data, *tip)

@@ -1,7 +1,7 @@
 """Energy and momentum balance of a run: accumulated work and impulses, and the residuals.
 
-The work of a joint effort held over a step is force times displacement, exactly. Terms that depend on where a force acts
-while the body moves are integrated over the (sub-)step.
+The work of a joint effort held over a step is force times displacement, exactly. That of a servo is the integral of its power
+over the stages of the step. Terms that depend on where a force acts while the body moves are integrated over the (sub-)step.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from ffsm_mj._core.tick import StepWork
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.balance.external import Gravity, JointMotors, external_parts
+from ffsm_mj.balance.external import Gravity, JointMotors, StageWork, external_parts
 from ffsm_mj.balance.signals import ACCOUNTS, BalanceSignals, BalanceTerms, BalanceValues, SampleBuffer
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.balance.subsystems import (
@@ -30,6 +30,7 @@ from ffsm_mj.balance.subsystems import (
 )
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_components
+from ffsm_mj.model.actuators import thruster_ids
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import SUBSYSTEMS
@@ -58,7 +59,15 @@ class Balance:
         numbers: FloatArray
         grasped: int | None
 
-    def __init__(self, system: System, data: Any, momentum: FloatArray, *, capacity: int = 1) -> None:
+    def __init__(
+        self,
+        system: System,
+        data: Any,
+        momentum: FloatArray,
+        *,
+        capacity: int = 1,
+        actuator_work: FloatArray | None = None,
+    ) -> None:
         """Start the balance at the state in ``data`` (all derived quantities current).
 
         Args:
@@ -66,6 +75,8 @@ class Balance:
             data: Their state.
             momentum: Array in which M qdot is kept current, (nv,).
             capacity: Capacity of the sample buffer.
+            actuator_work: Array in which the work of the actuators in the last (sub-)step is kept, J, (1,); None: there are
+                no servos.
         """
         self._system = system
         robot_free = free_components(system, system.robot)

@@ -34,6 +34,7 @@ from ffsm_mj.dynamics.rigid_body import (
     site_actuators,
     site_wrench,
 )
+from ffsm_mj.model.actuators import without_servos
 from ffsm_mj.model.system import System, Tree
 
 _BODY = int(mujoco.mjtObj.mjOBJ_XBODY)
@@ -227,6 +228,21 @@ def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: 
     return groups
 
 
+class StageWork:
+    """Enters the work of actuators that the stages of each (sub-)step have integrated."""
+
+    def __init__(self, done: FloatArray, work: FloatArray) -> None:
+        """Bind to the work in the last (sub-)step, J, (1,), and to the account that receives it, (1,)."""
+        self._done, self._work = done, work
+
+    def open(self) -> None:
+        """Begin a (sub-)step."""
+
+    def close(self, duration_s: float) -> None:
+        """End the step."""
+        self._work += self._done
+
+
 class BaseMotors:
     """Integrates impulse and work over each (sub-)step by Simpson's rule with a cubic Hermite midpoint."""
 
@@ -251,8 +267,8 @@ class BaseMotors:
             work: Receives the work, J, (1,).
             impulse: Receives the impulse on the tree (P, L about the world origin), (6,).
         """
-        self._tree, self._model, self._data = tree, system.mj, data
-        self._scratch, self._chosen, self._worked = mujoco.MjData(system.mj), chosen, 1.0 - elsewhere
+        self._tree, self._model, self._data = tree, without_servos(system.mj), data
+        self._scratch, self._chosen, self._worked = mujoco.MjData(self._model), chosen, 1.0 - elsewhere
         self._work, self._impulse = work, impulse
         self._pushing = False
 

@@ -13,6 +13,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.dynamics.joint_springs import JointSprings
+from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.signals import SUBSYSTEMS
 
@@ -48,9 +49,9 @@ class StepError:
         self._weights = np.hstack((_changes(balance.free), -balance.entered()))
         self._turning = np.array([i for joint in self._joints() for i in _turns(joint)], dtype=np.intp)
         # A body that slides along a rotating one adds a rate, its speed over a length that is unknown.
-        # Springs and dampers accelerate at rest.
+        # Springs, dampers and servos accelerate at rest.
         springs = JointSprings(system.mj)
-        self._bounded = not (springs.elastic or springs.damped) and all(
+        self._bounded = not (springs.elastic or springs.damped or has_servos(system.mj)) and all(
             joint.kind != "slide" or joint.body in roots for joint in self._joints()
         )
         self._start: list[float] | None = None

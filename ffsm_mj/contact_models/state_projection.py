@@ -56,15 +56,16 @@ class StateProjection:
         elif outside[1]:
             from_outside[1] = total
             impulse = impulse - total
-        # The balance computes actuator work from joint displacements; the displacement of a projection is not work. It takes
-        # the rates of dampers from them, too: Simpson's rule gives the power at the middle, whose rate is off by 1.5 times
+        # The balance computes the work of plain motors from joint displacements, unless there are servos; the displacement of a
+        # projection is not work. It takes the rates of dampers from them, too: Simpson's rule gives the power at the middle, whose rate is off by 1.5 times
         # the displacement over the step, a weight of two thirds of the step.
         displacement = np.empty(system.mj.nv)
         mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
-        energy[:2] -= float(data.qfrc_actuator @ displacement)
-        others = [tree.dofs for tree in system.objects if tree not in self._own_trees(motion)]
-        of_others = sum(float(data.qfrc_actuator[dofs] @ displacement[dofs]) for dofs in others)
-        energy[1:] += of_others, -of_others
+        if motion.power is None:
+            energy[:2] -= float(data.qfrc_actuator @ displacement)
+            others = [tree.dofs for tree in system.objects if tree not in self._own_trees(motion)]
+            of_others = sum(float(data.qfrc_actuator[dofs] @ displacement[dofs]) for dofs in others)
+            energy[1:] += of_others, -of_others
         if self._springs.damped:
             heat, tendons = self._springs.dissipation_slope(data.qvel) * displacement, self._springs.tendons
             if tendons.damped:  # the dofs of a tendon are those of one tree

@@ -84,6 +84,7 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
     step = stepper.stage = ImplicitStep(duration_s, stepper.start_rates)
     start_s, nodes = data.time, len(_PLACES)
     slopes, change, solved = np.array((np.stack((data.qvel, data.qacc)),) * nodes), np.inf, True
+    power, powers = stepper.power, np.zeros(nodes)
     try:
         for again in range(_PASSES):
             before, increments = slopes, np.tensordot(step.weights, slopes, 1)
@@ -94,6 +95,8 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
                 stepper.move_by(increments[step.node])
                 stepper.refresh()
                 slopes[step.node, 1] = data.qacc
+                if power is not None:
+                    powers[step.node] = power.now()
             found = step.stiff.corrections(step, slopes[:, 1]) if step.stiff is not None else 0.0
             solved = found is not None
             if found is not None:
@@ -108,6 +111,8 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
             solved = False
     finally:
         stepper.stage, stepper.repeats = None, 0
+    if power is not None:
+        power.take(float(step.weights[-1].dot(powers)))
     stepper.move_by(np.tensordot(step.weights[-1], slopes, 1))
     return solved
 

@@ -8,10 +8,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.steppers import ForcedStepper, FreeStepper
+from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
+from ffsm_mj.model.actuators import has_servos, thruster_ids
 from ffsm_mj.model.system import Tree
 
 Push = Callable[[Any], None]
@@ -37,6 +38,7 @@ class Motion:
         grasps: Names of all closed grasps: this one first, then those held by rows in the order in which they closed.
         grasped_object: The object that is a child of a link, as a tree of the logged system; None if there is none.
         loops: Closed loops: latches that are held by rows in this model; None without any.
+        power: Power of the actuators, whose work the stages of a step integrate; None without servos.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
 
@@ -45,8 +47,14 @@ class Motion:
     grasped_object: Tree | None = None
     disabled: frozenset[frozenset[int]] = frozenset()
 
-    def __init__(self, model: Any, data: Any) -> None:
-        """Start at the state in ``data`` (all derived quantities current)."""
+    def __init__(self, model: Any, data: Any, actuator_work: FloatArray | None = None) -> None:
+        """Start at the state in ``data`` (all derived quantities current).
+
+        Args:
+            model: MuJoCo model, with RK4.
+            data: Its data.
+            actuator_work: Receives the work of the actuators in a step, J, (1,); None: an array of its own.
+        """
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
         self.momenta: tuple[FloatArray, ...] = (self.momentum,)
@@ -54,9 +62,19 @@ class Motion:
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
+        work = np.zeros(1) if actuator_work is None else actuator_work
+        self.power = ActuatorPower(data, thruster_ids(model), work) if has_servos(model) else None
+        self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
-        self._unpushed = self.flight = FreeStepper(model, data, self.path.start, self.momentum)
         self.forced: ForcedStepper | None = None
+
+    def _stepper_without_pushes(self) -> FreeStepper:
+        """Stepper while no forces are applied. The work of servos follows from stages, which MuJoCo's own step hides."""
+        if self.power is None:
+            return FreeStepper(self.model, self.data, self.path.start, self.momentum)
+        stepper = ForcedStepper(self.model, self.data, self.path.start, self.momentum, (), _nothing, self.power)
+        self.path.integrate = stepper.integrate
+        return stepper
 
     @property
     def grasped_bodies(self) -> frozenset[int]:
@@ -74,7 +92,7 @@ class Motion:
         self.pushes = tuple(pushes)
         if every := (*pushes, *answers):
             follow = self.follow if of_system else _nothing
-            pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow)
+            pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:

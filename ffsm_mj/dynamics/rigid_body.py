@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import System, Tree
 
 
@@ -157,11 +158,11 @@ def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
 
 
 def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Mask of the actuators that exert external forces on robot or objects: on a base joint, or at a site, (nu,)."""
+    """Mask of the actuators that exert external forces on robot or objects: on a base joint, or at a site; no servo, (nu,)."""
     model = system.mj
     base = {dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)}
-    mask = np.ones(model.nu, dtype=np.bool_)
-    for i in range(model.nu):
+    mask = ~servo_mask(model)
+    for i in np.flatnonzero(mask).tolist():
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT:
             mask[i] = model.jnt_dofadr[model.actuator_trnid[i, 0]] in base
     return mask

@@ -8,7 +8,7 @@ from typing import Any
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIME, identifier
 
-_GROUP, _APPLIED = "actuators.", "_applied_"
+_GROUP, _APPLIED = "actuators.", "_applied"
 
 
 def recorded_efforts(log: RunLog) -> str:
@@ -43,7 +43,7 @@ def _ticks(log: RunLog, keys: Sequence[str]) -> Iterator[_Instant]:
 
 def _events(log: RunLog, keys: Sequence[str]) -> Iterator[_Instant]:
     """Efforts after events."""
-    column = {key.removeprefix(_GROUP).partition(_APPLIED)[0]: i for i, key in enumerate(keys)}
+    column = {key.removeprefix(_GROUP).rpartition(_APPLIED)[0]: i for i, key in enumerate(keys)}
     records: list[Any] = log.events()
     for record in records:
         if changed := getattr(record, "efforts_after", None):

@@ -1,18 +1,20 @@
-"""Actuators of a compiled scene: which are plain motors, and the limits that joints place on their efforts.
+"""Actuators of a compiled scene: plain motors and servos, and the limits that joints place on efforts.
 
-A plain motor delivers its command: ``force = gain * ctrl``, along one direction, without a law of its own. Its work enters
-the balance by the displacement along that direction. Every other kind is refused by name, with file and line.
+A plain motor delivers its command: ``force = gain * ctrl``, along one direction, without a law of its own. A servo has one:
+it is commanded by a setpoint, and its force follows from the state in every stage of a step. What cannot be modelled is
+refused by name, with file and line.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import copy
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors
@@ -21,7 +23,14 @@ _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
 _ADHESION = mujoco.mjtTrn.mjTRN_BODY
 _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
+_AFFINE_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+_AFFINE_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 _SERVOS = "use 'strip: [servos]' in the scenario"
+_INSTEAD = f"make a motor of it by 'kind: torque' under 'actuators' in the scenario, or {_SERVOS}"
+_OF_ADHESION = (
+    "is an <adhesion>: it acts by MuJoCo's contact forces, which contact models replace; "
+    f"{_SERVOS}, and a grasp ('captures', with 'load_limit') in its place"
+)
 
 
 def is_plain_motor(element: Any) -> bool:
@@ -33,36 +42,73 @@ def is_plain_motor(element: Any) -> bool:
     ) and element.trntype != _ADHESION
 
 
+def servo_mask(model: Any) -> BoolArray:
+    """Actuators of a compiled model that have a law of their own, (nactuator,)."""
+    plain = (
+        (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED))
+        & (model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_NONE))
+        & (model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE))
+    )
+    return np.asarray(~plain)
+
+
+def has_servos(model: Any) -> bool:
+    """Whether an actuator of a compiled model has a law of its own."""
+    return bool(servo_mask(model).any())
+
+
+def thruster_ids(model: Any) -> IntArray:
+    """Plain motors that exert a force at a site without reference site: an external force on its body, (n,)."""
+    at_site = (model.actuator_trntype == int(_SITE)) & (model.actuator_trnid[:, 1] < 0)
+    return np.flatnonzero(at_site & ~servo_mask(model))
+
+
+def without_servos(model: Any) -> Any:
+    """A copy of a model whose servos exert no force; the model itself if it has none."""
+    servos = servo_mask(model)
+    if not servos.any():
+        return model
+    other = copy.copy(model)
+    other.actuator_gaintype[servos], other.actuator_gainprm[servos] = int(mujoco.mjtGain.mjGAIN_FIXED), 0.0
+    other.actuator_biastype[servos] = int(mujoco.mjtBias.mjBIAS_NONE)
+    return other
+
+
+def make_motors(spec: Any, names: Iterable[str]) -> None:
+    """Make ideal motors of some actuators of a specification: with gain 1, without a law, within ``forcerange``.
+
+    ``ctrlrange`` goes: that of a servo is of its setpoint.
+    """
+    for each in spec.actuators:
+        if each.name in names and not is_plain_motor(each):
+            each.set_to_motor()
+            each.ctrllimited, each.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_FALSE
+            each.inheritrange, each.actdim, each.actearly, each.ctrlspec = 0.0, -1, False, 0
+
+
 def actuator_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
-    """Actuators that are not plain motors, each with the file and line of its model.
+    """Actuators that cannot be modelled, each with the file and line of its model.
 
     Args:
         model: The compiled scene.
         scene: Its specification.
         files: Files of each model by its prefix in the scene.
     """
-    places = Places(scene, files)
-    elements = {each.name: each for each in scene.actuators}
-    names = [model.actuator(i).name for i in range(model.nactuator)]
+    places, servos = Places(scene, files), servo_mask(model)
     return [
-        f"{places.of('actuator', name)} {what}"
-        for i, name in enumerate(names)
-        for what in _faults(model, i, plain=is_plain_motor(elements[name]))
+        f"{places.of('actuator', model.actuator(i).name)} {what}"
+        for i in range(model.nactuator)
+        for what in (_servo_faults(model, i) if servos[i] else _motor_faults(model, i))
     ]
 
 
-def _faults(model: Any, i: int, *, plain: bool) -> Iterator[str]:
-    """What is wrong with an actuator, as text."""
+def _motor_faults(model: Any, i: int) -> Iterator[str]:
+    """What is wrong with a plain motor, as text."""
     kind, target = model.actuator_trntype[i], model.actuator_trnid[i, 0]
     gear = model.actuator_gear[i]
     if kind == _ADHESION:
-        yield (
-            "is an <adhesion>: it acts by MuJoCo's contact forces, which contact models replace; "
-            f"{_SERVOS}, and a grasp ('captures', with 'load_limit') in its place"
-        )
+        yield _OF_ADHESION
         return
-    if not plain:
-        yield f"is not a plain <motor>: its force would not be the command; write <motor>, or {_SERVOS}"
     if kind == _JOINT and model.jnt_type[target] == _FREE:
         yield (
             "is a motor on a free joint; write <motor site=... gear=...> with a site of that body, "
@@ -72,12 +118,35 @@ def _faults(model: Any, i: int, *, plain: bool) -> Iterator[str]:
         yield "is a motor on a ball joint, which is not supported; use three hinges, or remove it"
     elif model.actuator_gainprm[i, 0] == 0.0 or not (gear[0] if kind == _JOINT else gear.any()):
         yield "has gear or gain 0: it drives nothing"
+    yield from _damping_faults(model, i)
+
+
+def _servo_faults(model: Any, i: int) -> Iterator[str]:
+    """What is not supported of a servo, as text."""
+    kind, target = int(model.actuator_trntype[i]), int(model.actuator_trnid[i, 0])
+    if kind == _ADHESION:
+        yield _OF_ADHESION
+        return
+    if model.actuator_plugin[i] >= 0:
+        yield f"is a plugin: its law is in no model file; write a servo of MuJoCo, or {_SERVOS}"
+    elif model.actuator_gaintype[i] not in _AFFINE_GAINS or model.actuator_biastype[i] not in _AFFINE_BIASES:
+        yield f"has a law that is not supported: no affine function of its setpoint, length and rate; {_INSTEAD}"
+    elif model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE:
+        yield f"has an activation, which is not supported; {_INSTEAD}"
+    if kind not in (int(_JOINT), int(_TENDON)) or (kind == _JOINT and model.jnt_type[target] in (int(_FREE), int(_BALL))):
+        yield f"is a servo that acts neither on a hinge or slide nor on a tendon, which is not supported; {_INSTEAD}"
+    elif kind == _JOINT and model.body_parentid[model.jnt_bodyid[target]] == 0:
+        yield f"is a servo on a joint of the base, which acts on the world; {_INSTEAD}"
+    yield from _damping_faults(model, i)
+
+
+def _damping_faults(model: Any, i: int) -> Iterator[str]:
     if model.actuator_damping[i] or model.actuator_dampingpoly[i].any():
         yield f"has damping {model.actuator_damping[i]:g}; move it to its joint, or use 'strip: [damping]' in the scenario"
 
 
 def effort_limits(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> tuple[FloatArray, list[str]]:
-    """Limits of joint efforts in model files as limits of motors, and faults of those that are none.
+    """Limits of joint efforts in model files as limits of motors, and faults of those that are none; servos keep theirs.
 
     ``actuatorfrcrange`` of MJCF and ``<limit effort>`` of URDF limit the sum of what all actuators do to a joint. With one
     motor on the joint and no other actuator that acts on it, that is a limit of the motor, which its command must meet
@@ -93,10 +162,12 @@ def effort_limits(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> tu
     """
     limits = np.tile([-np.inf, np.inf], (model.nactuator, 1))
     places, faults = Places(scene, files), []
-    on_joint = model.actuator_trntype == int(_JOINT)
+    on_joint, servos = model.actuator_trntype == int(_JOINT), servo_mask(model)
     for j in np.flatnonzero(model.jnt_actfrclimited).tolist():
         motors = np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == j))
         others = [i for i in np.flatnonzero(~on_joint).tolist() if _acts_on(model, i, int(model.jnt_bodyid[j]))]
+        if servos[[*motors, *others]].all():
+            continue  # MuJoCo applies the limit in every stage, and so does the balance
         of_base = model.body_parentid[model.jnt_bodyid[j]] == 0
         # MuJoCo applies a limit at a joint of the base to thrusters too, and the balance follows it.
         if len(motors) + len(others) > 1 or (others and not of_base):
@@ -111,7 +182,7 @@ def effort_limits(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> tu
         f"{places.of('tendon', model.tendon(t).name)} has actuatorfrcrange, which is supported for joints only; "
         "remove it, and write a 'forcerange' for each motor of the tendon"
         for t in np.flatnonzero(model.tendon_actfrclimited).tolist()
-        if t in model.actuator_trnid[model.actuator_trntype == _TENDON, 0]
+        if t in model.actuator_trnid[(model.actuator_trntype == _TENDON) & ~servos, 0]
     ]
     return limits, faults
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import System
 
 
@@ -103,3 +104,26 @@ def drives_rotation(model: Any, actuator: int) -> bool:
     if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
         return not np.any(model.actuator_gear[actuator, :3])
     return bool(model.jnt_type[model.actuator_trnid[actuator, 0]] == mujoco.mjtJoint.mjJNT_HINGE)
+
+
+def control_unit(model: Any, actuator: int) -> str:
+    """Unit of the command of an actuator: that of its effort, or of a servo's setpoint; empty for a number without one.
+
+    The setpoint of a servo has a unit where its gain is the coefficient of a length or of a rate of a joint: the force is
+    zero where these are at the setpoint.
+    """
+    rotates = drives_rotation(model, actuator)
+    if not servo_mask(model)[actuator]:
+        return "N m" if rotates else "N"
+    on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    gain, (_, of_length, of_rate) = float(model.actuator_gainprm[actuator, 0]), model.actuator_biasprm[actuator, :3].tolist()
+    if not on_joint or model.actuator_gear[actuator, 0] != 1.0 or gain == 0.0:
+        return ""
+    if gain == -of_length:
+        return "rad" if rotates else "m"
+    return ("rad/s" if rotates else "m/s") if of_length == 0.0 and gain == -of_rate else ""
+
+
+def unit_suffix(unit: str) -> str:
+    """End of the name of a column in a unit, with its underscore."""
+    return f"_{unit}".replace(" ", "_").replace("/", "_") if unit else ""

@@ -35,6 +35,7 @@ class ModelFiles:
         files: Content by name, ``main`` first, in reading order; names are relative to one folder, with forward slashes.
         label: Prefix of file names in messages: the folder with a slash, or the log.
         strip: Elements to remove before compilation; see :mod:`ffsm_mj.model.strip`.
+        motors: Servos to make motors of before compilation; see :func:`ffsm_mj.model.actuators.make_motors`.
         sites: Sites to add before compilation; see :mod:`ffsm_mj.model.sites`.
         flex: Flexible drives by joint; see :mod:`ffsm_mj.model.flex`.
         overrides: Layers of changed properties of bodies and geoms, the last on top; see :mod:`ffsm_mj.model.overrides`.
@@ -45,6 +46,7 @@ class ModelFiles:
     files: Mapping[str, bytes]
     label: str = ""
     strip: tuple[str, ...] = ()
+    motors: tuple[str, ...] = ()
     sites: tuple[AddedSite, ...] = ()
     flex: Mapping[str, JointFlex] = field(default_factory=dict)
     overrides: tuple[Overrides, ...] = ()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.actuators import make_motors
 from ffsm_mj.model.alone import warnings_alone
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.flex import add_flex
@@ -40,7 +41,7 @@ class Part:
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
-    """Prepare one model: remove elements, change properties, add sites and flexible drives, in this order.
+    """Prepare one model: remove elements, make motors of servos, change properties, add sites and flexible drives, in this order.
 
     Args:
         name: Name of the model in the scene.
@@ -54,6 +55,7 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     """
     spec, timing = load_with_timing(files, vfs)
     notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
+    make_motors(spec, files.motors)
     notes += setting_notes(spec, name, files)
     notes += [
         f"{files.place}: interp of {what} has no effect: delayed values are those of the last sample"

@@ -171,17 +171,25 @@ def momentum_keys(whose: str) -> tuple[str, ...]:
 
 
 def effort_key(layout: Layout, actuator: str, what: str) -> str:
-    """Column of an actuator's effort, in N or N m.
+    """Column of an actuator's effort, in N or N m, or of a servo's setpoint, in the unit of its joint or in none.
 
     Args:
         layout: Columns of a row.
         actuator: Its full name.
         what: ``command``, ``applied``, ``lower`` or ``upper``.
+
+    Raises:
+        KeyError: The log lacks it.
     """
-    force = f"actuators.{identifier(actuator)}_{what}_N"
-    return force if force in layout.index else f"{force}_m"
+    stem = f"actuators.{identifier(actuator)}_{what}"
+    for suffix in _COMMANDS:
+        if f"{stem}{suffix}" in layout.index:
+            return f"{stem}{suffix}"
+    raise KeyError(f"{stem}{_COMMANDS[0]}")
 
 
+_COMMANDS = ("_N", "_N_m", "_rad", "_m", "_rad_s", "_m_s", "")
+"""Ends of the columns of a command."""
 _UNITS = (("_N_m_s", "N m s"), ("_N_m", "N m"), ("_N_s", "N s"), ("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"))
 
 

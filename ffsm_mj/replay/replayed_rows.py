@@ -29,8 +29,8 @@ class LoggedRows:
         rows: The rows, (n, number of signals).
         times: Times, s, (n,).
         states: Coordinates and rates, (n, nq + nv).
-        asked: Commanded efforts, (n, nu).
-        applied: Applied efforts, (n, nu).
+        asked: Commanded efforts and setpoints, (n, nu).
+        applied: Applied ones, (n, nu).
         ctrl: MuJoCo's controls for them, (n, nu).
         powered: Whether each actuator is powered, (n, nu).
     """
@@ -41,8 +41,8 @@ class LoggedRows:
         efforts = (np.nan_to_num(rows[:, layout.places(actuation.keys[what])]) for what in ("command", "applied"))
         self.asked, self.applied = map(np.ascontiguousarray, efforts)
         self.ctrl = self.applied / actuation.gear
-        # An actuator without power has neither a command nor an applied effort.
-        self.powered = (self.asked != 0.0) | (self.applied != 0.0)
+        # A motor without power has neither a command nor an applied effort; a servo always has a setpoint.
+        self.powered = (self.asked != 0.0) | (self.applied != 0.0) | actuation.servos
 
 
 class ReplayedRows:

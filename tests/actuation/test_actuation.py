@@ -19,7 +19,7 @@ THRUSTER = OnOffConfig(kind="on_off", force_N=50.0, threshold_N=1.0)
 @pytest.fixture
 def plant(case_study):
     data = mujoco.MjData(case_study.mj)
-    actuation = Actuation(case_study, {"motor_1": MOTOR, "thruster_x": THRUSTER})
+    actuation = Actuation(case_study, {"motor_1": MOTOR, "thruster_x": THRUSTER}, data)
 
     def apply(name, effort, rate=0.0, powered=True):
         i = case_study.index("actuator", name)
@@ -83,7 +83,7 @@ def test_effort_is_at_the_joint_whatever_the_gear(tmp_path):
     data = mujoco.MjData(system.mj)
     data.qvel[6] = 0.27
     mujoco.mj_forward(system.mj, data)
-    actuation = Actuation(system, {"m": MOTOR})
+    actuation = Actuation(system, {"m": MOTOR}, data)
     command = Command.off(1)
     command.drive(np.array([0]), np.array([100.0]))
     actuation.apply(command, data, 0.0)
@@ -96,7 +96,7 @@ def test_mjcf_ranges_are_kept(tmp_path):
     system = model(tmp_path, '<motor name="m" joint="j" gear="2" ctrlrange="-1 3" ctrllimited="true"/>')
     data = mujoco.MjData(system.mj)
     mujoco.mj_forward(system.mj, data)
-    actuation = Actuation(system, {})
+    actuation = Actuation(system, {}, data)
     command = Command.off(1)
     command.drive(np.array([0]), np.array([-50.0]))
     actuation.apply(command, data, 0.0)

@@ -53,7 +53,7 @@ class GraspedMotion(Motion):
             system: The system with the grasped object, with a model owned by the run.
             grasp: Bodies and sites of the grasp.
         """
-        super().__init__(system.mj, mujoco.MjData(system.mj))
+        super().__init__(system.mj, mujoco.MjData(system.mj), None if free.power is None else free.power.work)
         self.system, self.grasp = system, grasp.name
         tree = self.grasped_object = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         self._free, self._model = free, scene.system.mj

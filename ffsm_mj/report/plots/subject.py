@@ -13,6 +13,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log, logged_scenario
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import Joint
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.signals import identifier
@@ -134,11 +135,11 @@ class Subject:
     def actuators(self) -> dict[str, str]:
         """Role of each actuator by name: ``thruster`` (a force on the base), ``wheel`` (a torque on it) or ``motor``."""
         base = self.system.robot.base_dofs
-        roles = {}
+        roles, servos = {}, servo_mask(self.system.mj)
         for i, name in enumerate(self.system.names("actuator")):
             joint = self._joint_of(i)
             force = f"actuators.{identifier(name)}_applied_N" in self.run.keys
-            on_base = joint is None or base.start <= joint.dofs.start < base.stop
+            on_base = (joint is None and not servos[i]) or (joint is not None and base.start <= joint.dofs.start < base.stop)
             if self._kinds.get(name) == "reaction_wheel" or (on_base and not force):
                 roles[name] = "wheel"
             else:

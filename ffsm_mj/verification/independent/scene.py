@@ -224,7 +224,9 @@ def stopped_rows(kind: str, axis: Sequence[float]) -> Array:
 
 
 def _effort_per_ctrl(model: Any, actuator: int) -> float:
-    """Effort of an actuator for a ctrl of 1: its gain, at a joint times its gear."""
+    """Effort of a motor for a ctrl of 1: its gain, at a joint times its gear; 1 for a servo, whose ctrl is its setpoint."""
+    if model.actuator_biastype[actuator] or model.actuator_gaintype[actuator] or model.actuator_dyntype[actuator]:
+        return 1.0
     on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
     gear = model.actuator_gear[actuator, 0] if on_joint else 1.0
     return float(model.actuator_gainprm[actuator, 0] * gear) or 1.0

@@ -1,0 +1,83 @@
+"""Servos: actuators with a law of their own, which are commanded by a setpoint.
+
+Their forces are evaluated by MuJoCo in every stage of a step, with the setpoint constant over the control tick.
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.driven_joints import drives_rotation, unit_suffix
+from ffsm_mj.model.system import System
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import Signal, identifier
+
+_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
+
+
+class ServoForces:
+    """Forces of the servos, before and after the clamps of their model files.
+
+    Attributes:
+        columns: Forces at the start of a tick, under its setpoints.
+    """
+
+    def __init__(self, system: System, data: Any) -> None:
+        """Bind to a system and its data, derived quantities current at each sample."""
+        self._model, self._data = system.mj, data
+        self._unclamped = without_force_limits(system.mj)
+        self._servos: IntArray = np.flatnonzero(servo_mask(system.mj))
+        on_joint = self._model.actuator_trntype[self._servos] == _JOINT
+        joints = np.where(on_joint, self._model.actuator_trnid[self._servos, 0], 0)
+        self._gear = np.where(on_joint, self._model.actuator_gear[self._servos, 0], 1.0)
+        limited = on_joint & self._model.jnt_actfrclimited[joints].astype(bool)
+        ranges = np.where(limited[:, None], self._model.jnt_actfrcrange[joints], [-np.inf, np.inf])
+        self._low, self._high = ranges.T
+        self._forces = np.zeros((len(self._servos), 2))
+        self.columns = Columns(self._signals(system), live=self._forces.reshape(-1), on_sample=self._evaluate)
+
+    def _signals(self, system: System) -> tuple[Signal, ...]:
+        signals, names = [], system.names("actuator")
+        for i in self._servos.tolist():
+            unit = "N m" if drives_rotation(self._model, i) else "N"
+            for what, meaning in (("unclamped", "before the limits of its model file"), ("force", "after these limits")):
+                name = f"{identifier(names[i])}_{what}{unit_suffix(unit)}"
+                signals.append(Signal("actuators", name, unit, f"force of servo {names[i]}, {meaning}", f"actuator {names[i]}"))
+        return tuple(signals)
+
+    def _evaluate(self, time_s: float) -> None:
+        data, servos = self._data, self._servos
+        mujoco.mj_fwdActuation(self._unclamped, data)
+        self._forces[:, 0] = data.actuator_force[servos] * self._gear
+        mujoco.mj_fwdActuation(self._model, data)
+        # The limit of a joint is on the sum of what acts on it: the same where a servo is alone.
+        self._forces[:, 1] = np.clip(data.actuator_force[servos] * self._gear, self._low, self._high)
+
+
+def without_force_limits(model: Any) -> Any:
+    """A copy of a model whose actuators have no limits on their forces."""
+    other = copy.copy(model)
+    other.actuator_forcelimited[:], other.jnt_actfrclimited[:], other.tendon_actfrclimited[:] = 0, 0, 0
+    return other
+
+
+def rest_setpoints(model: Any, data: Any) -> FloatArray:
+    """Setpoints at which servos exert no force at rest at the state in ``data``, zero for motors, (nu,).
+
+    A servo without a length in its law, such as one of velocity, has zero.
+    """
+    found = np.zeros(model.nu)
+    for i in np.flatnonzero(servo_mask(model)).tolist():
+        length = float(data.actuator_length[i])
+        g0, g1 = model.actuator_gainprm[i, :2].tolist()
+        b0, b1 = model.actuator_biasprm[i, :2].tolist()
+        gain = g0 + g1 * length if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_AFFINE else g0
+        if b1 != 0.0 and gain != 0.0:
+            found[i] = -(b0 + b1 * length) / gain
+    return found
