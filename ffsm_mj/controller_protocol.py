@@ -38,7 +38,8 @@ from ffsm_mj.dynamics.site_motion import SiteMotion
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
-from ffsm_mj.model.driven_joints import DrivenJoints, driven_joints, drives_rotation
+from ffsm_mj.model.actuators import is_servo
+from ffsm_mj.model.driven_joints import DrivenJoints, control_unit, driven_joints, drives_rotation, servo_joints
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.shared_joints import SharedJoints, shared_joints
 from ffsm_mj.model.system import Joint, System, Tree, driven_bodies
@@ -105,6 +106,7 @@ __all__ = [
     "Tree",
     "base_jacobian",
     "base_wrench",
+    "control_unit",
     "cross",
     "driven_bodies",
     "driven_joints",
@@ -113,12 +115,14 @@ __all__ = [
     "external_actuators",
     "free_components",
     "identifier",
+    "is_servo",
     "kind_named",
     "kinetic_energy",
     "mass_matrix",
     "momentum_matrix",
     "predict",
     "reduced_model",
+    "servo_joints",
     "shared_joints",
     "site_actuators",
     "site_wrench",

@@ -16,10 +16,12 @@ from pydantic import Field, PositiveFloat, model_validator
 from ffsm_controllers.finger_directions import closing_signs
 from ffsm_controllers.joint_servo import JointServo, ServoConfig, joint_range, refuse_outside_range
 from ffsm_controllers.pd import per_joint
+from ffsm_controllers.setpoints import Setpoints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
     Damping,
+    DrivenJoints,
     Fault,
     FloatArray,
     IntArray,
@@ -53,7 +55,8 @@ class GripperConfig(ServoConfig):
     open_at: _Positions | None = None
     """Position where it is open; left out: the other end of its range."""
 
-    def _needs_bandwidth(self) -> bool:
+    def needs_bandwidth(self) -> bool:
+        """Whether the fingers go somewhere."""
         return self.action is not None
 
     @model_validator(mode="after")
@@ -84,8 +87,13 @@ class Gripper(Stateful):
         Raises:
             ScenarioFaults: An unknown joint, an end that is not known, or a hinge without lever whose force is stated.
         """
-        self._servo = JointServo(config, context)
-        self._joints, system = self._servo.model.joints, context.system
+        system, self._setpoints = context.system, Setpoints.of(config, context)
+        if self._setpoints is not None:
+            _refuse_force(config, system, self._setpoints.joints)
+            self._joints = self._setpoints.joints
+        else:
+            self._servo = JointServo(config, context)
+            self._joints = self._servo.model.joints
         self._end: FloatArray | None = None
         if config.action is not None:
             self._end = _end(config, system, self._joints.names)
@@ -98,13 +106,13 @@ class Gripper(Stateful):
 
     @property
     def driven_actuators(self) -> IntArray:
-        """Motors of the fingers."""
+        """Motors or servos of the fingers."""
         return self._joints.actuators
 
     def start(self, observation: Observation) -> None:
         """Take the gains."""
         data = observation.data
-        if self._end is not None:
+        if self._end is not None and self._setpoints is None:
             mass = self._servo.reduced_mass(data, data.qpos[self._joints.qpos])
             self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
 
@@ -114,16 +122,34 @@ class Gripper(Stateful):
         if self._end is None:
             command.drive(joints.actuators, self._push)
             return
+        if self._setpoints is not None:
+            command.drive(joints.actuators, self._setpoints.at(data, self._end))
+            return
         effort = -self._stiffness.dot(data.qpos[joints.qpos] - self._end) - self._damping.dot(data.qvel[joints.dofs])
         command.drive(joints.actuators, np.clip(effort, -self._most, self._most))
 
     def damping_at(self, data: Any) -> Damping | None:
-        """That of the feedback; None where the fingers are only pushed."""
-        return self._servo.damping_at(data) if self._end is not None else None
+        """That of the feedback; None where the fingers are only pushed, or driven by servos."""
+        return self._servo.damping_at(data) if self._end is not None and self._setpoints is None else None
 
     def telemetry(self) -> Sequence[float]:
         """Nothing to report."""
         return ()
+
+
+def _refuse_force(config: GripperConfig, system: System, joints: DrivenJoints) -> None:
+    """Refuse a force where servos drive the fingers.
+
+    Raises:
+        ScenarioFaults: There is one.
+    """
+    if config.force_N is not None:
+        names = [system.names("actuator")[i] for i in joints.actuators.tolist()]
+        entries = ", ".join(f"{name}: {{kind: torque}}" for name in names)
+        message = (
+            f"a servo presses as its model file says; leave it out, or write 'actuators: {{{entries}}}' in the scenario"
+        )
+        raise ScenarioFaults([Fault(message, ("force_N",))])
 
 
 def _end(config: GripperConfig, system: System, names: Sequence[str]) -> FloatArray:

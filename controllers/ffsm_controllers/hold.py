@@ -1,4 +1,4 @@
-"""Holds joints where they are, or at given positions, with a stated bandwidth."""
+"""Holds joints where they are, or at given positions, with a stated bandwidth, or by the servos that drive them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsm_controllers.joint_errors import JointErrors
 from ffsm_controllers.joint_servo import JointServo, ServoConfig, refuse_outside_range
+from ffsm_controllers.setpoints import Setpoints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -25,7 +26,10 @@ from ffsm_mj.controller_protocol import (
 
 
 class HoldConfig(ServoConfig):
-    """u = -M_c (w^2 e + 2 zeta w ed) with the reduced mass matrix M_c at the held positions, constant through the phase."""
+    """u = -M_c (w^2 e + 2 zeta w ed) with the reduced mass matrix M_c at the held positions, constant through the phase.
+
+    Servos get the setpoints of these positions.
+    """
 
     kind: Literal["hold"]
     positions: tuple[float, ...] | None = None
@@ -55,8 +59,12 @@ class Hold(Stateful):
         Raises:
             ScenarioFaults: An unknown joint, positions that do not fit them, or a bandwidth beyond the control period's.
         """
-        self._servo = JointServo(config, context)
-        self._joints, system = self._servo.model.joints, context.system
+        system, self._setpoints = context.system, Setpoints.of(config, context)
+        if self._setpoints is not None:
+            self._joints = self._setpoints.joints
+        else:
+            self._servo = JointServo(config, context)
+            self._joints = self._servo.model.joints
         names = self._joints.names
         self._fixed: FloatArray | None = None
         if config.positions is not None:
@@ -64,6 +72,8 @@ class Hold(Stateful):
                 message = f"{len(config.positions)} values for {len(names)} joints; write one each: {', '.join(names)}"
                 raise ScenarioFaults([Fault(message, ("positions",))])
             refuse_outside_range(system, names, config.positions, ("positions",))
+            if self._setpoints is not None:
+                self._setpoints.refuse_outside_range(config.positions, ("positions",))
             self._fixed = np.array(config.positions)
         n = len(names)
         self._reference, self._stiffness, self._damping = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
@@ -72,27 +82,31 @@ class Hold(Stateful):
 
     @property
     def driven_actuators(self) -> IntArray:
-        """Motors of the joints."""
+        """Motors or servos of the joints."""
         return self._joints.actuators
 
     def start(self, observation: Observation) -> None:
         """Take the reference, and the gains there."""
         data = observation.data
         self._reference[:] = data.qpos[self._joints.qpos] if self._fixed is None else self._fixed
-        mass = self._servo.reduced_mass(data, self._reference)
-        self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
+        if self._setpoints is None:
+            mass = self._servo.reduced_mass(data, self._reference)
+            self._stiffness[:], self._damping[:] = self._servo.stiffness * mass, self._servo.damping * mass
 
     def control(self, observation: Observation, command: Command) -> None:
         """Drive the joints towards the reference."""
         data, joints = observation.data, self._joints
         error = data.qpos[joints.qpos] - self._reference
-        effort = -self._stiffness.dot(error) - self._damping.dot(data.qvel[joints.dofs])
-        command.drive(joints.actuators, effort)
+        if self._setpoints is not None:
+            command.drive(joints.actuators, self._setpoints.at(data, self._reference))
+        else:
+            effort = -self._stiffness.dot(error) - self._damping.dot(data.qvel[joints.dofs])
+            command.drive(joints.actuators, effort)
         self._errors.look(error)
 
-    def damping_at(self, data: Any) -> Damping:
-        """That of the feedback; its gains are for the positions in ``data``."""
-        return self._servo.damping_at(data)
+    def damping_at(self, data: Any) -> Damping | None:
+        """That of the feedback; its gains are for the positions in ``data``. None: servos have it."""
+        return self._servo.damping_at(data) if self._setpoints is None else None
 
     def telemetry(self) -> Sequence[float]:
         """Largest distance from the reference, of hinges in rad and of slides in m."""

@@ -26,29 +26,35 @@ from ffsm_mj.controller_protocol import (
 )
 from ffsm_mj.task_model import JointModel
 
+_ONE_BANDWIDTH = "write 'bandwidth_rad_s' or 'bandwidth_Hz', one of the two"
+
 
 class ServoConfig(StrictModel):
     """Bandwidth of the feedback on joints."""
 
     kind: str
     joints: tuple[str, ...] | None = None
-    """Joints to drive; left out: every motor-driven joint of the robot but those of the base and of other parts."""
+    """Joints to drive; left out: all that motors or servos drive, but those of the base and of other parts."""
     bandwidth_rad_s: PositiveFloat | None = None
     """Natural frequency w of the closed loop, rad/s."""
     bandwidth_Hz: PositiveFloat | None = None
-    """The same in Hz; one of the two is needed."""
+    """The same in Hz; one of the two is needed, unless servos drive the joints."""
     damping_ratio: PositiveFloat = 1.0
     """Damping ratio zeta of the closed loop; 1 is critical."""
 
     @model_validator(mode="after")
     def _has_one_bandwidth(self) -> ServoConfig:
-        given = (self.bandwidth_rad_s is not None) + (self.bandwidth_Hz is not None)
-        if given > 1 or (given == 0 and self._needs_bandwidth()):
-            raise ValueError("write 'bandwidth_rad_s' or 'bandwidth_Hz', one of the two")
+        if self.bandwidth_rad_s is not None and self.bandwidth_Hz is not None:
+            raise ValueError(_ONE_BANDWIDTH)
         return self
 
-    def _needs_bandwidth(self) -> bool:
-        """Whether there is feedback."""
+    @property
+    def has_bandwidth(self) -> bool:
+        """Whether one is given; servos have gains of their own."""
+        return self.bandwidth_rad_s is not None or self.bandwidth_Hz is not None
+
+    def needs_bandwidth(self) -> bool:
+        """Whether there is feedback, if motors drive the joints."""
         return True
 
     @property
@@ -77,8 +83,10 @@ class JointServo:
         """Resolve the joints.
 
         Raises:
-            ScenarioFaults: An unknown joint, or a bandwidth that the control period cannot serve.
+            ScenarioFaults: An unknown joint, no bandwidth, or one that the control period cannot serve.
         """
+        if config.needs_bandwidth() and not config.has_bandwidth:
+            raise ScenarioFaults([Fault(_ONE_BANDWIDTH)])
         self.model = JointModel(context, config.joints)
         frequency = config.frequency_rad_s
         self.stiffness, self.damping = frequency**2, 2.0 * config.damping_ratio * frequency

@@ -1,8 +1,9 @@
 """Actuation of the plant: applies the limits of actuators to the commands of a controller, which cannot bypass them.
 
 Efforts are forces in N or torques in N m at the driven joint or site; MuJoCo's ``ctrl`` is the effort over gear and gain.
-The command of a servo is its setpoint, which is ``ctrl`` itself; where no law commands a servo, it keeps the last one, at the
-start of a run that at which it is in equilibrium. A command is decided once per control tick and constant until the next.
+The command of a servo is its setpoint, which is ``ctrl`` itself; where no law commands a servo, it keeps the last one, and
+before the first one that at which it exerts no force at the start of the run. A command is decided once per control tick
+and constant until the next.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ class Actuation(Stateful):
         self.counts = np.zeros((len(self._valves), 2))
         efforts = _effort_signals(system)
         self.keys = {what: [signal.key for signal in efforts[i :: len(_EFFORTS)]] for i, what in enumerate(_EFFORTS)}
-        self.columns = (
+        self.columns: tuple[Columns, ...] = (
             Columns(efforts, live=self.table.reshape(-1)),
             Columns(
                 _count_signals([self.names[i] for i in self._counted]), live=self.counts.reshape(-1), resume=self._resume

@@ -159,7 +159,7 @@ def limits_of(system: System, configs: Mapping[str, AnyActuator]) -> tuple[Envel
 
 
 def _effort_per_ctrl(model: Any) -> FloatArray:
-    """Gear times gain of each motor; that of a thruster's gain alone, as its gear is a wrench; 1 for the setpoint of a servo."""
+    """Gear times gain of each motor; that of a thruster its gain, as its gear is a wrench; 1 for setpoints."""
     on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
     gear = model.actuator_gainprm[:, 0] * np.where(on_joint, model.actuator_gear[:, 0], 1.0)
     return np.where(servo_mask(model), 1.0, gear)

@@ -48,10 +48,12 @@ class ServoForces:
             unit = "N m" if drives_rotation(self._model, i) else "N"
             for what, meaning in (("unclamped", "before the limits of its model file"), ("force", "after these limits")):
                 name = f"{identifier(names[i])}_{what}{unit_suffix(unit)}"
-                signals.append(Signal("actuators", name, unit, f"force of servo {names[i]}, {meaning}", f"actuator {names[i]}"))
+                signals.append(
+                    Signal("actuators", name, unit, f"force of servo {names[i]}, {meaning}", f"actuator {names[i]}")
+                )
         return tuple(signals)
 
-    def _evaluate(self, time_s: float) -> None:
+    def _evaluate(self, _: float) -> None:
         data, servos = self._data, self._servos
         mujoco.mj_fwdActuation(self._unclamped, data)
         self._forces[:, 0] = data.actuator_force[servos] * self._gear

@@ -1,7 +1,8 @@
 """Energy and momentum balance of a run: accumulated work and impulses, and the residuals.
 
-The work of a joint effort held over a step is force times displacement, exactly. That of a servo is the integral of its power
-over the stages of the step. Terms that depend on where a force acts while the body moves are integrated over the (sub-)step.
+The work of a joint effort held over a step is force times displacement, exactly. That of a servo is the integral of its
+power over the stages of the step. Terms that depend on where a force acts while the body moves are integrated over the
+(sub-)step.
 """
 
 from __future__ import annotations

@@ -238,7 +238,7 @@ class StageWork:
     def open(self) -> None:
         """Begin a (sub-)step."""
 
-    def close(self, duration_s: float) -> None:
+    def close(self, _: float) -> None:
         """End the step."""
         self._work += self._done
 

@@ -56,9 +56,9 @@ class StateProjection:
         elif outside[1]:
             from_outside[1] = total
             impulse = impulse - total
-        # The balance computes the work of plain motors from joint displacements, unless there are servos; the displacement of a
-        # projection is not work. It takes the rates of dampers from them, too: Simpson's rule gives the power at the middle, whose rate is off by 1.5 times
-        # the displacement over the step, a weight of two thirds of the step.
+        # The balance computes actuator work from joint displacements, unless there are servos; the displacement of a
+        # projection is not work. It takes the rates of dampers from them, too: Simpson's rule gives the power at the middle,
+        # whose rate is off by 1.5 times the displacement over the step, a weight of two thirds of the step.
         displacement = np.empty(system.mj.nv)
         mujoco.mj_differentiatePos(system.mj, displacement, 1.0, qpos, data.qpos)
         if motion.power is None:

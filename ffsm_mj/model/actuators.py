@@ -52,6 +52,11 @@ def servo_mask(model: Any) -> BoolArray:
     return np.asarray(~plain)
 
 
+def is_servo(model: Any, actuator: int) -> bool:
+    """Whether an actuator of a compiled model has a law of its own."""
+    return bool(servo_mask(model)[actuator])
+
+
 def has_servos(model: Any) -> bool:
     """Whether an actuator of a compiled model has a law of its own."""
     return bool(servo_mask(model).any())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,18 +12,18 @@ import numpy as np
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import servo_mask
-from ffsm_mj.model.system import System
+from ffsm_mj.model.system import Joint, System
 
 
 @dataclass(frozen=True)
 class DrivenJoints:
-    """Hinge or slide joints of the robot and their motors, in the requested order.
+    """Hinge or slide joints of the robot and their actuators, in the requested order.
 
     Attributes:
         names: Full names of the joints.
         qpos: Their addresses in ``qpos``, (n,).
         dofs: Their addresses in ``qvel``, (n,).
-        actuators: Ids of their motors, (n,).
+        actuators: Ids of their motors, (n,); or of all servos that move them, one or more joints each.
     """
 
     names: tuple[str, ...]
@@ -46,7 +46,7 @@ def driven_joints(
         reserved: Ids of actuators whose joints are left out where no names are given.
 
     Raises:
-        ScenarioFaults: A joint is unknown, does not belong to the robot, or has no motor.
+        ScenarioFaults: A joint is unknown, does not belong to the robot, has no motor, or is driven by a servo.
     """
     motors = _motors(system)
     key_given = names is not None
@@ -61,36 +61,107 @@ def driven_joints(
         names = [name for name in own if motors[name] not in reserved]
         if own and not names:
             raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])
-    robot = [joint.name for joint in system.robot.joints]
-    faults, found = [], []
-    for i, name in enumerate(names):
-        try:
-            joint = system.joint(name)
-        except LookupError:
-            faults.append(Fault(unknown_name("joint of the robot", name, robot), (key, i)))
-            continue
-        if joint.name not in motors:
-            faults.append(Fault(unknown_name("motor-driven joint", name, motors), (key, i)))
-        found.append(joint)
+    servos = joints_of_servos(system)
+    found, faults = _named_joints(system, names, key)
+    for i, joint in enumerate(found):
+        if joint is not None and joint.name in servos:
+            faults.append(Fault(_needs_motors(system, {joint.name: servos[joint.name]}), (key, i)))
+        elif joint is not None and joint.name not in motors:
+            faults.append(Fault(unknown_name("motor-driven joint", names[i], motors), (key, i)))
     if not names and key_given:
         faults.append(Fault("must contain at least one joint, or be left out", (key,)))
-    elif not found and not faults:
+    elif not names and servos:
+        faults.append(Fault(_needs_motors(system, servos), (key,)))
+    elif not names:
         faults.append(Fault("the robot has no motor-driven joint; add <motor joint=.../> to its MJCF", (key,)))
     if faults:
         raise ScenarioFaults(faults)
+    joints = [joint for joint in found if joint is not None]
+    return _driven(joints, [motors[joint.name] for joint in joints])
+
+
+def servo_joints(
+    system: System, names: Sequence[str] | None, key: str = "joints", reserved: Collection[int] = ()
+) -> DrivenJoints | None:
+    """Resolve joints that servos drive, as :func:`driven_joints` those of motors; None: motors drive them, or nothing.
+
+    ``actuators`` are all servos that move these joints: one may move several, by a tendon.
+
+    Raises:
+        ScenarioFaults: Servos drive some of them, and motors others.
+    """
+    servos = joints_of_servos(system)
+    if names is None:
+        base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+        of_servos = [each for each in system.robot.joints if set(servos.get(each.name, ())).difference(reserved)]
+        motors = {name: i for name, i in _motors(system).items() if system.joints[name].dofs.start not in base}
+        others = [name for name, i in motors.items() if i not in reserved]
+    else:
+        found = [joint for joint in _named_joints(system, names, key)[0] if joint is not None]
+        of_servos = [joint for joint in found if joint.name in servos]
+        others = [joint.name for joint in found if joint.name not in servos]
+    if not of_servos:
+        return None
+    if others:
+        message = (
+            f"servos drive {', '.join(joint.name for joint in of_servos)}, and not {', '.join(others)}; name the joints of "
+            "one kind here, and those of the other in a part of the phase of its own ('controllers')"
+        )
+        raise ScenarioFaults([Fault(message, (key,))])
+    return _driven(of_servos, sorted({i for joint in of_servos for i in servos[joint.name]}))
+
+
+def _driven(joints: Sequence[Joint], actuators: Sequence[int]) -> DrivenJoints:
     return DrivenJoints(
-        tuple(joint.name for joint in found),
-        np.array([joint.qpos.start for joint in found]),
-        np.array([joint.dofs.start for joint in found]),
-        np.array([motors[joint.name] for joint in found]),
+        tuple(joint.name for joint in joints),
+        np.array([joint.qpos.start for joint in joints]),
+        np.array([joint.dofs.start for joint in joints]),
+        np.array(actuators, dtype=np.intp),
     )
 
 
+def _named_joints(system: System, names: Sequence[str], key: str) -> tuple[list[Joint | None], list[Fault]]:
+    """Joints by name, None for those that are unknown, and a fault for each of these."""
+    robot = [joint.name for joint in system.robot.joints]
+    found: list[Joint | None] = []
+    faults = []
+    for i, name in enumerate(names):
+        try:
+            found.append(system.joint(name))
+        except LookupError:
+            found.append(None)
+            faults.append(Fault(unknown_name("joint of the robot", name, robot), (key, i)))
+    return found, faults
+
+
+def _needs_motors(system: System, joints: Mapping[str, Sequence[int]]) -> str:
+    """Message for a law that computes efforts, on joints that servos drive."""
+    names = [system.names("actuator")[i] for i in sorted({i for ids in joints.values() for i in ids})]
+    entries = ", ".join(f"{name}: {{kind: torque}}" for name in names)
+    drive = "a servo drives" if len(names) == 1 else "servos drive"
+    return f"the law computes efforts, and {drive} {', '.join(joints)}; write 'actuators: {{{entries}}}' in the scenario"
+
+
+def joints_of_servos(system: System) -> dict[str, list[int]]:
+    """Ids of the servos that move each hinge or slide joint of the robot, by joint name."""
+    model, found = system.mj, dict[str, list[int]]()
+    servos = np.flatnonzero(servo_mask(model)).tolist()
+    if servos:
+        data, moments = mujoco.MjData(model), np.zeros((model.nout, model.nv))
+        mujoco.mj_forward(model, data)  # moments are zero before
+        mujoco.mju_sparse2dense(moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+        for joint in system.robot.joints:
+            moving = [i for i in servos if moments[i, joint.dofs.start] != 0.0]
+            if moving and joint.kind in ("hinge", "slide"):
+                found[joint.name] = moving
+    return found
+
+
 def _motors(system: System) -> dict[str, int]:
-    """Id of the actuator of each hinge or slide joint of the robot, by joint name."""
+    """Id of the motor of each hinge or slide joint of the robot, by joint name."""
     model = system.mj
     motors = {}
-    for i in range(model.nu):
+    for i in np.flatnonzero(~servo_mask(model)).tolist():
         if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT:
             continue
         joint = system.joints[model.joint(model.actuator_trnid[i, 0]).name]

@@ -41,7 +41,7 @@ class Part:
 
 
 def part(name: str, files: ModelFiles, vfs: Any) -> Part:
-    """Prepare one model: remove elements, make motors of servos, change properties, add sites and flexible drives, in this order.
+    """Prepare one model: remove elements, make servos motors, change properties, add sites and flexible drives, in order.
 
     Args:
         name: Name of the model in the scene.

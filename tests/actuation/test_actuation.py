@@ -9,7 +9,7 @@ import pytest
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.actuation.config import OnOffConfig, TorqueSpeedConfig
 from ffsm_mj.controller_protocol import Command
-from ffsm_mj.errors import ControllerError, InputError
+from ffsm_mj.errors import ControllerError, ScenarioFaults
 from tests.scenes import HEAD, compile_paths
 
 MOTOR = TorqueSpeedConfig(kind="torque_speed", stall_torque_N_m=14.0, no_load_speed_rad_s=0.54)
@@ -104,6 +104,7 @@ def test_mjcf_ranges_are_kept(tmp_path):
     assert actuation.table[0].tolist() == [-50.0, -2.0, -2.0, 6.0]  # asked for, delivered, and the bounds
 
 
-def test_servos_are_refused_by_name(tmp_path):
-    with pytest.raises(InputError, match=r"r\.xml:3: actuator 'servo' is not a plain <motor>"):
-        model(tmp_path, '<position name="servo" joint="j" kp="5"/>')
+def test_limits_of_motors_are_refused_for_servos(tmp_path):
+    system = model(tmp_path, '<position name="servo" joint="j" kp="5"/>')
+    with pytest.raises(ScenarioFaults, match="servo is a servo, and torque_speed is a limit of motors"):
+        Actuation(system, {"servo": MOTOR}, mujoco.MjData(system.mj))

@@ -48,7 +48,7 @@ def test_the_page_runs(folder, name, capsys):
             '<motor name="drive a" joint="J-a"/>',
             '<position name="servo" joint="J-a"/>',
             "crab.xml",
-            "is not a plain <motor>",
+            "write 'actuators: {robot/servo: {kind: torque}}'",
         ),
         ("rock/body_joint: [1.9", "rock/body_joint: [1.2", "crab.yaml", "overlap by"),
         ("tip: claw point", "tip: claw_point", "crab.yaml", "(did you mean 'robot/claw point'?)"),

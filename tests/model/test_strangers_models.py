@@ -104,10 +104,13 @@ def test_an_effort_limit_under_several_actuators_is_refused(tmp_path):
         ),
         ({"actuator": '<adhesion body="link" ctrlrange="0 1"/>'}, "is an <adhesion>: it acts by MuJoCo's contact forces"),
         ({"actuator": '<motor joint="j" gear="0"/>'}, "has gear or gain 0: it drives nothing"),
-        ({"actuator": '<damper joint="j" kv="1" ctrlrange="0 1"/>'}, "is not a plain <motor>"),
+        (
+            {"actuator": '<position joint="wrist" kp="1"/>'},
+            "is a servo that acts neither on a hinge or slide nor on a tendon",
+        ),
     ],
 )
-def test_actuators_that_are_no_plain_motors_are_refused_with_their_line(tmp_path, parts, expected):
+def test_actuators_that_cannot_be_modelled_are_refused_with_their_line(tmp_path, parts, expected):
     with pytest.raises(InputError, match="actuator '") as refused:
         system(tmp_path, bus(**parts))
     line = refused.value.lines[0]

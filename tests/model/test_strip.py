@@ -94,10 +94,7 @@ def test_servos_are_refused_with_a_remedy(tmp_path):
     path, changes = moving(tmp_path, ALL[:-1])
     with pytest.raises(InputError, match=r"strip: \[servos\]") as refused:
         prepare(path, changes)
-    assert [line.partition(" is not a plain <motor>")[0].rpartition("actuator ")[2] for line in refused.value.lines] == [
-        "'aim'",
-        "'lag'",
-    ]
+    assert [line.partition(" has an activation")[0].rpartition("actuator ")[2] for line in refused.value.lines] == ["'lag'"]
 
 
 def test_log_and_rerun_strip_alike(tmp_path, capfd):

@@ -1,7 +1,7 @@
-"""Moves joints through waypoints on the path of least jerk, by computed torque on the reduced dynamics.
+"""Moves joints through waypoints on the path of least jerk, by computed torque on the reduced dynamics, or by servos.
 
 u = M_c (qdd_d - 2 zeta w ed - w^2 e) + c_c: the error from the path obeys edd + 2 zeta w ed + w^2 e = 0, whatever base and
-momentum do.
+momentum do. Servos get the setpoints at which they exert no force on joints that are on the path.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ffsm_controllers.joint_path.config import JointPathConfig
 from ffsm_controllers.joint_path.limits import Bounds, PathLimits
 from ffsm_controllers.joint_servo import JointServo, joint_range, refuse_outside_range
 from ffsm_controllers.pd import per_joint
+from ffsm_controllers.setpoints import Setpoints
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -59,13 +60,19 @@ class JointPath(Stateful):
             ScenarioFaults: An unknown joint, a waypoint beyond the joints' ranges or too soon for their speed, or a
                 bandwidth that the control period cannot serve.
         """
-        self._servo = JointServo(config, context)
-        self._model, names = self._servo.model, self._servo.model.joints.names
+        self._setpoints = Setpoints.of(config, context)
+        if self._setpoints is not None:
+            self._joints = self._setpoints.joints
+            _refuse_effort(config)
+        else:
+            self._servo = JointServo(config, context)
+            self._model, self._joints = self._servo.model, self._servo.model.joints
+        names = self._joints.names
         bounds = _bounds(config, context, names)
         _refuse_waypoints(config, context, names, bounds.speed)
         self._waypoints = np.array([waypoint.positions for waypoint in config.waypoints])
         self._times = [waypoint.at_s for waypoint in config.waypoints]
-        self._limits = PathLimits(context, self._model, bounds)
+        self._limits = PathLimits(context, self._joints, None if self._setpoints is not None else self._model, bounds)
         self._mj, self._unit = context.system.mj, unit_moments(context.system.mj)
         self._start_s, self._begin, self._faults = 0.0, np.zeros((2, len(names))), list[str]()
         self._errors = JointErrors(context.system, names, "path", "largest distance of a joint from its path")
@@ -73,12 +80,12 @@ class JointPath(Stateful):
 
     @property
     def driven_actuators(self) -> IntArray:
-        """Motors of the joints."""
-        return self._model.joints.actuators
+        """Motors or servos of the joints."""
+        return self._joints.actuators
 
     def start(self, observation: Observation) -> None:
         """Lay the path from here."""
-        data, joints = observation.data, self._model.joints
+        data, joints = observation.data, self._joints
         self._start_s = observation.time_s
         self._begin[:] = data.qpos[joints.qpos], data.qvel[joints.dofs]
         self._path = self._path_from(*self._begin)
@@ -86,7 +93,7 @@ class JointPath(Stateful):
 
     def start_faults(self, data: Any) -> Sequence[Fault]:
         """Limits that the path from a state exceeds."""
-        joints = self._model.joints
+        joints = self._joints
         faults = self._limits.faults(self._path_from(data.qpos[joints.qpos], data.qvel[joints.dofs]), data)
         return [Fault(f"{_EXCEEDS}: {fault}; {_INSTEAD}", ("waypoints",)) for fault in faults]
 
@@ -106,24 +113,28 @@ class JointPath(Stateful):
         """
         if self._faults:
             raise ControllerError(f"{_EXCEEDS} ({'; '.join(self._faults)}); {_INSTEAD}")
-        data, model, servo = observation.data, self._model, self._servo
+        data = observation.data
         positions, rates, accelerations = self._path.at(observation.time_s - self._start_s)
+        error = data.qpos[self._joints.qpos] - positions
+        self._errors.look(error)
+        if self._setpoints is not None:
+            command.drive(self._joints.actuators, self._setpoints.at(data, positions, rates))
+            return
+        model, servo = self._model, self._servo
         model.update(data)
-        error = data.qpos[model.joints.qpos] - positions
         wanted = accelerations - servo.damping * (model.qd - rates) - servo.stiffness * error
         if command.others.any():
             pushed = moments(self._mj, data, self._unit).T.dot(command.others)
             wanted = wanted - model.accelerations(data, pushed)[model.joints.dofs]
         command.drive(model.joints.actuators, model.M_c.dot(wanted) + model.c_c)
-        self._errors.look(error)
 
     def is_finished(self, time_s: float) -> bool:
         """Whether the path has come to its last waypoint."""
         return time_s - self._start_s >= self._times[-1] - TIME_TOLERANCE_S
 
-    def damping_at(self, data: Any) -> Damping:
-        """That of the feedback."""
-        return self._servo.damping_at(data)
+    def damping_at(self, data: Any) -> Damping | None:
+        """That of the feedback; None: servos have it."""
+        return self._servo.damping_at(data) if self._setpoints is None else None
 
     def telemetry(self) -> Sequence[float]:
         """Largest distance from the path, of hinges in rad and of slides in m."""
@@ -132,6 +143,17 @@ class JointPath(Stateful):
     def summary(self) -> ControllerReport:
         """Largest distances from the path."""
         return self._errors.report()
+
+
+def _refuse_effort(config: JointPathConfig) -> None:
+    """Refuse a bound on efforts where servos drive the joints.
+
+    Raises:
+        ScenarioFaults: There is one.
+    """
+    if config.max_effort is not None:
+        message = "servos drive the joints, whose efforts are not predicted; leave it out"
+        raise ScenarioFaults([Fault(message, ("max_effort",))])
 
 
 def _bounds(config: JointPathConfig, context: ControllerContext, names: Sequence[str]) -> Bounds:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ffsm_mj.controller_protocol import ControllerContext, FloatArray, MinimumJerk
+from ffsm_mj.controller_protocol import ControllerContext, DrivenJoints, FloatArray, MinimumJerk
 from ffsm_mj.task_model import JointModel
 
 _SAMPLES, _SAMPLES_EACH = 200, 40
@@ -30,16 +30,17 @@ class Bounds(NamedTuple):
 class PathLimits:
     """Checks paths against limits."""
 
-    def __init__(self, context: ControllerContext, model: JointModel, bounds: Bounds) -> None:
+    def __init__(self, context: ControllerContext, joints: DrivenJoints, model: JointModel | None, bounds: Bounds) -> None:
         """Bind to the joints.
 
         Args:
             context: What the law is made for.
-            model: Reduced dynamics of the joints.
+            joints: The joints.
+            model: Their reduced dynamics; None: servos drive them, whose efforts are not predicted.
             bounds: Limits of the joints; efforts are limited by their actuators as well.
         """
         self._mj, self._limits, self._model, self._bounds = context.system.mj, context.limits, model, bounds
-        self._actuators = model.joints.actuators
+        self._joints, self._actuators = joints, joints.actuators
         self._gear = self._mj.actuator_gear[self._actuators, 0]
         self._data = mujoco.MjData(self._mj)
 
@@ -50,18 +51,20 @@ class PathLimits:
             path: The path, from the state in ``data``.
             data: State of the system where it begins.
         """
-        bounds, worst = self._bounds, _Worst(self._model.joints.names, self._units())
+        bounds, worst = self._bounds, _Worst(self._joints.names, self._units())
         for time_s, positions in path.extremes(0):
             worst.look("position", time_s, positions, bounds.low, bounds.high)
         for time_s, rates in path.extremes(1):
             worst.look("speed", time_s, rates, -bounds.speed, bounds.speed)
-        for time_s, effort, low, high in self._efforts(path, data):
+        for time_s, effort, low, high in self._efforts(self._model, path, data) if self._model is not None else ():
             worst.look("effort", time_s, effort, low, high)
         return worst.sentences()
 
-    def _efforts(self, path: MinimumJerk, data: Any) -> Iterator[tuple[float, FloatArray, FloatArray, FloatArray]]:
+    def _efforts(
+        self, model: JointModel, path: MinimumJerk, data: Any
+    ) -> Iterator[tuple[float, FloatArray, FloatArray, FloatArray]]:
         """Time, efforts that the path needs, and their bounds, along the predicted motion with all other motors off."""
-        mj, own, model, joints = self._mj, self._data, self._model, self._model.joints
+        mj, own, joints = self._mj, self._data, self._joints
         own.qpos[:], own.qvel[:] = data.qpos, data.qvel
         each = max(_SAMPLES_EACH, _SAMPLES // (len(path.times) - 1))
         times = np.interp(np.arange(each * (len(path.times) - 1) + 1) / each, np.arange(len(path.times)), path.times)
@@ -87,7 +90,7 @@ class PathLimits:
 
     def _units(self) -> Mapping[str, list[str]]:
         """Units of each joint by what is limited."""
-        slides = self._mj.jnt_type[self._mj.dof_jntid[self._model.joints.dofs]] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        slides = self._mj.jnt_type[self._mj.dof_jntid[self._joints.dofs]] == int(mujoco.mjtJoint.mjJNT_SLIDE)
         units = {"position": ("rad", "m"), "speed": ("rad/s", "m/s"), "effort": ("N m", "N")}
         return {what: [pair[int(slide)] for slide in slides] for what, pair in units.items()}
 

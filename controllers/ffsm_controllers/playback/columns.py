@@ -18,11 +18,15 @@ from ffsm_mj.controller_protocol import (
     ScenarioFaults,
     System,
     TableError,
+    control_unit,
     drives_rotation,
     identifier,
+    is_servo,
 )
 
 _FACTORS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "N m": 1.0, "mN m": 1e-3, "kN m": 1e3}
+_SETPOINTS = ("rad", "rad/s", "m", "m/s")
+"""Units of setpoints; others have none."""
 _TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _TIMES = ("time_s", "state.time_s")
 
@@ -122,7 +126,7 @@ def _column_of(actuator: str, actuators: Collection[str], columns: Collection[st
     short = actuator.rpartition("/")[2]
     of_several = sum(name.rpartition("/")[2] == short for name in actuators) > 1
     stems = (actuator, *(() if of_several else (short,)), identifier(actuator))
-    ends = ("", *(f"_{unit.replace(' ', '_')}" for unit in _FACTORS))
+    ends = ("", *(f"_{unit.replace(' ', '_').replace('/', '_')}" for unit in (*_FACTORS, *_SETPOINTS)))
     wanted = [f"{group}{stems[-1]}_applied{end}" for group in ("actuators.", "") for end in ends]
     wanted += [f"{stem}{end}" for stem in stems for end in ends]
     return next((name for name in wanted if name in columns), None)
@@ -135,6 +139,8 @@ def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, drive
         TableError: The column is unknown, its unit is not stated or does not fit, or a cell is no finite number.
     """
     name = table.name_of(driven.column)
+    if is_servo(system.mj, driven.actuator):
+        return _setpoints(table, system, driven, name)
     unit = _unit(name, driven.config.unit or config.unit, _FACTORS, f"unit: {FORCES[0]} or {TORQUES[0]}")
     allowed = TORQUES if drives_rotation(system.mj, driven.actuator) else FORCES
     if unit not in allowed:
@@ -146,6 +152,20 @@ def _efforts(config: PlaybackConfig, table: RecordedTable, system: System, drive
     if not np.isfinite(efforts).all():
         raise TableError(f"column {name!r} times {driven.config.scale:g} is beyond all numbers")
     return efforts
+
+
+def _setpoints(table: RecordedTable, system: System, driven: _Driven, column: str) -> FloatArray:
+    """Setpoints of a servo, (number of samples,), in the unit that its law gives them.
+
+    Raises:
+        TableError: The column is in another unit by its name, or one is stated.
+    """
+    own = control_unit(system.mj, driven.actuator)
+    by_name = next((unit for unit in sorted(_SETPOINTS, key=len, reverse=True) if _ends_in(column, unit)), own)
+    if driven.config.unit is not None or by_name != own:
+        actuator = system.names("actuator")[driven.actuator]
+        raise TableError(f"{actuator} is a servo: column {column!r} must have its setpoints, in {own or 'its own unit'}")
+    return np.asarray(table.numbers(column) * driven.config.scale)
 
 
 def _unit(column: str, stated: str | None, units: Collection[str], example: str) -> str:
@@ -163,7 +183,7 @@ def _unit(column: str, stated: str | None, units: Collection[str], example: str)
 
 
 def _ends_in(column: str, unit: str) -> bool:
-    return column.endswith(f"_{unit.replace(' ', '_')}")
+    return column.endswith(f"_{unit.replace(' ', '_').replace('/', '_')}")
 
 
 def _times(config: PlaybackConfig, table: RecordedTable) -> FloatArray:

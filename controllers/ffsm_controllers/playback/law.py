@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from ffsm_controllers.playback.columns import effort_record
 from ffsm_controllers.playback.config import PlaybackConfig
 from ffsm_mj.controller_protocol import (
@@ -17,6 +19,7 @@ from ffsm_mj.controller_protocol import (
     Observation,
     Signal,
     Stateful,
+    is_servo,
 )
 from ffsm_mj.tolerances import SCHEDULED_S
 
@@ -48,6 +51,8 @@ class Playback(Stateful):
         """
         table = context.recorded["file"]
         self._actuators, self._record = effort_record(config, table, context.system)
+        # An effort of zero is off; a servo has a setpoint of zero.
+        self._servos = np.array([is_servo(context.system.mj, i) for i in self._actuators.tolist()], dtype=np.bool_)
         self._of_phase, self._place = config.time.since == "phase", table.place
         self._period_s, self._start_s = context.control_period_s, 0.0
         self._sample, self._skipped, self._late_s = -1, 0, 0.0
@@ -69,7 +74,7 @@ class Playback(Stateful):
         efforts = self._record.over(time_s, next_tick * self._period_s - observation.time_s)
         if efforts is not None:
             command.effort[self._actuators] = efforts
-            command.powered[self._actuators] = efforts != 0.0
+            command.powered[self._actuators] = (efforts != 0.0) | self._servos
         if self._record.interpolation == "held":
             self._compare(time_s)
 

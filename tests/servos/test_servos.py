@@ -1,0 +1,196 @@
+"""Servos against closed forms of the link's angle, to order four of the step; what laws command them; kinds; refusals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.analysis.run_models import effort
+from ffsm_mj.errors import ControllerError
+from tests.replays import assert_replayed
+from tests.scenario.test_scenario import faults
+from tests.scenes import HEAD
+from tests.servos.scenes import INERTIA, KP, KV, SERVO, link_scene, run_link, steps
+from tests.simulation.restored import is_rest_of, rest, told
+
+HOLD = {"kind": "hold", "positions": [0.7]}
+ANGLE, RATE = "state.q_robot_j_rad", "state.v_robot_j_rad_s"
+PATH = {"kind": "joint_path", "waypoints": [{"at_s": 1.0, "positions": [0.5]}]}
+
+
+def passes(run):
+    return run.outcome == "completed" and all(check.passes for check in run.checks())
+
+
+@pytest.mark.parametrize(
+    ("actuator", "controller", "expected", "at_4_ms"),
+    [
+        # I_r q'' = kp (u - q) - kv q', from q = .2, q' = -.3: a sum of two exponentials.
+        (SERVO, HOLD, (0.839620148366, -1.003061558434, 0.183226498002), 2e-9),
+        # I_r q'' = kv (u - q'): one exponential.
+        (
+            '<velocity name="servo" joint="j" kv="0.6"/>',
+            {"kind": "playback", "file": "setpoints.csv"},
+            (0.285669418746, 0.321495871881, None),
+            2e-10,
+        ),
+    ],
+)
+def test_a_servo_moves_as_its_law_says(tmp_path, actuator, controller, expected, at_4_ms):
+    """To order four in angle, rate and work; the base takes what momentum says."""
+    (tmp_path / "setpoints.csv").write_text("time_s,actuators.robot_servo_applied_rad_s\n0,0.5\n2,0.5\n")
+    errors = []
+    for step_s in (4e-3, 2e-3):
+        run = run_link(tmp_path, controller, actuators=actuator, **steps(step_s))
+        assert passes(run)
+        found = run[ANGLE][-1], run[RATE][-1], run["balance.work_J"][-1]
+        errors.append(max(abs(a - b) for a, b in zip(found, expected, strict=True) if b is not None))
+        np.testing.assert_allclose(run["state.v_robot_free_wz_rad_s"], -0.2 * run[RATE], rtol=0.0, atol=1e-12)
+    assert errors[0] < at_4_ms
+    assert errors[1] < errors[0] / 12.0 + 2e-13  # 16 of order four
+    assert_replayed(run)
+
+
+def test_the_log_has_setpoints_and_forces(tmp_path):
+    """Force before and after the limits of the file; the setpoint within its range is in effect."""
+    actuator = SERVO.replace("/>", ' ctrlrange="-1 0.6" forcerange="-2 2"/>')
+    controller = {"kind": "playback", "file": "setpoints.csv"}
+    (tmp_path / "setpoints.csv").write_text("time_s,actuators.robot_servo_applied_rad\n0,0.7\n2,0.7\n")
+    run = run_link(tmp_path, controller, actuators=actuator, duration_s=0.4)
+    assert set(run["actuators.robot_servo_command_rad"]) == {0.7}
+    assert set(run["actuators.robot_servo_applied_rad"]) == {0.6}
+    assert (run["actuators.robot_servo_lower_rad"][0], run["actuators.robot_servo_upper_rad"][0]) == (-1.0, 0.6)
+    law = KP * (0.6 - run[ANGLE]) - KV * run[RATE]
+    np.testing.assert_allclose(run["actuators.robot_servo_unclamped_N_m"], law, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(run["actuators.robot_servo_force_N_m"], np.clip(law, -2, 2), rtol=0.0, atol=1e-13)
+    assert law[0] > 2.0 > law[-1]
+    assert 0.0 < effort(run)["robot_servo"]["at_bound"] < 1.0
+
+
+def test_a_servo_that_nothing_commands_keeps_its_setpoint(tmp_path):
+    """At first that at which it exerts no force: the link stays where it is. After a law, the last one."""
+    at_rest = {"joints": {"j": 0.2}}
+    run = run_link(tmp_path, {"kind": "off"}, initial=at_rest)
+    assert set(run["actuators.robot_servo_applied_rad"]) == {0.2}
+    assert np.abs(run[RATE]).max() == 0.0
+    phases = [
+        {"name": "go", "for_s": 0.1, "controller": HOLD},
+        {"name": "off", "until": "end", "controller": {"kind": "off"}},
+    ]
+    run, held = (run_link(tmp_path, HOLD, **given) for given in ({"phases": phases}, {}))
+    np.testing.assert_array_equal(run.qpos, held.qpos)
+
+
+def test_joint_path_has_no_lag_of_first_order(tmp_path):
+    """The setpoint contains kv qd_d / kp: what is left is the inertia, I_r qdd_d / kp, and the hold of the setpoint."""
+    still = {"joints": {"j": 0.2}}
+    run = run_link(tmp_path, PATH, initial=still)
+    most = INERTIA * 0.3 * 5.7736 / KP  # of 10 s^3 - 15 s^4 + 6 s^5 the greatest second derivative is 5.77
+    assert most / 4.0 < run["controller.path_error_rad"].max() < 1.6 * most
+    assert passes(run)
+    assert_replayed(run)
+
+
+def test_velocity_servos_hold_positions_with_a_bandwidth(tmp_path):
+    velocity = '<velocity name="servo" joint="j" kv="4"/>'
+    path = link_scene(tmp_path, HOLD, actuators=velocity, duration_s=3.0)
+    assert any("write 'bandwidth_rad_s'" in fault for fault in faults(path=path))
+    run = run_link(tmp_path, HOLD | {"bandwidth_rad_s": 3.0}, actuators=velocity, duration_s=3.0)
+    assert run[ANGLE][-1] == pytest.approx(0.7, abs=2e-3)
+    assert passes(run)
+
+
+def test_a_scenario_makes_a_servo_a_motor(tmp_path):
+    """With ``kind: torque`` it moves as the motor of another file, bit by bit; laws that compute efforts ask for it."""
+    hold = HOLD | {"bandwidth_rad_s": 4.0}
+    path = link_scene(tmp_path, {"kind": "pd", "kp": 1.0, "kd": 1.0, "target": [0.7]}, actuators=SERVO)
+    assert any("write 'actuators: {robot/servo: {kind: torque}}'" in fault for fault in faults(path=path))
+    assert any("with gains of their own: leave it out" in fault for fault in faults(path=link_scene(tmp_path, hold)))
+    actuator = SERVO.replace("/>", ' ctrlrange="-1 1" forcerange="-2 2"/>')
+    as_motor = {"actuators": {"servo": {"kind": "torque"}}}
+    run = ffsm_mj.run(link_scene(tmp_path, hold, actuators=actuator), as_motor)
+    motor = ffsm_mj.run(link_scene(tmp_path, hold, actuators='<motor name="servo" joint="j" forcerange="-2 2"/>'))
+    np.testing.assert_array_equal(run.log.rows, motor.log.rows)
+    assert_replayed(run)
+
+
+def test_servos_on_a_tendon_drive_both_its_joints(tmp_path):
+    """A gripper whose servo has another gain than its stiffness, as a vendor's hand: l = (a + b) / 2."""
+    fingers = "".join(
+        f"""<body name="finger_{name}" pos="0 {sign * 0.05} 0">
+        <joint name="{name}" type="slide" axis="0 {sign} 0" range="0 0.04" armature="0.1"/>
+        <geom name="pad_{name}" type="box" size="0.01 0.01 0.02" mass="0.05"/></body>"""
+        for name, sign in (("left", 1), ("right", -1))
+    )
+    hand = f"""<mujoco>{HEAD}<worldbody><body name="palm"><freejoint name="free"/><geom name="palm" type="box"
+      size="0.03 0.02 0.02" mass="2"/>{fingers}</body></worldbody>
+      <tendon><fixed name="split"><joint joint="left" coef="0.5"/><joint joint="right" coef="0.5"/></fixed></tendon>
+      <actuator><general name="hand" tendon="split" ctrlrange="0 255" gainprm="0.0157" biastype="affine"
+      biasprm="0 -100 -10"/></actuator></mujoco>"""
+    law = {"kind": "gripper", "joints": ["left", "right"], "action": "open", "closed_at": 0.0, "open_at": 0.03}
+    run = run_link(tmp_path, law, model=hand, initial={"joints": {"left": 0.01, "right": 0.01}}, duration_s=2.0)
+    np.testing.assert_allclose(run["actuators.robot_hand_applied"], 100 * 0.03 / 0.0157, rtol=1e-14)
+    assert run["state.q_robot_left_m"][-1] == pytest.approx(0.03, abs=1e-4)
+    assert run["state.q_robot_right_m"][-1] == pytest.approx(run["state.q_robot_left_m"][-1], abs=1e-12)
+    assert passes(run)
+    assert_replayed(run)
+    path = link_scene(tmp_path, law | {"force_N": 3.0}, model=hand, initial={})
+    assert any("a servo presses as its model file says" in fault for fault in faults(path=path))
+    path = link_scene(tmp_path, law | {"open_at": 0.0401}, model=hand, initial={})
+    assert any("beyond" in fault for fault in faults(path=path))
+
+
+class NotANumber:
+    """Commands a setpoint that is none."""
+
+    telemetry_signals = ()
+
+    def __init__(self, config, context):
+        pass
+
+    def start(self, observation):
+        pass
+
+    def control(self, observation, command):
+        command.drive([0], np.nan)
+
+    def telemetry(self):
+        return ()
+
+
+def test_setpoints_that_are_no_numbers_end_the_run(tmp_path):
+    path = link_scene(tmp_path, {"kind": "none"})
+    with pytest.raises(ControllerError, match="non-finite setpoint for robot/servo"):
+        ffsm_mj.run(path, controllers={"none": NotANumber})
+
+
+@pytest.mark.parametrize(
+    ("actuator", "expected"),
+    [
+        ('<muscle name="servo" joint="j" lengthrange="0 1"/>', "has a law that is not supported"),
+        ('<position name="servo" joint="free" kp="1"/>', "acts neither on a hinge or slide nor on a tendon"),
+        ('<adhesion name="servo" body="link" ctrlrange="0 1"/>', "is an <adhesion>"),
+    ],
+)
+def test_what_is_not_modelled_is_refused_by_name(tmp_path, actuator, expected):
+    found = faults(path=link_scene(tmp_path, {"kind": "off"}, actuators=actuator))
+    assert any("robot.xml:" in fault and "actuator 'servo'" in fault and expected in fault for fault in found), found
+
+
+def test_a_run_goes_on_from_its_state(tmp_path):
+    """In the middle, from bytes; no law commands the servo any more, so that its setpoint is part of the state."""
+    phases = [
+        {"name": "go", "for_s": 0.05, "controller": HOLD},
+        {"name": "off", "until": "end", "controller": {"kind": "off"}},
+    ]
+    path = link_scene(tmp_path, HOLD, phases=phases, duration_s=0.2)
+    with ffsm_mj.Simulator(path) as simulator:
+        simulator.reset()
+        while simulator.time_s < 0.1:
+            simulator.step()
+        state = simulator.get_state().to_bytes()
+        while not simulator.ended:
+            simulator.step()
+        whole = told(simulator.close())
+    assert is_rest_of(whole, rest(path, {}, state))
