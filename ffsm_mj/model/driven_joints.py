@@ -62,6 +62,10 @@ def driven_joints(
         if own and not names:
             raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])
     servos = joints_of_servos(system)
+    left = {name: ids for name, ids in servos.items() if not set(ids).issubset(reserved)}
+    if not key_given and left:
+        others = f", or name the joints to drive ({key!r})" if names else ""
+        raise ScenarioFaults([Fault(f"{_needs_motors(system, left)}{others}", (key,))])
     found, faults = _named_joints(system, names, key)
     for i, joint in enumerate(found):
         if joint is not None and joint.name in servos:
@@ -70,8 +74,6 @@ def driven_joints(
             faults.append(Fault(unknown_name("motor-driven joint", names[i], motors), (key, i)))
     if not names and key_given:
         faults.append(Fault("must contain at least one joint, or be left out", (key,)))
-    elif not names and servos:
-        faults.append(Fault(_needs_motors(system, servos), (key,)))
     elif not names:
         faults.append(Fault("the robot has no motor-driven joint; add <motor joint=.../> to its MJCF", (key,)))
     if faults:
