@@ -87,36 +87,56 @@ cdef class FreeStepper:
 
 
 cdef class ActuatorPower:
-    """Power of the actuators of a motion at a stage of a step, and their work in the last step.
+    """Power of the actuators at the stages of a step, and their work in the last step, by tree.
 
     A servo's force varies within a step, and limits of joints act on the sum of all forces on them: the work is the integral
     of qfrc_actuator . qvel by the weights of the stages.
+
+    Attributes:
+        work: Work in the last step, J, (number of trees,).
     """
 
     cdef readonly object work
-    cdef double[::1] total, forces, rates, force, velocity
-    cdef const Py_ssize_t[::1] apart
+    cdef double[::1] total, sums, forces, rates, force, velocity
+    cdef const Py_ssize_t[::1] trees, apart, apart_trees
 
-    def __init__(self, data, const Py_ssize_t[::1] apart not None, double[::1] work not None):
-        """Bind to data; ``work``, J, (1,), receives the work of all actuators but those ``apart``, which are plain motors."""
-        self.work, self.total, self.apart = work, work, apart
+    def __init__(self, data, const Py_ssize_t[::1] trees not None, apart, double[::1] work not None):
+        """Bind to data.
+
+        Args:
+            data: MuJoCo data of a motion.
+            trees: Tree of each of its degrees of freedom, (nv,).
+            apart: Ids of actuators whose work is entered elsewhere, and the tree of each, (2, n); they are plain motors.
+            work: Receives the work, J, (number of trees,).
+        """
+        if len(trees) != len(data.qvel):
+            raise ValueError(f"{len(trees)} trees for {len(data.qvel)} degrees of freedom")
+        self.work, self.total, self.sums, self.trees = work.base, work, np.zeros(len(work)), trees
+        self.apart, self.apart_trees = np.ascontiguousarray(apart, dtype=np.intp)
         self.forces, self.rates = data.qfrc_actuator, data.qvel
         self.force, self.velocity = data.actuator_force, data.actuator_velocity
 
-    cpdef double now(self) noexcept:
-        """Power at the state and efforts in the data, W."""
-        cdef double power = 0.0
+    def begin(self):
+        """Begin the sum over the stages of a step."""
+        self.clear()
+
+    cdef void clear(self) noexcept:
+        memset(&self.sums[0], 0, self.sums.shape[0] * sizeof(double))
+
+    cpdef void add(self, double weight) noexcept:
+        """Add the power of a stage, whose forces and rates are in the data, with its weight."""
         cdef Py_ssize_t i, k
         for i in range(self.rates.shape[0]):
-            power += self.forces[i] * self.rates[i]
+            self.sums[self.trees[i]] += weight * self.forces[i] * self.rates[i]
         for k in range(self.apart.shape[0]):
             i = self.apart[k]
-            power -= self.force[i] * self.velocity[i]
-        return power
+            self.sums[self.apart_trees[k]] -= weight * self.force[i] * self.velocity[i]
 
-    def take(self, double work):
-        """Set the work in the last step, J."""
-        self.total[0] = work
+    cpdef void end(self, double duration_s) noexcept:
+        """End a step of a duration, over which the weights add up to 1."""
+        cdef Py_ssize_t i
+        for i in range(self.sums.shape[0]):
+            self.total[i] = duration_s * self.sums[i]
 
 
 cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
@@ -209,21 +229,24 @@ cdef class ForcedStepper(FreeStepper):
         """Set the state at the end of a step, by the classical tableau."""
         cdef Py_ssize_t n = self.rates.shape[0]
         cdef double* slopes = &self.slopes[0, 0, 0]
-        cdef double power = self.power.now() if self.power is not None else 0.0
         memcpy(slopes, &self.rates[0], n * sizeof(double))
         memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
+        if self.power is not None:
+            self.power.clear()
+            self.power.add(1.0 / 6.0)
         self.data.time, self.inside = start_s + 0.5 * h, True
         try:
             self.evaluate(0.5 * h, slopes, slopes + 2 * n)
             if self.power is not None:
-                power += 2.0 * self.power.now()
+                self.power.add(1.0 / 3.0)
             self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
             if self.power is not None:
-                power += 2.0 * self.power.now()
+                self.power.add(1.0 / 3.0)
             self.data.time = start_s + h
             self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
             if self.power is not None:
-                self.power.total[0] = h / 6.0 * (power + self.power.now())
+                self.power.add(1.0 / 6.0)
+                self.power.end(h)
         finally:
             self.inside = False
         WEIGHTS.dot(self.flat_slopes, self.flat_mean)  # its order of summation is not ours to know

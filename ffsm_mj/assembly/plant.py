@@ -14,7 +14,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.controller_protocol import Task
-from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.motion import Motion, actuator_power
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.system import System
@@ -50,7 +50,7 @@ def build_plant(
     Raises:
         ScenarioFaults: A contact model or an actuator does not fit the system, or no accuracy can be measured.
     """
-    scene, motion = Scene(system, data), Motion(system.mj, data)
+    scene, motion = Scene(system, data), Motion(system.mj, data, actuator_power(system, data))
     actuation = Actuation(system, scenario.actuators, data)
     control = _delayed_control(scenario, scene, actuation)
     models = contact_models_of(scenario, scene, motion, pairs, limits, held)

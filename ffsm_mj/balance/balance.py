@@ -76,8 +76,8 @@ class Balance:
             data: Their state.
             momentum: Array in which M qdot is kept current, (nv,).
             capacity: Capacity of the sample buffer.
-            actuator_work: Array in which the work of the actuators in the last (sub-)step is kept, J, (1,); None: there are
-                no servos.
+            actuator_work: Array in which the work of the actuators in the last (sub-)step is kept, J, (number of trees,);
+                None: there are no servos.
         """
         self._system = system
         robot_free = free_components(system, system.robot)
@@ -100,7 +100,7 @@ class Balance:
         held = self._numbers[ACCOUNTS:_OF_TREES]
         self._grasped_object = GraspedObjectBalance(system, data, momentum, held, self._of_trees)
         always = [part for part in (gravity, self._springs) if part is not None]
-        self.work = self._step_work(data, always)
+        self.work = self._step_work(data, always, actuator_work)
         self.momentum = momentum
         self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
@@ -109,18 +109,25 @@ class Balance:
         )
         self.resume(np.zeros(len(self._statement.signals)))
 
-    def _step_work(self, data: Any, always: list[Any]) -> StepWork:
+    def _step_work(self, data: Any, always: list[Any], actuator_work: FloatArray | None) -> StepWork:
         """Accounts of the actuators over a (sub-)step: the robot's, and those of each object that has any."""
         system, accounts = self._system, self._accounts
-        on_joint = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        on_joint = elsewhere = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        if actuator_work is not None:
+            # The stages of the steps integrate the work of all actuators but thrusters.
+            on_joint, elsewhere = np.zeros_like(on_joint), np.ones_like(on_joint)
+            elsewhere[thruster_ids(system.mj)] = False
+            always = [*always, StageWork(actuator_work[:1], accounts.work)]
         of_tree = np.array(system.actuator_trees, dtype=np.intp)
-        outside = external_parts(system, data, 0, (accounts.work, accounts.external), on_joint)
+        outside = external_parts(system, data, 0, (accounts.work, accounts.external), elsewhere)
         for tree, account in enumerate(self._of_trees.actuators):
             motors = np.flatnonzero(on_joint & (of_tree == tree))
             if tree and motors.size:
                 always = [*always, JointMotors(data, motors, account[:1])]
+            if tree and actuator_work is not None:
+                always = [*always, StageWork(actuator_work[tree : tree + 1], account[:1])]
             if tree:
-                outside += external_parts(system, data, tree, (account[:1], account[1:]), on_joint)
+                outside += external_parts(system, data, tree, (account[:1], account[1:]), elsewhere)
         flags = (on_joint & (of_tree == 0)).astype(np.float64), external_actuators(system).astype(np.float64)
         return StepWork(data, *flags, self._numbers, accounts.gained, accounts.contact, accounts.fixed, always, outside)
 

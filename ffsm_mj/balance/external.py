@@ -327,7 +327,7 @@ class JointMotors:
 
 
 def external_parts(
-    system: System, data: Any, tree: int, account: tuple[FloatArray, FloatArray], on_joint: npt.NDArray[np.bool_]
+    system: System, data: Any, tree: int, account: tuple[FloatArray, FloatArray], elsewhere: npt.NDArray[np.bool_]
 ) -> list[Thrusters | BaseMotors]:
     """What accounts for the external actuators of a tree.
 
@@ -336,11 +336,11 @@ def external_parts(
         data: Their state.
         tree: Index of the tree.
         account: Receives the work, J, (1,), and the impulse on the tree (P, L about the world origin), (6,).
-        on_joint: Mask of the actuators on joints, whose work is accounted for elsewhere, (nu,).
+        elsewhere: Mask of the actuators whose work is accounted for elsewhere, (nu,).
     """
     external = external_actuators(system) & (np.array(system.actuator_trees) == tree)
     by_pose = thrusters(system, data, system.trees[tree], *account)
     for group in by_pose:
         external[group.actuators] = False
-    motors = [BaseMotors(system, data, system.trees[tree], external, on_joint, *account)] if external.any() else []
+    motors = [BaseMotors(system, data, system.trees[tree], external, elsewhere, *account)] if external.any() else []
     return [*by_pose, *motors]

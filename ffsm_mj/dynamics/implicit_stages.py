@@ -84,9 +84,11 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
     step = stepper.stage = ImplicitStep(duration_s, stepper.start_rates)
     start_s, nodes = data.time, len(_PLACES)
     slopes, change, solved = np.array((np.stack((data.qvel, data.qacc)),) * nodes), np.inf, True
-    power, powers = stepper.power, np.zeros(nodes)
+    power = stepper.power
     try:
         for again in range(_PASSES):
+            if power is not None:
+                power.begin()
             before, increments = slopes, np.tensordot(step.weights, slopes, 1)
             slopes = np.empty_like(before)
             for step.node in range(nodes):
@@ -96,7 +98,7 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
                 stepper.refresh()
                 slopes[step.node, 1] = data.qacc
                 if power is not None:
-                    powers[step.node] = power.now()
+                    power.add(IMPLICIT_WEIGHTS[step.node])
             found = step.stiff.corrections(step, slopes[:, 1]) if step.stiff is not None else 0.0
             solved = found is not None
             if found is not None:
@@ -112,7 +114,7 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
     finally:
         stepper.stage, stepper.repeats = None, 0
     if power is not None:
-        power.take(float(step.weights[-1].dot(powers)))
+        power.end(duration_s)
     stepper.move_by(np.tensordot(step.weights[-1], slopes, 1))
     return solved
 

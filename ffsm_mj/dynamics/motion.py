@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.model.actuators import has_servos, thruster_ids
-from ffsm_mj.model.system import Tree
+from ffsm_mj.model.system import System, Tree
 
 Push = Callable[[Any], None]
 """Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
@@ -47,13 +47,13 @@ class Motion:
     grasped_object: Tree | None = None
     disabled: frozenset[frozenset[int]] = frozenset()
 
-    def __init__(self, model: Any, data: Any, actuator_work: FloatArray | None = None) -> None:
+    def __init__(self, model: Any, data: Any, power: ActuatorPower | None = None) -> None:
         """Start at the state in ``data`` (all derived quantities current).
 
         Args:
             model: MuJoCo model, with RK4.
             data: Its data.
-            actuator_work: Receives the work of the actuators in a step, J, (1,); None: an array of its own.
+            power: Integrates the work of the actuators over the stages of each step; None without servos.
         """
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
@@ -62,8 +62,7 @@ class Motion:
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
-        work = np.zeros(1) if actuator_work is None else actuator_work
-        self.power = ActuatorPower(data, thruster_ids(model), work) if has_servos(model) else None
+        self.power = power
         self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self.forced: ForcedStepper | None = None
@@ -149,6 +148,32 @@ class Motion:
             return self.flight.step(duration_s)
         with time_step(self.model, duration_s):
             return self.flight.step(duration_s)
+
+
+def actuator_power(
+    system: System, data: Any, trees: IntArray | None = None, work: FloatArray | None = None
+) -> ActuatorPower | None:
+    """Power of the actuators of a system, for its motion or that with a grasped object.
+
+    Args:
+        system: The logged system.
+        data: Data of the motion.
+        trees: Tree in this system of each degree of freedom of the motion, (nv,); None: it is the motion of this system.
+        work: Receives the work in a step, J, (number of trees,); None: an array of its own.
+
+    Returns:
+        None: there are no servos, and displacements give the work.
+    """
+    if not has_servos(system.mj):
+        return None
+    thrusters = thruster_ids(system.mj)
+    apart = np.stack((thrusters, np.array(system.actuator_trees, dtype=np.intp)[thrusters]))
+    return ActuatorPower(
+        data,
+        system.dof_trees if trees is None else trees,
+        apart,
+        np.zeros(len(system.trees)) if work is None else work,
+    )
 
 
 def _nothing() -> None:

@@ -158,7 +158,7 @@ def free_projectors(system: System, tree: Tree) -> tuple[FloatArray, ...]:
 
 
 def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Mask of the actuators that exert external forces on robot or objects: on a base joint, or at a site; no servo, (nu,)."""
+    """Mask of the motors that exert external forces on robot or objects: on a base joint, or at a site, (nu,)."""
     model = system.mj
     base = {dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)}
     mask = ~servo_mask(model)

@@ -17,10 +17,10 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
-from ffsm_mj.model.system import ancestors
+from ffsm_mj.model.system import ancestors, driven_bodies, is_fixed_tendon
 
 _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
-_TENDON = mujoco.mjtTrn.mjTRN_TENDON
+_TENDON, _IN_PARENT = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtTrn.mjTRN_JOINTINPARENT
 _ADHESION = mujoco.mjtTrn.mjTRN_BODY
 _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 _AFFINE_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
@@ -100,6 +100,11 @@ def actuator_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> 
         files: Files of each model by its prefix in the scene.
     """
     places, servos = Places(scene, files), servo_mask(model)
+    # One control and one force each: the arrays of controls, actuators and forces then have the same indices.
+    several = [i for i in range(model.nactuator) if (model.actuator_ctrlnum[i], model.actuator_outnum[i]) != (1, 1)]
+    if several:
+        what = f"has several controls or forces, or no control, which is not supported; {_INSTEAD}"
+        return [f"{places.of('actuator', model.actuator(i).name)} {what}" for i in several]
     return [
         f"{places.of('actuator', model.actuator(i).name)} {what}"
         for i in range(model.nactuator)
@@ -128,8 +133,7 @@ def _motor_faults(model: Any, i: int) -> Iterator[str]:
 
 def _servo_faults(model: Any, i: int) -> Iterator[str]:
     """What is not supported of a servo, as text."""
-    kind, target = int(model.actuator_trntype[i]), int(model.actuator_trnid[i, 0])
-    if kind == _ADHESION:
+    if model.actuator_trntype[i] == _ADHESION:
         yield _OF_ADHESION
         return
     if model.actuator_plugin[i] >= 0:
@@ -138,11 +142,23 @@ def _servo_faults(model: Any, i: int) -> Iterator[str]:
         yield f"has a law that is not supported: no affine function of its setpoint, length and rate; {_INSTEAD}"
     elif model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE:
         yield f"has an activation, which is not supported; {_INSTEAD}"
-    if kind not in (int(_JOINT), int(_TENDON)) or (kind == _JOINT and model.jnt_type[target] in (int(_FREE), int(_BALL))):
-        yield f"is a servo that acts neither on a hinge or slide nor on a tendon, which is not supported; {_INSTEAD}"
-    elif kind == _JOINT and model.body_parentid[model.jnt_bodyid[target]] == 0:
-        yield f"is a servo on a joint of the base, which acts on the world; {_INSTEAD}"
+    if not _acts_within(model, i):
+        yield f"is a servo that acts on the base or its body from outside, which is not supported; {_INSTEAD}"
     yield from _damping_faults(model, i)
+
+
+def _acts_within(model: Any, i: int) -> bool:
+    """Whether an actuator acts between links of one tree: it exchanges no momentum with anything else."""
+    kind, bodies = int(model.actuator_trntype[i]), driven_bodies(model, i)
+    if kind == _SITE and model.actuator_trnid[i, 1] < 0:
+        return False
+    of_joints = kind in (int(_JOINT), int(_IN_PARENT)) or (
+        kind == _TENDON and is_fixed_tendon(model, int(model.actuator_trnid[i, 0]))
+    )
+    if of_joints:
+        return bool((model.body_parentid[bodies] != 0).all())
+    roots = np.unique(model.body_rootid[bodies])
+    return len(roots) == 1 and bool(model.body_dofnum[roots[0]])
 
 
 def _damping_faults(model: Any, i: int) -> Iterator[str]:

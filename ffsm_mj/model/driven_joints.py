@@ -50,22 +50,17 @@ def driven_joints(
     """
     motors = _motors(system)
     key_given = names is not None
-    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
     if names is None:
-        others = system.grasped.joints if system.grasped is not None and system.grasped is not system.robot else ()
-        own = [
-            joint.name
-            for joint in system.robot.joints
-            if joint.name in motors and joint.dofs.start not in base and joint not in others
-        ]
+        own = [joint.name for joint in _own_joints(system) if joint.name in motors]
         names = [name for name in own if motors[name] not in reserved]
         if own and not names:
             raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])
     servos = joints_of_servos(system)
-    left = {name: ids for name, ids in servos.items() if not set(ids).issubset(reserved)}
+    by_name = {joint.name: servos.get(joint.name, []) for joint in _own_joints(system)}
+    left = {name: ids for name, ids in by_name.items() if set(ids).difference(reserved)}
     if not key_given and left:
-        others = f", or name the joints to drive ({key!r})" if names else ""
-        raise ScenarioFaults([Fault(f"{_needs_motors(system, left)}{others}", (key,))])
+        or_name = f", or name the joints to drive ({key!r})" if names else ""
+        raise ScenarioFaults([Fault(f"{_needs_motors(system, left)}{or_name}", (key,))])
     found, faults = _named_joints(system, names, key)
     for i, joint in enumerate(found):
         if joint is not None and joint.name in servos:
@@ -94,10 +89,9 @@ def servo_joints(
     """
     servos = joints_of_servos(system)
     if names is None:
-        base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
-        of_servos = [each for each in system.robot.joints if set(servos.get(each.name, ())).difference(reserved)]
-        motors = {name: i for name, i in _motors(system).items() if system.joints[name].dofs.start not in base}
-        others = [name for name, i in motors.items() if i not in reserved]
+        motors, own = _motors(system), _own_joints(system)
+        of_servos = [joint for joint in own if set(servos.get(joint.name, ())).difference(reserved)]
+        others = [joint.name for joint in own if joint.name in motors and motors[joint.name] not in reserved]
     else:
         found = [joint for joint in _named_joints(system, names, key)[0] if joint is not None]
         of_servos = [joint for joint in found if joint.name in servos]
@@ -111,6 +105,13 @@ def servo_joints(
         )
         raise ScenarioFaults([Fault(message, (key,))])
     return _driven(of_servos, sorted({i for joint in of_servos for i in servos[joint.name]}))
+
+
+def _own_joints(system: System) -> list[Joint]:
+    """Joints of the robot that are not of its base, nor of a grasped object."""
+    base = range(system.robot.base_dofs.start, system.robot.base_dofs.stop)
+    others = system.grasped.joints if system.grasped is not None and system.grasped is not system.robot else ()
+    return [joint for joint in system.robot.joints if joint.dofs.start not in base and joint not in others]
 
 
 def _driven(joints: Sequence[Joint], actuators: Sequence[int]) -> DrivenJoints:

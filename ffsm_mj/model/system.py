@@ -13,8 +13,9 @@ from functools import cached_property
 from typing import Any, Literal
 
 import mujoco
+import numpy as np
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.model.files import ModelFiles, logged_name
 from ffsm_mj.model.fixed import FixedModel
@@ -43,6 +44,11 @@ def driven_bodies(model: Any, actuator: int) -> list[int]:
     if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         return [int(model.jnt_bodyid[targets[0]])]
     return targets if kind == mujoco.mjtTrn.mjTRN_BODY else model.site_bodyid[targets].tolist()
+
+
+def is_fixed_tendon(model: Any, tendon: int) -> bool:
+    """Whether a tendon is a combination of joint coordinates, not a string."""
+    return int(model.wrap_type[model.tendon_adr[tendon]]) == _JOINT
 
 
 def tendon_bodies(model: Any, tendon: int) -> list[int]:
@@ -205,6 +211,14 @@ class System:
             return replace(self, robot=self.grasped)
         driven = next(tree for tree in self.objects if tree.name == name)
         return replace(self, robot=driven, objects=tuple(tree for tree in self.trees if tree is not driven))
+
+    @cached_property
+    def dof_trees(self) -> IntArray:
+        """Index in ``trees`` of the tree of each degree of freedom, (nv,)."""
+        trees = np.zeros(self.mj.nv, dtype=np.intp)
+        for i, tree in enumerate(self.trees):
+            trees[tree.dofs] = i
+        return trees
 
     @cached_property
     def actuator_trees(self) -> tuple[int, ...]:

@@ -85,6 +85,18 @@ def _cases(path: str, **values: str | dict[str, Any]) -> dict[str, Case]:
     return found
 
 
+def _servo_cases(kind: str, own: dict[str, str], **values: Any) -> dict[str, Case]:
+    """A case for each attribute of a servo beside what its kind needs: its value, or all that go with it; None: no case."""
+    found = {}
+    for attribute, value in values.items():
+        if value is None:
+            continue
+        given = {"joint": "j2", **own} | ({attribute: value} if isinstance(value, str) else value)
+        written = " ".join(f'{name}="{each}"' for name, each in given.items() if each is not None)
+        found[f"actuator/{kind}@{attribute}"] = {"in_actuator": f'<{kind} name="probe" {written}/>'}
+    return found
+
+
 _TURNED = {"quat": "1 .2 .3 .4", "axisangle": "1 0 1 40", "euler": "10 20 30", "xyaxes": "1 1 0 0 0 1", "zaxis": "1 0 1"}
 _SOFT = {"solref": "0.1 1", "solimp": ".1 .2 .3"}
 _SOFT_JOINT = {"solimpfriction": ".1 .2 .3", "solimplimit": ".1 .2 .3", "solreffriction": ".1 1", "solreflimit": ".1 1"}
@@ -111,6 +123,15 @@ _MOTOR: dict[str, Any] = {
     "lengthrange": "-1 1",
     "user": "1 2",
 }
+SERVOS: dict[str, dict[str, str]] = {
+    "position": {"kp": "3"},
+    "velocity": {"kv": "3"},
+    "damper": {"kv": "3", "ctrlrange": "0 1"},
+}
+"""Servos by their elements, with what each of them needs."""
+_IDLE = {"group": "3", "lengthrange": "-1 1", "user": "1 2"}
+_WITHIN: dict[str, Any] = _MOTOR | dict.fromkeys(_IDLE, _IDLE) | {"site": _TRANSMISSIONS["refsite"]}
+"""The same of servos, which act between two links."""
 _TENDON: dict[str, Any] = {
     "armature": "0.3",
     "stiffness": "3 1 2",
@@ -284,14 +305,23 @@ COMPARED: dict[str, Case] = {
         **_SOFT,
     ),
     **_cases("actuator/motor", **_MOTOR),
+    **_servo_cases("position", SERVOS["position"], **_WITHIN, kp="2", kv="1", dampratio="1"),
+    "actuator/position@inheritrange": {
+        "body/joint": {"range": "-1 1"},
+        "in_actuator": '<position name="probe" joint="j1" kp="3" inheritrange="1"/>',
+    },
+    **_servo_cases("velocity", SERVOS["velocity"], **_WITHIN, kv="2"),
+    **_servo_cases("damper", SERVOS["damper"], **(_WITHIN | {"ctrlrange": "0 2"} | {"ctrllimited": None}), kv="2"),
     **_cases(
         "actuator/general",
         **(_MOTOR | {"joint": "j1"}),
         gainprm="2",
+        gaintype={"gaintype": "affine", "gainprm": "1 1 1"},
+        biastype={"biastype": "affine", "biasprm": "1 1 1"},
+        biasprm={"biastype": "affine", "biasprm": "1 2 3"},
         actdim="-1",
         actearly="true",
         actlimited="false",
-        biasprm="1 2 3",
         dynprm="2",
         ffrange="-1 1",
         inheritrange="0",
@@ -398,21 +428,24 @@ MARKED: dict[str, Case] = {
             f"actuator/{kind}", damping="1", interp={"delay": "0.01", "nsample": "20", "interp": "linear"}
         ).items()
     },
+    **{
+        case: each
+        for kind, own in SERVOS.items()
+        for case, each in _servo_cases(
+            kind, own, damping="1", interp={"delay": "0.01", "nsample": "20", "interp": "linear"}
+        ).items()
+    },
+    **_servo_cases("position", SERVOS["position"], timeconst="0.1"),
     **_cases(
         "actuator/general",
-        gaintype={"in_actuator": f'<general {_JOINT2} gaintype="affine" gainprm="1 1 1"/>'},
-        biastype={"in_actuator": f'<general {_JOINT2} biastype="affine" biasprm="1 1 1"/>'},
         actrange={"in_actuator": f'<general {_JOINT2} dyntype="integrator" actrange="-1 1"/>'},
         dyntype={"in_actuator": f'<general {_JOINT2} dyntype="filter" dynprm="0.1"/>'},
         body={"in_actuator": '<general name="probe" body="l2" ctrlrange="0 1"/>'},
     ),
     **_servo("adhesion", 'name="probe" body="l2" ctrlrange="0 1"'),
-    **_servo("position", f'{_JOINT2} kp="3"'),
-    **_servo("velocity", f'{_JOINT2} kv="3"'),
     **_servo("intvelocity", f'{_JOINT2} kp="3" actrange="-1 1"'),
     **_servo("orientation", 'name="probe" joint="jb" kp="3"'),
     **_servo("pid", f'{_JOINT2} kp="1" ki="1" kv="1"'),
-    **_servo("damper", f'{_JOINT2} kv="3" ctrlrange="0 1"'),
     **_servo("cylinder", f'{_JOINT2} area="1"'),
     **_servo("muscle", f'{_JOINT2} lengthrange="0 1"'),
     **_servo("dcmotor", f'{_JOINT2} motorconst="0.1" resistance="1"'),

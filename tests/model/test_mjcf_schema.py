@@ -13,7 +13,7 @@ import pytest
 
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
-from tests.model.mjcf_cases import COMPARED, LEFT_OUT, MARKED, WITHOUT_FORCE, mjcf, written
+from tests.model.mjcf_cases import COMPARED, LEFT_OUT, MARKED, SERVOS, WITHOUT_FORCE, mjcf, written
 from tests.scenes import ball, compile_paths, scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjcf.md"
@@ -194,7 +194,10 @@ def merged(cases):
     found = {}
     for case in cases:
         for where, change in case.items():
-            found[where] = found.get(where, "") + change if isinstance(change, str) else found.get(where, {}) | change
+            if isinstance(change, str):
+                found[where] = found.get(where, "") + (change if change not in found.get(where, "") else "")
+            else:
+                found[where] = found.get(where, {}) | change
     return found
 
 
@@ -220,6 +223,9 @@ def test_what_is_irrelevant_changes_no_force(tmp_path, plain, path):
     without_force = marked("irrelevant") | {tuple(where.split("@")) for where in LEFT_OUT}
     pairs_here = [pair for pair in without_force if pair[0] == path and "@".join(pair) in COMPARED]
     own = assert_equal_to_alone(tmp_path, merged(COMPARED["@".join(pair)] for pair in sorted(pairs_here)))
+    if (kind := path.rpartition("/")[2]) in SERVOS:
+        needed = " ".join(f'{name}="{value}"' for name, value in SERVOS[kind].items())
+        plain = alone(written(tmp_path, mjcf(in_actuator=f'<{kind} joint="j2" {needed}/>')))
     assert differences(own, plain) == 0.0
 
 

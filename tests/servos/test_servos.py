@@ -169,7 +169,7 @@ def test_setpoints_that_are_no_numbers_end_the_run(tmp_path):
     ("actuator", "expected"),
     [
         ('<muscle name="servo" joint="j" lengthrange="0 1"/>', "has a law that is not supported"),
-        ('<position name="servo" joint="free" kp="1"/>', "acts neither on a hinge or slide nor on a tendon"),
+        ('<position name="servo" joint="free" kp="1"/>', "acts on the base or its body from outside"),
         ('<adhesion name="servo" body="link" ctrlrange="0 1"/>', "is an <adhesion>"),
     ],
 )

@@ -19,7 +19,7 @@ from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.base_joints import BaseJointSolver
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.motion import Motion, actuator_power
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
 from ffsm_mj.model.grasp import WRITTEN, Grasp
 from ffsm_mj.model.shared_joints import shared_joints
@@ -53,14 +53,17 @@ class GraspedMotion(Motion):
             system: The system with the grasped object, with a model owned by the run.
             grasp: Bodies and sites of the grasp.
         """
-        super().__init__(system.mj, mujoco.MjData(system.mj), None if free.power is None else free.power.work)
+        (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = shared_joints(scene.system, system)
+        data, trees = mujoco.MjData(system.mj), np.zeros(system.mj.nv, dtype=np.intp)
+        trees[self._held_dofs] = scene.system.dof_trees[self._dofs]
+        work = None if free.power is None else free.power.work
+        super().__init__(system.mj, data, actuator_power(scene.system, data, trees, work))
         self.system, self.grasp = system, grasp.name
         tree = self.grasped_object = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         self._free, self._model = free, scene.system.mj
         self.momenta = (self.momentum, free.momentum)
         self.root, self.link = system.index("body", grasp.root), system.index("body", grasp.link)
         self.bodies = [_same_body(scene.system, body, system) for body in range(self._model.nbody)]
-        (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = shared_joints(scene.system, system)
         own = dict(zip(self._dofs.tolist(), self._held_dofs.tolist(), strict=True))
         self.dofs = [own.get(dof, -1) for dof in range(self._model.nv)]
         self.joints = LatchJoints(scene.system, system, grasp)
