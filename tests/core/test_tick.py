@@ -116,7 +116,7 @@ def test_what_cannot_be_copied_is_refused(case_study):
 
 def limited(envelope, i, effort, velocity):
     """Applied effort of one actuator, its lower and its upper bound."""
-    low, high, stall, slope, saturation, gear = (float(values[i]) for values in vars(envelope).values())
+    low, high, stall, slope, saturation, gear, _ = (float(values[i]) for values in vars(envelope).values())
     lower, upper = max(low, -stall - slope * velocity), min(high, stall - slope * velocity)
     lower = 0.0 if velocity / gear <= -saturation else lower
     upper = 0.0 if velocity / gear >= saturation else upper
@@ -134,23 +134,26 @@ def test_limits(rng):
             slope=np.where(rng.random(count) < 0.5, 0.0, rng.normal(size=count)),
             saturation=np.where(rng.random(count) < 0.5, np.inf, rng.random(count)),
             gear=rng.choice([-2.0, 0.5, 1.0], count),
+            keeps=rng.random(count) < 0.3,
         )
         effort, powered, velocity = rng.normal(size=count), rng.random(count) < 0.7, rng.normal(size=count)
         if rng.random() < 0.2:
             effort[rng.integers(count)] = rng.choice([np.nan, np.inf])
         table, ctrl = np.zeros((count, 4)), np.zeros(count)
-        commanded = np.where(powered, effort, 0.0)
+        table[:, 0] = rng.normal(size=count)
+        # A servo that is not commanded keeps its setpoint.
+        commanded = np.where(powered, effort, np.where(envelope.keeps, table[:, 0], 0.0))
         assert Limits(envelope, effort, powered, velocity, table, ctrl).apply() == np.isfinite(commanded).all()
         np.testing.assert_array_equal(table[:, 0], commanded)
         for i, wanted in enumerate(commanded):
             if np.isfinite(commanded).all():
                 applied, lower, upper = limited(envelope, i, wanted, velocity[i])
-                applied = applied if powered[i] else 0.0
+                applied = applied if powered[i] or envelope.keeps[i] else 0.0
                 assert (*table[i, 1:], ctrl[i]) == (applied, lower, upper, applied / envelope.gear[i])
 
 
 def test_arrays_of_other_actuators_are_refused():
-    envelope = Envelope(*np.ones((6, 2)))
+    envelope = Envelope(*np.ones((6, 2)), np.zeros(2, dtype=np.bool_))
     with pytest.raises(ValueError, match="do not fit together"):
         Limits(envelope, np.zeros(2), np.ones(2, dtype=bool), np.zeros(3), np.zeros((2, 4)), np.zeros(2))
     assert math.isfinite(envelope.gear[0])
