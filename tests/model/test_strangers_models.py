@@ -105,8 +105,8 @@ def test_an_effort_limit_under_several_actuators_is_refused(tmp_path):
         ({"actuator": '<adhesion body="link" ctrlrange="0 1"/>'}, "is an <adhesion>: it acts by MuJoCo's contact forces"),
         ({"actuator": '<motor joint="j" gear="0"/>'}, "has gear or gain 0: it drives nothing"),
         (
-            {"actuator": '<position joint="wrist" kp="1"/>'},
-            "is a servo that acts neither on a hinge or slide nor on a tendon",
+            {"actuator": '<position joint="free" kp="1"/>'},
+            "is a servo that acts on the base or its body from outside",
         ),
     ],
 )
