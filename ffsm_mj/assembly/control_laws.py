@@ -13,6 +13,7 @@ from ffsm_controllers import kinds
 from ffsm_controllers.parts import Parts
 from ffsm_controllers.phases import Phase
 from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
+from ffsm_mj.assembly.grasps import grasps_of, is_of_robot
 from ffsm_mj.assembly.phase_endings import phase_endings
 from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
@@ -44,7 +45,8 @@ def build_phases(
     """
     classes = {**kinds().classes, **laws}
     phases, faults, names = [], [], [config.name for config in scenario.phases]
-    objects = {name: each.system.grasp.tree for name, each in grasped.items() if each.system.grasp is not None}
+    system = context.system
+    objects = {each.name: each.tree for each in grasps_of(scenario, system) if is_of_robot(system, each)}
     for i, config in enumerate(scenario.phases):
         made: dict[str, Any] = {}
         tables = recorded.of_phase(i)

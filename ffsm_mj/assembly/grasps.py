@@ -55,11 +55,12 @@ def grasps_of(scenario: ScenarioConfig, system: System) -> tuple[Grasp, ...]:
                 faults.append(Fault(str(error.args[0]), ("captures", name, key)))
         if len(sites) < 2:
             continue
-        tree = _tree(system, sites["object_site"])
+        tree, site_body = _tree(system, sites["object_site"]), system.mj.site(sites["object_site"]).bodyid[0]
         link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
         if tree is not None:
-            root, joint, load = system.mj.body(tree.root).name, config.latch_joint, config.greatest_load
-            grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, root, joint, *load))
+            body = system.mj.body(tree.root if _on_base(system, sites["object_site"], tree) else site_body).name
+            joint, load = config.latch_joint, config.greatest_load
+            grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, body, joint, *load))
     if faults:
         raise ScenarioFaults(faults)
     return tuple(grasps)
@@ -90,11 +91,19 @@ def is_of_robot(system: System, grasp: Grasp) -> bool:
     return system.tree_of_body(system.index("body", grasp.link)) is system.robot
 
 
+def attaches(system: System, grasp: Grasp) -> bool:
+    """Whether the object of a grasp becomes a child of the link: of the robot, which grasps the base of the object.
+
+    Rows hold the others: a moving link of an object keeps its place in the object's tree, and so does another object.
+    """
+    return is_of_robot(system, grasp) and system.index("body", grasp.root) in {tree.root for tree in system.objects}
+
+
 def _site(system: System, name: str, whose: list[Tree]) -> str:
     """Full name of a site of one of some trees.
 
     Raises:
-        LookupError: An unknown site, a site of another model, or on a body that moves relative to its object's base.
+        LookupError: An unknown site, or a site of another model.
     """
     sites = [each for each in system.names("site") if _tree(system, each) in whose]
     side = "the robot" if system.robot in whose else "a floating object"
@@ -106,10 +115,6 @@ def _site(system: System, name: str, whose: list[Tree]) -> str:
     tree = _tree(system, full)
     if tree is None or tree not in whose:
         raise LookupError(f"{full} is not a site of {side}: {message}" if sites else message)
-    if tree is not system.robot and not _on_base(system, full, tree):
-        raise LookupError(
-            f"{full} is on a body that moves relative to the base of {tree.name!r}; it must be fixed to the base"
-        )
     return full
 
 
@@ -125,7 +130,7 @@ def _on_base(system: System, site: str, tree: Tree) -> bool:
 def held_systems(
     scenario: ScenarioConfig, system: System, compiled: Callable[[Grasp, bool], System]
 ) -> Mapping[str, GraspedSystem]:
-    """Compile the systems with grasped objects, by the name of the grasp; none for grasps between two objects.
+    """Compile the systems with grasped objects, by the name of the grasp; none for grasps that rows alone hold.
 
     Args:
         scenario: What is asked for.
@@ -136,7 +141,7 @@ def held_systems(
         ScenarioFaults: An object that cannot be held.
     """
     found, faults = {}, []
-    for grasp in [each for each in grasps_of(scenario, system) if is_of_robot(system, each)]:
+    for grasp in [each for each in grasps_of(scenario, system) if attaches(system, each)]:
         held = compiled(grasp, False)
         try:
             check_grasped_system(system, held, grasp)

@@ -59,7 +59,7 @@ class Grasp:
         object_site: Full name of the site of the object.
         link: Full name of the body of the robot's site.
         tree: Name of the object.
-        root: Full name of the base of the object, the body of the object's site.
+        root: Full name of the body of the object's site: the base of the object, or a link that moves relative to it.
         joint: Relative motion that it leaves free.
         max_force_N: Force at which it opens by itself, N; infinite without a limit.
         max_torque_N_m: Torque about the object's site at which it opens by itself, N m.

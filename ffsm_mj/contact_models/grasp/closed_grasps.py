@@ -1,8 +1,8 @@
 """The closed grasps of a run: the motion that they give, and how it changes as one of them closes or opens.
 
-The first closed grasp of the robot attaches its object as a child body of the link: the motion is that of another model.
-Further ones are held by rows in that model. When the first one opens, the next one of the robot attaches its object in turn:
-if it is the only one left, the model has no loop any more.
+The first closed grasp of the robot on the base of an object attaches it as a child body of the link: the motion is that of
+another model. Further ones, and those of a moving link of an object, are held by rows in that model. When the first one
+opens, the next one of the robot on a base attaches its object in turn: if only that is left, the model has no loop any more.
 """
 
 from __future__ import annotations

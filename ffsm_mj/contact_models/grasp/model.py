@@ -55,7 +55,7 @@ class GraspModel(EventSource, Replayable):
             scene: The logged system and its data.
             free: Its motion.
             grasps: Each grasp with its configuration, and the system in which its object is a child of the link, with a
-                model owned by the run; None for a grasp between two objects.
+                model owned by the run; None for one that rows alone hold: between two objects, or of a moving link.
             loops: Rows of further grasps.
             others: Other contact models that may exert forces on a grasped object.
         """
