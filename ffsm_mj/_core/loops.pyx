@@ -73,7 +73,11 @@ cdef class JointRow:
     cdef double[::1] qpos, qvel
 
     def __init__(self, data, dofs, places, zeros, coefficients):
-        """Take views of the state; degrees of freedom and places in qpos of follower and leader, -1 without a leader."""
+        """Take views of the state.
+
+        Degrees of freedom and places in qpos of follower and leader; -1 without a leader, and for the place of a joint that is
+        kept at rest wherever it is.
+        """
         self.count, self.qpos, self.qvel = 1, data.qpos, data.qvel
         (self.follower, self.leader), (self.follower_at, self.leader_at) = dofs, places
         self.follower_zero, self.leader_zero = zeros
@@ -93,7 +97,10 @@ cdef class JointRow:
     cdef double error(self) noexcept:
         cdef double z = self.qpos[self.leader_at] - self.leader_zero if self.leader >= 0 else 0.0
         cdef double* a = self.a
-        cdef double value = self.follower_zero + a[0] + z * (a[1] + z * (a[2] + z * (a[3] + z * a[4])))
+        cdef double value
+        if self.follower_at < 0:
+            return 0.0
+        value = self.follower_zero + a[0] + z * (a[1] + z * (a[2] + z * (a[3] + z * a[4])))
         return self.qpos[self.follower_at] - value
 
     def evaluate(self, double[:, ::1] J not None, double[::1] gamma not None):

@@ -15,6 +15,9 @@ from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene, Source
+from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
+from ffsm_mj.contact_models.joint_friction.model import JointFriction
+from ffsm_mj.contact_models.joint_friction.record import STICK_SLIP
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
@@ -22,6 +25,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.records.effort_change import EFFORT_CHANGE
 from ffsm_mj.scenario.scenario import ScenarioConfig
+from ffsm_mj.simulation.control_timing import DelayedControl
 
 
 def contact_models_of(
@@ -50,8 +54,10 @@ def contact_models_of(
     impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
     others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
-    loops, grasps = grasp_models_of(scenario, scene, motion, held, others)
-    return tuple(each for each in (impacts, loops, persistent, grasps, *declared) if each is not None)
+    on = friction_coordinates(scene.system)
+    friction = JointFriction(scene, on, others) if on is not None else None
+    loops, grasps = grasp_models_of(scenario, scene, motion, held, others, friction)
+    return tuple(each for each in (impacts, friction, loops, persistent, grasps, *declared) if each is not None)
 
 
 def _rules(scenario: ScenarioConfig) -> ImpactRules:
@@ -85,15 +91,16 @@ def _declared(scenario: ScenarioConfig, scene: Scene) -> tuple[ContactModel, ...
 
 
 def record_kinds(
-    scenario: ScenarioConfig, constraints: Sequence[UnilateralConstraint], *, delayed_control: bool = False
+    scenario: ScenarioConfig, constraints: Sequence[UnilateralConstraint], sources: Sequence[Source]
 ) -> tuple[str, ...]:
-    """Names of the kinds of records of friction, joint limits, delays, grasps and declared contact models."""
+    """Names of the kinds of records of friction, joint limits, delays, grasps, dry friction and declared contact models."""
     limits = any(isinstance(each, JointLimit) for each in constraints)
     kinds = [
         *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
         *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),
-        *((EFFORT_CHANGE,) if delayed_control else ()),
+        *((EFFORT_CHANGE,) if any(isinstance(each, DelayedControl) for each in sources) else ()),
         *(KINDS if scenario.captures else ()),
+        *((STICK_SLIP,) if any(isinstance(each, JointFriction) for each in sources) else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
     ]
     return tuple(dict.fromkeys(kind.name for kind in kinds))

@@ -9,6 +9,7 @@ from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ForceSource, Scene
+from ffsm_mj.contact_models.joint_friction.model import JointFriction
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.grasp import Grasp
@@ -160,8 +161,11 @@ def grasp_models_of(
     free: Motion,
     held: Mapping[str, GraspedSystem],
     others: Sequence[ForceSource],
+    friction: JointFriction | None,
 ) -> tuple[LoopForces | None, GraspModel | None]:
-    """Rows of equality constraints and of further grasps, and the events of grasps; None each where there are none.
+    """Rows of equality constraints, of further grasps and of joints at rest, and the events of grasps.
+
+    None each where there are none.
 
     Args:
         scenario: What is asked for.
@@ -169,12 +173,15 @@ def grasp_models_of(
         free: Its motion.
         held: Systems in which objects are held, with models of the run's own.
         others: Who may push what is held.
+        friction: Dry friction of joints, with its rows; None: there is none.
     """
+    if friction is not None:
+        others = (*others, friction)
+    loops = friction.loops if friction is not None else LoopForces(scene, others)
     if not scenario.captures:
-        return (LoopForces(scene, others) if scene.system.equalities else None), None
+        return (loops if friction is not None or scene.system.equalities else None), None
     grasps = [
         (grasp, scenario.captures[grasp.name], held[grasp.name].system if grasp.name in held else None)
         for grasp in grasps_of(scenario, scene.system)
     ]
-    loops = LoopForces(scene, others)
     return loops, GraspModel(scene, free, grasps, loops, others)

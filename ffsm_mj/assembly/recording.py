@@ -154,7 +154,7 @@ class Recording:
 def _header(assembly: Assembly, start_s: float, *, is_whole: bool) -> RunHeader:
     """Header of the log; one of a part of the columns is no log that can be made again, and carries no scenario."""
     config, system = assembly.scenario, assembly.system
-    kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), delayed_control=assembly.plant.control is not None)
+    kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), assembly.plant.integrator.sources)
     scenario = resolved_data(config, system, assembly.recorded) if is_whole else {}
     return RunHeader(
         config.name,

@@ -13,6 +13,7 @@ from ffsm_mj.contact_models.grasp.record_kinds import KINDS as GRASP_KINDS
 from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.contact_models.interface import ContactModel, EventSource, ForceSource
+from ffsm_mj.contact_models.joint_friction.record import STICK_SLIP
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
@@ -32,9 +33,9 @@ BUILT_IN_KINDS = ("impact", "contact", "capture")
 
 BUILT_IN_RECORDS = (
     *(IMPACT, CONTACT_BEGINS, CONTACT_ENDS, CONTACT_CHANGES, UNHANDLED_CONTACT, PHASE, INTERNAL_ERROR, OUTCOME),
-    *(*FRICTION_KINDS, LIMIT_IMPACT, *LIMIT_KINDS, EFFORT_CHANGE, *GRASP_KINDS),
+    *(*FRICTION_KINDS, LIMIT_IMPACT, *LIMIT_KINDS, EFFORT_CHANGE, *GRASP_KINDS, STICK_SLIP),
 )
-"""Kinds of records of every run, then those of friction, joint limits, delays and grasps."""
+"""Kinds of records of every run, then those of friction, joint limits, delays, grasps and dry friction of joints."""
 
 _REGISTERED: dict[str, type[ContactModel]] = {}
 _BROKEN: dict[str, str] = {}

@@ -37,7 +37,8 @@ class Motion:
             itself.
         grasps: Names of all closed grasps: this one first, then those held by rows in the order in which they closed.
         grasped_object: The object that is a child of a link, as a tree of the logged system; None if there is none.
-        loops: Closed loops: latches that are held by rows in this model; None without any.
+        loops: Closed loops: latches, and coordinates that dry friction keeps at rest, held by rows in this model; None
+            without any.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
@@ -119,7 +120,7 @@ class Motion:
 
         With them and the mass matrix, impulses along J change velocities by Mc^-1 J^T: those that keep the loops closed.
         """
-        return J if self.loops is None else self.loops.projected(J)
+        return J if self.loops is None or not self.loops.sources else self.loops.projected(J)
 
     def refresh_forces(self) -> None:
         """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""

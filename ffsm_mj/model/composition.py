@@ -15,6 +15,7 @@ from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
 from ffsm_mj.model.conservative import (
     base_armatures,
     fluid_faults,
+    friction_faults,
     gravity_of,
     magnetic_of,
     model_faults,
@@ -79,6 +80,7 @@ def compile_system(
     limits, refused = effort_limits(model, scene, files)
     equalities = equality_places(model, scene, files)
     refused += [*equality_faults(model, equalities), *armature_faults(model, scene, files)]
+    refused += friction_faults(model, scene, files)
     if refused := actuator_faults(model, scene, files) + refused:
         raise InputError(refused)
     if conservative and faults:

@@ -1,7 +1,8 @@
 """Detection of elements that break the conservation of energy or momentum, each with its name, file and line.
 
-Springs and dampers of joints act between two links, and enter the balance. Refused are those of the base's joints, which
-act on the world, dampers that drive, and springs that yield.
+Springs, dampers and dry friction of joints act between two links, and enter the balance. Refused are those of the base's
+joints, which act on the world, dampers that drive, springs that yield, and, whether the scenario is conservative or not, dry
+friction of ball joints and of those of the base.
 
 A conservative scenario is in a vacuum without gravity, whatever its model files say of them. In other scenarios gravity and
 its compensation (``gravcomp``) are external forces that enter the balance, and no fault; fluid forces are one.
@@ -109,6 +110,20 @@ def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> lis
     ]
 
 
+def friction_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
+    """Dry friction that is not that of a hinge or slide between two links, each with the file and line of its model."""
+    places = Places(scene, files)
+    for j in sorted({*model.dof_jntid[model.dof_frictionloss > 0.0].tolist()}):
+        if model.body_parentid[model.jnt_bodyid[j]] == 0:
+            where = "on a joint of the base, which acts on the world"
+        elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_BALL:
+            where = "on a ball joint, where limits by axis would depend on the frame"
+        else:
+            continue
+        name, loss = model.joint(j).name, model.dof_frictionloss[model.jnt_dofadr[j]]
+        yield f"{places.of('joint', name)} has frictionloss {loss:g} {where}; hinges and slides between links may have it"
+
+
 def _has_limited_gravcomp(model: Any, body: int) -> bool:
     """Whether the gravity compensation of a body acts through actuators at a joint that limits their force."""
     # With actgravcomp the compensation is part of the actuator force. Where that is limited, the compensation may be smaller
@@ -142,10 +157,7 @@ def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
     """Yield (kind, full name, property that breaks conservation)."""
     for j in range(model.njnt):
         joint = model.joint(j)
-        dofs = slice(joint.dofadr[0], joint.dofadr[0] + len(joint.damping))
         yield from (("joint", joint.name, what) for what in _spring_faults(model, j, joint.dofadr[0]))
-        if np.any(model.dof_frictionloss[dofs]):
-            yield "joint", joint.name, f"frictionloss {np.max(model.dof_frictionloss[dofs]):g}"
     for t in np.flatnonzero(model.tendon_frictionloss).tolist():
         yield "tendon", model.tendon(t).name, "frictionloss"
     yield from (("tendon", name, what) for name, what in tendon_springs_faults(model))

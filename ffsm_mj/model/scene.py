@@ -37,10 +37,10 @@ def empty_scene(time_step_s: float) -> Any:
     scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     scene.option.ccd_tolerance = _CCD_TOLERANCE
     scene.option.ccd_iterations = _CCD_ITERATIONS
-    # Contact models replace MuJoCo's contact forces and its joint limits, which are soft springs, and rows its equality
-    # constraints; an automatic reset would hide that a run diverges.
+    # Contact models replace MuJoCo's contact forces, its joint limits and its dry friction, which are soft, and rows its
+    # equality constraints; an automatic reset would hide that a run diverges.
     # Sensors are evaluated at their own times.
-    for flag in ("CONTACT", "LIMIT", "EQUALITY", "AUTORESET", "SENSOR"):
+    for flag in ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY", "AUTORESET", "SENSOR"):
         scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     return scene
 

@@ -55,6 +55,8 @@ FRICTION_HEAT, CONTACT_WORK = "friction_heat_J", "contact_work_J"
 ELASTIC, DAMPER_HEAT, SPRING_TRUNCATION = "{}_elastic_J", "{}_damper_heat_J", "{}_spring_truncation_J"
 """Signals of the elastic energy of joint springs, the heat of joint dampers, and the energy that RK4 takes from the modes of
 the springs, by subsystem."""
+JOINT_FRICTION_HEAT = "{}_joint_friction_heat_J"
+"""Signal of the heat of dry friction of joints, by subsystem."""
 SLIDING_HEAT = "_heat_J"
 """End of the names of the signals of the heat of sliding of the contact rules with friction."""
 LIMIT_FORCES = ("_limit_torque_N_m", "_limit_force_N")

@@ -162,6 +162,7 @@ class LoggedEvents:
         """
         logged, again = (np.split(state, [self._system.mj.nq]) for state in (event.state, predicted))
         again[0] = with_signs_of(self._system.mj, again[0], logged[0])
-        accuracy = 0.0, EVENT_TIME * event.time_s * acceleration
+        # What is left of the step is rounded as the time of its end is.
+        accuracy = 0.0, EVENT_TIME * (event.step + 1) * self._step_s * acceleration
         for what, given, found, least in zip(("qpos", "qvel_before"), logged, again, accuracy, strict=True):
             self.found.vector(f"{event.name} {what}", given, found, found, "", event.time_s, least)

@@ -236,6 +236,7 @@ COMPARED: dict[str, Case] = {
         actuatorfrcrange="-1 1",
         actuatorfrclimited={"actuatorfrclimited": "true", "actuatorfrcrange": "-1 1"},
         actuatorgravcomp={**_GRAVITY, "body": {"gravcomp": "1"}, "body/joint": {"actuatorgravcomp": "true"}},
+        frictionloss="1",
         margin={"margin": "0.1", "range": "-1 1"},
         **_SOFT_JOINT,
         group="2",
@@ -347,7 +348,7 @@ LEFT_OUT = {
 WITHOUT_FORCE = {
     *(f"compiler@{each}" for each in ("alignfree", "autolimits", "coordinate", "discardvisual")),
     *("option@magnetic", "option/flag@gravity", "body@fuse", "body/freejoint@align"),
-    *("body/joint@range", "body/joint@limited", "body/geom@contype", "body/geom@conaffinity"),
+    *("body/joint@range", "body/joint@limited", "body/joint@frictionloss", "body/geom@contype", "body/geom@conaffinity"),
     *(f"body/site@{each}" for each in ("size", "type", "mesh")),
     *(f"contact/{each}" for each in ("exclude@body1", "exclude@body2", "pair@geom1", "pair@geom2")),
 }
@@ -404,7 +405,7 @@ MARKED: dict[str, Case] = {
     "asset/mesh/plugin": {"in_asset": f'<mesh name="x">{_PLUGIN}</mesh>'},
     "actuator/plugin": {"in_actuator": _PLUGIN},
     "sensor/plugin": {"in_sensor": _PLUGIN},
-    **_cases("body/joint", frictionloss="1", springyield={"stiffness": "3", "springyield": "0.1"}),
+    **_cases("body/joint", springyield={"stiffness": "3", "springyield": "0.1"}),
     **_cases("body/geom", adhesion="1", surfacevel="1 0 0 0 0 0"),
     **_cases("contact/pair", adhesion="1"),
     **{

@@ -18,7 +18,9 @@ from tests.scenes import ball, compile_paths, scene
 
 PAGE = Path(__file__).parents[2] / "docs" / "mjcf.md"
 STATES = 10
-DISABLED = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT)
+DISABLED = int(
+    mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+)
 
 
 @cache

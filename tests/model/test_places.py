@@ -10,7 +10,7 @@ from tests.scenes import HEAD, compile_paths
 
 ATTACH = '<attach model="sub" body="s" prefix="{0}"/>'
 SUB = f"""<mujoco>{HEAD}
-<default><joint frictionloss="2"/></default><asset>{{asset}}</asset>
+<default><joint damping="-2"/></default><asset>{{asset}}</asset>
 <worldbody><body name="s">
 <joint name="j"/><geom name="g" size="0.1" mass="1"/>
 <body name="tip" pos="0.3 0 0">
@@ -46,21 +46,21 @@ def test_each_element_with_its_own_file_and_line(tmp_path):
         b_dot_xml="""<mujocoinclude>
 
 <body name="b"><replicate count="2" euler="0 0 1"><body>
-<joint name="k" axis="1 0 0" frictionloss="1"/><geom size="0.1" mass="1"/></body></replicate>
-<joint name="bj" axis="1 0 0" frictionloss="3"/><geom size="0.1" mass="1"/></body></mujocoinclude>""",
+<joint name="k" axis="1 0 0" damping="-1"/><geom size="0.1" mass="1"/></body></replicate>
+<joint name="bj" axis="1 0 0" damping="-3"/><geom size="0.1" mass="1"/></body></mujocoinclude>""",
         sub__s_dot_xml=SUB.format(asset='<model name="sub" file="deep/s.xml"/>', inner=ATTACH.format("two_")),
         sub__deep__s_dot_xml="\n\n" + nested,
     )
     assert set(told(tmp_path)) == {
-        "b.xml:4: joint 'k0' has frictionloss 1",
-        "b.xml:4: joint 'k1' has frictionloss 1",
-        "b.xml:5: joint 'bj' has frictionloss 3",
+        "b.xml:4: joint 'k0' has damping -1, which drives the joint at some rates",
+        "b.xml:4: joint 'k1' has damping -1, which drives the joint at some rates",
+        "b.xml:5: joint 'bj' has damping -3, which drives the joint at some rates",
         "inc.xml:3: tendon of 'bj' has damping that drives the tendon at some rates",
-        "sub/s.xml:4: joint 'one_j' has frictionloss 2",
-        "sub/s.xml:7: joint 'one_tip_joint' has frictionloss 2",
+        "sub/s.xml:4: joint 'one_j' has damping -2, which drives the joint at some rates",
+        "sub/s.xml:7: joint 'one_tip_joint' has damping -2, which drives the joint at some rates",
         "sub/s.xml:10: tendon of 'one_a' and 'one_z' has damping that drives the tendon at some rates",
-        "sub/deep/s.xml:6: joint 'one_two_j' has frictionloss 2",
-        "sub/deep/s.xml:9: joint 'one_two_tip_joint' has frictionloss 2",
+        "sub/deep/s.xml:6: joint 'one_two_j' has damping -2, which drives the joint at some rates",
+        "sub/deep/s.xml:9: joint 'one_two_tip_joint' has damping -2, which drives the joint at some rates",
         "sub/deep/s.xml:12: tendon of 'one_two_a' and 'one_two_z' has damping that drives the tendon at some rates",
     }
     bound = compile_paths(tmp_path / "r.xml", conservative=False).equalities.values()
@@ -76,7 +76,7 @@ def test_each_element_with_its_own_file_and_line(tmp_path):
 
 def test_an_ambiguous_element_is_reported_with_both_files(tmp_path):
     """Joints without a name on the same line of two files."""
-    body = '<body name="s"><joint frictionloss="1"/><geom size="0.1" mass="1"/></body>'
+    body = '<body name="s"><joint damping="-1"/><geom size="0.1" mass="1"/></body>'
     sides = ("left", "right")
     write(
         tmp_path,
@@ -88,5 +88,6 @@ def test_an_ambiguous_element_is_reported_with_both_files(tmp_path):
         **{f"{side}_dot_xml": f"<mujoco>{HEAD}\n<worldbody>{body}</worldbody></mujoco>" for side in sides},
     )
     assert told(tmp_path) == [
-        f"left.xml:2 or {tmp_path}/right.xml:2: joint '{side}_s_joint' has frictionloss 1" for side in sides
+        f"left.xml:2 or {tmp_path}/right.xml:2: joint '{side}_s_joint' has damping -1, which drives the joint at some rates"
+        for side in sides
     ]

@@ -75,16 +75,11 @@ def test_check_lists_the_removed_elements(tmp_path, capfd):
     assert f"note: {notes[0]}\n" in capfd.readouterr().out
 
 
-def test_friction_that_is_not_stripped_is_refused(tmp_path):
-    """With the name of the joint."""
-    path, changes = moving(tmp_path, [word for word in ALL if word != "frictionloss"])
-    with pytest.raises(InputError, match="frictionloss") as refused:
-        prepare(path, changes)
-    assert "'shoulder'" in "\n".join(refused.value.lines)
-
-
-@pytest.mark.parametrize(("left", "attribute"), [("damping", "dof_damping"), ("stiffness", "jnt_stiffness")])
-def test_springs_and_dampers_of_joints_are_kept(tmp_path, left, attribute):
+@pytest.mark.parametrize(
+    ("left", "attribute"),
+    [("damping", "dof_damping"), ("stiffness", "jnt_stiffness"), ("frictionloss", "dof_frictionloss")],
+)
+def test_springs_dampers_and_friction_of_joints_are_kept(tmp_path, left, attribute):
     """Unless they are stripped: they enter the balance."""
     path, changes = moving(tmp_path, [word for word in ALL if word != left])
     assert getattr(prepare(path, changes).system.mj, attribute).any()

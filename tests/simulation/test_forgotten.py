@@ -15,6 +15,8 @@ from ffsm_mj.state import StateError, as_mappings
 from tests.contact.features.test_gap_functions import in_contact, moved, pair_of
 from tests.contact.features.test_stored import CASES as FEATURES
 from tests.contact.test_geometry import shape
+from tests.contact_models.joint_friction.scenes import arm, rubbing
+from tests.contact_models.joint_friction.test_chains import SWUNG
 from tests.controllers.detumbling import JETS, POSE, RATES, spacecraft
 from tests.forgetting import classes_with_state, forgetting
 from tests.scenes import ball, scene, two_balls
@@ -131,6 +133,12 @@ SCENES: dict[str, tuple[Any, dict[str, Any], float, dict[str, str]]] = {
             "Simulation": "due evaluation",
             "Evaluation": "pending",
         },
+    ),
+    "rubs": (
+        lambda folder: rubbing(folder, arm(), 0.02, duration_s=0.32, **SWUNG),
+        {},
+        -0.2,
+        {"JointFriction": "senses heat_J"},
     ),
     "slides": (
         lambda _: "squeeze",

@@ -83,16 +83,20 @@ class LoopForces(ForceSource):
     is_reactive = True
     is_bilateral = True
 
-    def __init__(self, scene: Scene, others: Sequence[ForceSource] = ()) -> None:
+    def __init__(self, scene: Scene, others: Sequence[ForceSource] = (), *, rubs: bool = False) -> None:
         """Initialise with the equality constraints of the system, and no closed latch.
 
         Args:
             scene: The logged system and its data.
             others: All other contact models that exert forces.
+            rubs: Whether dry friction may keep coordinates at rest. It is then always active: they come to rest and begin to
+                move where the efforts change, too, without an event.
         """
         super().__init__(scene)
         self.equalities: tuple[RowSource, ...] = tuple(each.source for each in equalities_of(scene.system.mj))
         self._latches: dict[str, LatchedBodies] = {}
+        self._resting: tuple[RowSource, ...] = ()
+        self._rubs = rubs
         self._others = tuple(others)
         self._projection = StateProjection(scene)
         self._exchanged = LoopExchange(scene)
@@ -115,23 +119,34 @@ class LoopForces(ForceSource):
     def _update(self) -> None:
         """Let the motion know the rows; nothing is chosen yet of what depends on the state."""
         motion, sources = self.motion, (*self.equalities, *self._latches.values())
-        motion.loops = self._loops(sources) if sources else None
         latches = [each for each in sources if isinstance(each, LatchedBodies)]
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
-        self.active, self._projected, self._known = bool(sources), None, None
+        self.active, self._projected = bool(sources) or self._rubs, None
         self._exchanged.bind(motion, sources)
+        self._hold()
 
-    def _loops(self, sources: Sequence[RowSource]) -> ClosedLoops:
-        motion, rank = self.motion, MECHANISM_RANK if self.equalities else RANK
-        return ClosedLoops(
-            motion.model,
-            motion.data,
-            sources,
-            bodies=motion.bodies,
-            dofs=motion.dofs,
-            seen=self.scene.data,
-            rank=rank,
-        )
+    def _hold(self) -> None:
+        """Let the motion hold the rows."""
+        motion, sources, self._known = self.motion, (*self.equalities, *self._latches.values()), None
+        motion.loops = None
+        if sources or self._resting:
+            motion.loops = ClosedLoops(
+                motion.model,
+                motion.data,
+                sources,
+                bodies=motion.bodies,
+                dofs=motion.dofs,
+                seen=self.scene.data,
+                rank=MECHANISM_RANK if self.equalities else RANK,
+                resting=self._resting,
+            )
+
+    def keep_at_rest(self, coordinates: Sequence[RowSource]) -> None:
+        """Keep some coordinates at rest, by their dry friction, and no others."""
+        if tuple(coordinates) != self._resting:
+            self._resting = tuple(coordinates)
+            if hasattr(self, "motion"):
+                self._hold()
 
     def close(self, name: str, latch: LatchedBodies) -> LoopClosing:
         """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.
@@ -194,7 +209,8 @@ class LoopForces(ForceSource):
         """Start a (sub-)step: project out drift, and find which rows are independent."""
         self.continue_step()
         loops = self.motion.loops
-        assert loops is not None
+        if loops is None:
+            return
         loops.begin_step()
         if needs_projection(*loops.drift(), 0.0):
             nv = self.motion.model.nv
@@ -207,14 +223,22 @@ class LoopForces(ForceSource):
         self._exchanged.clear()
 
     def snapshot(self) -> Callable[[], None]:
-        """Return a function that restores which rows are independent."""
-        assert self.motion.loops is not None
-        return self.motion.loops.snapshot()
+        """Return a function that restores which rows are independent, and which coordinates are at rest."""
+        motion, loops, resting = self.motion, self.motion.loops, self._resting
+        combinations = loops.snapshot() if loops is not None else None
+
+        def restore() -> None:
+            motion.loops, self._resting, self._known = loops, resting, None
+            if combinations is not None:
+                combinations()
+
+        return restore
 
     def push(self, data: Any) -> None:
         """Add the forces of the latches under all forces in ``data`` of the motion."""
         loops, applied = self.motion.loops, data.qfrc_applied
-        assert loops is not None
+        if loops is None:
+            return
         if not self._exchanged.crosses:
             loops.push()
             return

@@ -28,6 +28,7 @@ from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact_models.crossing import just_after
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
@@ -63,7 +64,7 @@ from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.state import entries
-from ffsm_mj.tolerances import CLEARLY_APART_M, EVENT_TIME, EVENT_TIME_S, INSTANT_S
+from ffsm_mj.tolerances import CLEARLY_APART_M, INSTANT_S
 
 _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 """Fractions of a step at which a positive gap is looked for: a point that lands may start the step at a gap of rounding."""
@@ -139,10 +140,10 @@ def first_change(active_set: ActiveContactSet, duration_s: float) -> tuple[float
     path.move_to(duration_s)
     if active_set.witness_value() >= 0.0:
         return None
-    changed = _just_after(slack, 0.0, duration_s)
+    changed = just_after(slack, 0.0, duration_s)
     # A gap that drifts beyond its bound may return and cross it again: of several roots the first one counts.
     while changed > INSTANT_S and slack(0.5 * changed) < 0.0:
-        changed = _just_after(slack, 0.0, 0.5 * changed)
+        changed = just_after(slack, 0.0, 0.5 * changed)
     path.move_to(changed)
     landing = active_set.touches_elsewhere()
     return _landing_time(active_set, changed) if landing else changed, landing
@@ -163,21 +164,7 @@ def _landing_time(active_set: ActiveContactSet, seen_s: float) -> float:
         return seen_s
     # brentq needs a sign change. A point that rocks may have lifted off only after the start of the step.
     above = next((part * seen_s for part in (0.0, *_START_FRACTIONS) if gap(part * seen_s) > 0.0), seen_s)
-    return _just_after(gap, above, seen_s) if above < seen_s else seen_s
-
-
-def _just_after(f: Callable[[float], float], start_s: float, end_s: float) -> float:
-    """First time between two times at which a function becomes negative, rounded up until it is negative there.
-
-    A log replay evaluates the same state with slightly different rounding: it must reach the same decision.
-    """
-    from scipy.optimize import brentq  # takes a second to import: only runs with persistent contact pay
-
-    root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
-    while True:
-        root, late = min(root + late, end_s), 2.0 * late
-        if root >= end_s or f(root) < 0.0:
-            return root
+    return just_after(gap, above, seen_s) if above < seen_s else seen_s
 
 
 class PersistentContactModel(EventSource, ForceSource, Replayable):

@@ -9,6 +9,9 @@ and the model responds to other forces as if its inverse mass matrix were Mc^-1 
 
 Rows may depend on each other. Combinations T that are independent, with T B M^-1 B^T T^T = 1, are found by an SVD and kept
 as long as this matrix stays near 1 and the other combinations vanish. The motion is unique; forces are those of least norm.
+
+Rows of coordinates that dry friction keeps at rest are held with them, in the stages of a step alone: a bounded force has no
+impulse, so that impacts, and latches that close, do not see them.
 """
 
 from __future__ import annotations
@@ -35,8 +38,8 @@ class ClosedLoops:
     """Rows of a model that are held, at the state in its data.
 
     Attributes:
-        sources: The sources of the rows.
-        parts: Rows of each source.
+        sources: The sources of the rows, without those of coordinates at rest.
+        parts: Rows of each of these sources.
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class ClosedLoops:
         dofs: Sequence[int] | None = None,
         seen: Any = None,
         rank: float = RANK,
+        resting: Sequence[RowSource] = (),
     ) -> None:
         """Hold the rows of some sources, at least one.
 
@@ -60,23 +64,26 @@ class ClosedLoops:
             dofs: Index in this model of each degree of freedom of the logged system; None: it is this model.
             seen: Data of the logged system, which has the efforts; None: ``data``.
             rank: Share of the largest singular value of the rows in mass-weighted coordinates below which others vanish.
+            resting: Sources of the rows of coordinates that dry friction keeps at rest.
         """
         self._model, self._data, self.sources, self._rank = model, data, tuple(sources), rank
         own_bodies = range(model.nbody) if bodies is None else bodies
         own_dofs = range(model.nv) if dofs is None else dofs
-        self._bound = [each.bind(model, data, own_bodies, own_dofs) for each in self.sources]
+        self._bound, self._resting = (
+            [each.bind(model, data, own_bodies, own_dofs) for each in some] for some in (self.sources, resting)
+        )
         ends = np.cumsum([0, *(each.count for each in self._bound)]).tolist()
         self.parts = [slice(start, end) for start, end in pairwise(ends)]
-        self._stage = LoopStage(model, data, self._bound, data if seen is None else seen, rank)
+        self._stage = LoopStage(model, data, [*self._bound, *self._resting], data if seen is None else seen, rank)
         self._combinations: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def count(self) -> int:
-        """Number of rows."""
-        return int(self.parts[-1].stop)
+        """Number of rows, without those of coordinates at rest."""
+        return int(self.parts[-1].stop) if self.parts else 0
 
     def rows(self) -> Rows:
-        """All rows at the state in ``data``; positions and velocities must be current."""
+        """These rows at the state in ``data``; positions and velocities must be current."""
         J, gamma = np.empty((self.count, self._model.nv)), np.empty(self.count)
         for bound, part in zip(self._bound, self.parts, strict=True):
             bound.evaluate(J[part], gamma[part])
@@ -87,7 +94,7 @@ class ClosedLoops:
         return np.concatenate([each.errors() for each in self._bound])
 
     def weighted(self) -> MassWeightedRows:
-        """The rows in mass-weighted coordinates, with their rank at this state."""
+        """These rows in mass-weighted coordinates, with their rank at this state."""
         return MassWeightedRows(mass_matrix(self._model, self._data), self.rows().J, self._rank)
 
     def plastic(self) -> PlasticClosing:
@@ -116,7 +123,7 @@ class ClosedLoops:
         """The first part of :meth:`begin_step`."""
         if self._combinations is not None and self._fits():
             return
-        combinations = self.weighted().independent()
+        combinations = self._of_stages().independent()
         if self._combinations is not None and len(combinations[0]) != len(self._combinations[0]):
             raise self._singular()
         self._combine(combinations)
@@ -129,12 +136,19 @@ class ClosedLoops:
 
     def _singular(self) -> RunEnded:
         """End of a run in which rows that were independent depend on each other, as at the dead centre of a linkage."""
-        ratio = self.weighted().least_ratio
+        ratio = self._of_stages().least_ratio
         return RunEnded(
             Outcome.SINGULAR_MECHANISM,
             f"the closed loops are singular at t = {self._data.time:.6g} s, as at a dead centre or change point: "
             f"least singular value {ratio:.1e} of the largest; the motion that follows is not unique",
         )
+
+    def _of_stages(self) -> MassWeightedRows:
+        """All rows in mass-weighted coordinates, with those of coordinates at rest."""
+        J = np.concatenate((self.rows().J, np.zeros((len(self._resting), self._model.nv))))
+        for i, each in enumerate(self._resting, self.count):
+            each.evaluate(J[i : i + 1], np.empty(1))
+        return MassWeightedRows(mass_matrix(self._model, self._data), J, self._rank)
 
     def _combine(self, combinations: tuple[FloatArray, FloatArray]) -> None:
         T, others = (np.ascontiguousarray(each) for each in combinations)
@@ -150,8 +164,7 @@ class ClosedLoops:
         self._combinations = None
         if state is not None:
             T, others = state
-            n = self.count
-            r = len(T)
+            n, r = self.count + len(self._resting), len(T)
             self._combine((fitting(T, (r, n), "ClosedLoops"), fitting(others, (n - r, n), "ClosedLoops")))
 
     def snapshot(self) -> Callable[[], None]:
@@ -184,6 +197,11 @@ class ClosedLoops:
         assert self._combinations is not None
         forces: FloatArray = self._stage.y.dot(self._combinations[0])
         return forces
+
+    @property
+    def holds(self) -> FloatArray:
+        """Those of them that keep coordinates at rest, N or N m."""
+        return self.forces[self.count :]
 
     def generalised(self, force: FloatArray) -> FloatArray:
         """Generalised forces of the rows, (nv,).

@@ -69,6 +69,23 @@ class JointCoupling:
 
 
 @dataclass(frozen=True)
+class RestingJoint:
+    """A hinge or slide joint that is kept at rest, wherever it is: the row of its rate.
+
+    Attributes:
+        dof: Its degree of freedom in the logged system.
+    """
+
+    dof: int
+    count = 1
+
+    def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundRows:  # noqa: ARG002
+        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        row: BoundRows = JointRow(data, (dofs[self.dof], -1), (-1, -1), (0.0, 0.0), Polynomial().coefficients)
+        return row
+
+
+@dataclass(frozen=True)
 class TendonCoupling:
     """A tendon whose length follows that of another one, or is locked: one row.
 

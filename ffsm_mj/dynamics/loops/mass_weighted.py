@@ -71,6 +71,14 @@ class MassWeightedRows:
         change: FloatArray = -np.linalg.solve(self._L.T, self._right.T @ taken)
         return PlasticClosing(impulses, change, loss, self.rank, self.least_ratio)
 
+    def change(self, speeds: FloatArray) -> FloatArray:
+        """Least change of velocities, or accelerations, in the metric of M that takes some speeds from the rows, (nv,).
+
+        Args:
+            speeds: What to take from each row, (n,); combinations of rows that vanish lose nothing.
+        """
+        return np.asarray(-np.linalg.solve(self._L.T, self._right.T @ ((self._left.T @ speeds) / self._sizes)))
+
     def projected(self, directions: FloatArray) -> FloatArray:
         """Other rows J less what these hold, J (1 - M^-1 B^T (B M^-1 B^T)^+ B), (m, nv).
 

@@ -1,0 +1,1 @@
+"""Dry friction of joints: what sticks, what slides, and when either ends."""

@@ -1,0 +1,423 @@
+"""Dry friction of joints: Coulomb's law in one coordinate, exact, integrated event by event.
+
+A joint slides, with a friction of constant size against its rate, or sticks, with whatever friction within its limit keeps
+its acceleration at zero. Which of the two is fixed within a step, so that each step integrates a smooth ODE at the full
+order of RK4. A sliding joint exerts a constant force on a line, which no step size makes unstable; a sticking one is a row
+that is held in the stages (:mod:`ffsm_mj.dynamics.loops.closed_loops`) after all other forces are known.
+
+A step ends where a joint that slides comes to rest, or where the friction that holds one reaches its limit. There the
+accelerations of those at rest follow from a problem with one solution (:mod:`.box`), as they do where efforts change. Where
+the limit is reached the acceleration is zero from both sides: a joint breaks away because the force that holds it is about
+to exceed the limit, not because it accelerates, and slides against that force.
+
+An impact does not see friction: a bounded force has no impulse. A joint that sticks is moved by it like any other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj._core.stages import Smooth
+from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.crossing import just_after
+from ffsm_mj.contact_models.grasp.loops import LoopForces
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
+from ffsm_mj.contact_models.joint_friction.box import bounded_forces
+from ffsm_mj.contact_models.joint_friction.coordinates import FrictionCoordinates
+from ffsm_mj.contact_models.joint_friction.record import HEAT_SIGNALS, STICK_SLIP, StickSlipRecord, friction_signals
+from ffsm_mj.contact_models.state_projection import sum_exchanges
+from ffsm_mj.dynamics.loops.couplings import RestingJoint
+from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.state import entries, fitting
+from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S, INSTANT_S, RATE
+
+_ROUNDING = 1e-15
+"""Rates within this share of (1 + the largest rate) are zero to rounding: where a joint sticks, or has just stopped."""
+_BEYOND = 1e-14
+"""A friction that exceeds its limit by this share has reached it: some roundings."""
+_NEAR_LIMIT = 1e-3
+"""Where less than this share of a limit is left at the end of a step, its middle is looked at too: a load that swings with a
+frequency w exceeds that at both ends by (w h)^2 / 8 in between, 3e-4 for the fastest mode of a step."""
+_BRIEF_S = 100.0 * INSTANT_S
+"""A joint that its friction stops within this is at rest where a step begins: the energy that it has left becomes heat at
+once. The stop of a joint with an absurd friction, at 1e10 m/s^2, cannot be resolved by times that are rounded to 1e-16 s."""
+_REACHED = 1e-10
+"""At an event, a friction this close to its limit, as a share, has reached it: joints that are alike break away together."""
+
+
+class JointFriction(EventSource, ForceSource, Replayable):
+    """Dry friction of all joints of a scene; see :class:`~ffsm_mj.contact_models.interface.EventSource`.
+
+    It must stand before its ``loops`` among the sources, which then hold the joints that it has found to stick.
+
+    Attributes:
+        loops: Forces on the rows of the joints that stick, with those of closed loops.
+        senses: Sense in which each joint slides, -1 or 1; 0: it sticks, (k,).
+    """
+
+    kind = "joint_friction"
+    records = (STICK_SLIP,)
+    event_bound = -math.inf  # no bound on the motion excludes that a force reaches its limit
+    active = True
+
+    @dataclass
+    class State:
+        """Senses of the joints, and heat of (total, robot, objects) since t = 0, J."""
+
+        senses: FloatArray
+        heat_J: FloatArray
+
+    def __init__(self, scene: Scene, coordinates: FrictionCoordinates, others: Sequence[ForceSource]) -> None:
+        """Start with all joints at rest: which of them slide is decided when the first step begins.
+
+        Args:
+            scene: The logged system and its data.
+            coordinates: The joints with friction.
+            others: All other sources of forces.
+        """
+        super().__init__(scene)
+        self._on, self._others = coordinates, tuple(others)
+        self._resting = [RestingJoint(dof) for dof in coordinates.dofs.tolist()]
+        self.loops = LoopForces(scene, (*others, self), rubs=True)
+        count = len(coordinates.joints)
+        self.senses, self._friction, self._heat = np.zeros(count), np.zeros(count), np.zeros(3)
+        self._at_start: Exchange | None = None
+        self._verified: object = None
+        self._suspects: list[float] = []
+        self._slides = False
+        signals = [friction_signals(*each) for each in zip(coordinates.joints, coordinates.units, strict=True)]
+        self.columns = (
+            Columns(tuple(one for one, _ in signals), live=self.senses, on_sample=self._sample, resume=self._resume),
+            Columns(tuple(other for _, other in signals), live=self._friction),
+            Columns(HEAT_SIGNALS, live=self._heat, resume=self._resume_heat),
+        )
+
+    # ---- State
+
+    def get_state(self) -> State:
+        """Senses and heat."""
+        return self.State(self.senses.copy(), self._heat.copy())
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state; that of the motion is in its data."""
+        told = entries(state, [each.name for each in fields(self.State)], "JointFriction")
+        self._heat[:] = fitting(told["heat_J"], (3,), "JointFriction")
+        self._set_senses(fitting(told["senses"], self.senses.shape, "JointFriction"))
+
+    def forget(self) -> None:
+        """All joints are at rest, as before the first step."""
+        self._heat.fill(0.0)
+        self._set_senses(np.zeros_like(self.senses))
+
+    def _resume(self, logged: FloatArray) -> None:
+        self._set_senses(np.sign(logged))
+
+    def _resume_heat(self, logged: FloatArray) -> None:
+        self._heat[:] = logged
+
+    def _set_senses(self, senses: FloatArray) -> None:
+        self.senses[:], self._verified, self._slides = senses, None, bool(np.any(senses))
+        self.loops.keep_at_rest([row for row, sense in zip(self._resting, senses.tolist(), strict=True) if not sense])
+
+    def bind(self, motion: Motion) -> None:
+        """Use another motion: joints slide or stick in it as before."""
+        super().bind(motion)
+        self._smooth, self._verified = Smooth(motion, self.scene.data), None
+        self._dofs = np.array([motion.dofs[dof] for dof in self._on.dofs], dtype=np.intp)
+        self._places = motion.model.jnt_qposadr[motion.model.dof_jntid[self._dofs]].astype(np.intp)
+        self._rows = np.eye(motion.model.nv)[self._dofs]
+        self._brief = _BRIEF_S * self._on.limits * motion.model.dof_invweight0[self._dofs]
+
+    def restart(self) -> None:
+        """Decide anew: the state or the efforts changed discontinuously."""
+        self._verified = None
+
+    def names(self) -> str:
+        """The joints that stick, or all of them."""
+        stuck = [joint for joint, sense in zip(self._on.joints, self.senses, strict=True) if not sense]
+        return f"dry friction of {', '.join(stuck or self._on.joints)}"
+
+    # ---- Forces
+
+    def push(self, data: Any) -> None:
+        """Add the friction of the joints that slide; that of the others is held by ``loops``."""
+        self.add_forces(data.qfrc_applied)
+
+    def add_forces(self, applied: FloatArray) -> None:
+        """Add the same to generalised forces, (nv,) of the motion."""
+        if self._slides:
+            applied[self._dofs] -= self._on.limits * self.senses
+
+    def _other_forces(self) -> FloatArray:
+        """Applied generalised forces of other sources at the state and efforts in ``data``, (nv,)."""
+        applied = np.zeros(self.motion.model.nv)
+        for each in self._others:
+            if each.active and each.pushes:
+                each.add_forces(applied)
+        return applied
+
+    def begin_step(self) -> None:
+        """Decide which joints stick, and stop those exactly."""
+        self._decide()
+        self._at_start = None
+        rates = self._rates()[self.senses == 0.0]
+        if rates.any() and np.abs(rates).max() > _ROUNDING * (1.0 + np.abs(self.motion.data.qvel).max()):
+            self._at_start = self._stop(self.senses == 0.0)
+
+    def continue_step(self) -> None:
+        """Go on with the joints that slide and stick."""
+        self._at_start = None
+
+    def snapshot(self) -> Callable[[], None]:
+        """Return a function that restores which joints slide."""
+        senses = self.senses.copy()
+
+        def restore() -> None:
+            self._set_senses(senses)
+
+        return restore
+
+    def end_step(self, duration_s: float) -> Exchange:
+        """Heat of the step, which the system loses; it is added to the columns."""
+        done = self.exchanged(duration_s)
+        self._heat -= done.energy_J
+        return done
+
+    def exchanged(self, duration_s: float) -> Exchange:  # noqa: ARG002
+        """Heat of the step: friction times the way, which is exact, as the rate has one sign and the friction one size."""
+        # The path begins after projections, whose displacement does no work.
+        start = self.motion.path.start[1 + self._places]
+        heat = self._on.limits * self.senses * (self.motion.data.qpos[self._places] - start)
+        return sum_exchanges(self._at_start, self._by_subsystem(self._on.of_trees @ -heat))
+
+    def _by_subsystem(self, of_trees: FloatArray) -> Exchange:
+        """Energy that trees gain, J, (number of trees,), as an exchange."""
+        grasped, total, own = self.motion.grasped_object, float(of_trees.sum()), float(of_trees[0])
+        if grasped is not None:  # a grasped object counts with the robot, see ffsm_mj/balance/exchange.py
+            own += float(of_trees[1 + self.scene.system.objects.index(grasped)])
+        return Exchange(np.array((total, own, total - own)), np.zeros(6))
+
+    # ---- Decisions
+
+    def _rates(self) -> FloatArray:
+        rates: FloatArray = self.motion.data.qvel[self._dofs]
+        return rates
+
+    def _slow(self) -> BoolArray:
+        """Joints whose rate is zero to rounding, or that their friction stops within an instant, (k,)."""
+        rounding = RATE * (1.0 + np.abs(self.motion.data.qvel).max())
+        return np.asarray(np.abs(self._rates()) <= rounding + self._brief)
+
+    def _sample(self, _: float) -> None:
+        """Write the columns for the state in ``data`` under its efforts."""
+        self._decide()
+        self._friction[:] = -self._on.limits * self.senses
+        if not self.senses.all():
+            self._friction[self.senses == 0.0] = self._holds()
+
+    def _holds(self) -> FloatArray:
+        """Friction on the joints that stick, at the state in ``data`` under its efforts."""
+        loops, applied = self.motion.loops, self._other_forces()
+        assert loops is not None
+        self.add_forces(applied)
+        loops.generalised(self._smooth.force(applied))
+        return loops.holds
+
+    def _decide(self) -> None:
+        """Decide which joints slide at the state in ``data`` under its efforts, unless the last step has verified that."""
+        others = self._other_forces()
+        state = self._smooth.state(others)
+        if state is self._verified:
+            return
+        self._set_senses(self._decided(others, self.senses))
+        self._verified = state
+
+    def _decided(self, others: FloatArray, before: FloatArray) -> FloatArray:
+        """Sense in which each joint slides from the state in ``data`` on, (k,).
+
+        Args:
+            others: Applied forces of other sources, (nv,).
+            before: Senses in which joints that are at rest begin to slide; 0: it is to be found, (k,).
+        """
+        slow = self._slow()
+        senses = np.where(slow, before, np.sign(self._rates()))
+        if not slow.any():
+            return senses
+        motion, limits = self.motion, self._on.limits
+        M = mass_matrix(motion.model, motion.data)
+        factor = np.linalg.cholesky(M)
+        plain = np.linalg.solve(factor, self._rows.T)
+        W = np.linalg.solve(factor, motion.constrained(self._rows).T).T
+        free = self._rows @ self._free_acceleration(others)
+        starts = slow & (senses != 0.0)
+        while True:
+            still, slides = slow & ~starts, np.where(slow & ~starts, 0.0, senses)
+            b = free - W @ (W.T @ (limits * slides))
+            found = bounded_forces(W[still], b[still], -limits[still], limits[still], np.sum(plain**2, axis=0)[still])
+            slides[still] = found.moves
+            # A joint that breaks away accelerates from zero; where the load on it falls instead, it sticks after all.
+            a = b + W @ (W[still].T @ found.forces)
+            back = starts & (slides * a < -_REACHED * (np.abs(b) + np.sum(W**2, axis=1) * limits))
+            if not back.any():
+                return slides
+            starts &= ~back
+
+    def _free_acceleration(self, others: FloatArray) -> FloatArray:
+        """Acceleration without dry friction, with the rows of loops held, (nv,)."""
+        motion, a = self.motion, np.empty(self.motion.model.nv)
+        force = self._smooth.force(others)
+        mujoco.mj_solveM(motion.model, motion.data, a[None], force[None])
+        if motion.loops is not None and motion.loops.sources:
+            rows = motion.loops.rows()
+            a += motion.loops.weighted().change(rows.J @ a + rows.gamma)
+        return a
+
+    # ---- Events
+
+    def is_clear(self) -> bool:
+        """Whether no joint has come to rest, and no friction has exceeded its limit, in the last step."""
+        self._suspects = []
+        if min(self._margins()) >= 0.0:
+            self._suspects = self._doubtful_times(float(self.motion.data.time) - float(self.motion.path.start[0]))
+            if not self._suspects:
+                self._verified = self._smooth.state(self._other_forces())
+                return True
+        return False
+
+    def _margins(self) -> tuple[float, float]:
+        """Margins at the state of the last evaluation: negative where a joint turns back, and where one breaks away.
+
+        The least rate along the sense of a joint that slides, and the least share that is left of the limit of one that
+        sticks.
+        """
+        turns, breaks, slides = math.inf, math.inf, self.senses != 0.0
+        if self._slides:
+            rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
+            turns = float((self.senses * self._rates())[slides].min()) + rounding
+        if self.motion.loops is not None and not slides.all():
+            breaks = 1.0 + _BEYOND - float((np.abs(self.motion.loops.holds) / self._on.limits[~slides]).max())
+        return turns, breaks
+
+    def _doubtful_times(self, duration_s: float) -> list[float]:
+        """Times within the step at which a margin may be negative although it is positive at its end."""
+        times, path = [], self.motion.path
+        if self._slides:
+            # The parabola through the rates at both ends with the way between them is as good as the step; where its vertex
+            # is below zero inside, the joint may have stopped and gone on.
+            u0 = self.senses * path.start[1 + self.motion.model.nq + self._dofs]
+            u1 = self.senses * self._rates()
+            way = self.senses * (self.motion.data.qpos[self._places] - path.start[1 + self._places]) / duration_s
+            bend, slope = 3.0 * (u0 + u1 - 2.0 * way), 6.0 * way - 4.0 * u0 - 2.0 * u1
+            inside = (slope < 0.0) & (slope + 2.0 * bend > 0.0)
+            vertex = -0.5 * slope / np.where(inside, bend, 1.0)
+            low = inside & (u0 + 0.5 * slope * vertex < 0.0) & (u0 > _ROUNDING)
+            times += (duration_s * vertex[low]).tolist()
+        if self._margins()[1] < _NEAR_LIMIT:
+            times.append(0.5 * duration_s)
+        return times
+
+    def first_event(self, duration_s: float) -> float | None:
+        """Time at which the first joint comes to rest or breaks away, just after the root."""
+        path = self.motion.path
+
+        def margin(time_s: float) -> float:
+            if time_s <= 0.0:
+                return 1.0  # it was decided at this state
+            path.move_to(time_s)
+            return min(self._margins())
+
+        ends = [time_s for time_s in (*sorted(self._suspects), duration_s) if time_s <= duration_s and margin(time_s) < 0.0]
+        if not ends:
+            return None
+        found = just_after(margin, 0.0, ends[0])
+        while found > INSTANT_S and margin(0.5 * found) < 0.0:  # of several roots the first one counts
+            found = just_after(margin, 0.0, 0.5 * found)
+        return found
+
+    def act(self, instant: EventTime) -> EventEffect | None:
+        """Stop joints that come to rest, let those slide whose limit is reached, and decide on all that are at rest."""
+        system, data, before = self.scene.system, self.scene.data, self.senses.copy()
+        qvel_before, slow, others = system.by_joint(data.qvel), self._slow(), self._other_forces()
+        stops = (before != 0.0) & (before * self._rates() <= 0.0)
+        if slow.any() and (before[slow] != 0.0).any():
+            # Joints that are alike come to rest together, to rounding.
+            a = self._rows @ self.motion.data.qacc
+            stops |= slow & (before * a < 0.0)
+        holds = np.zeros(len(before))
+        if not before.all():
+            holds[before == 0.0] = self._holds()
+        breaks = (before == 0.0) & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
+        if not (stops.any() or breaks.any()):
+            return None
+        exchange = self._stop(stops | (before == 0.0))
+        self._heat -= exchange.energy_J
+        forced = np.where(breaks, -np.sign(holds), np.where(stops, 0.0, before))
+        self._set_senses(self._decided(others, forced))
+        self._friction[:] = -self._on.limits * self.senses
+        if not self.senses.all():
+            self._friction[self.senses == 0.0] = self._holds()
+        changed = stops | breaks | (self.senses != before)
+        event = self.scene.numbers.next_number()
+        records = tuple(
+            StickSlipRecord(
+                event=event,
+                time_s=instant.time_s,
+                step=instant.step,
+                joint=self._on.joints[i],
+                unit=self._on.units[i],
+                value=float(data.qpos[self._on.places[i]]),
+                sense_before=int(before[i]),
+                sense_after=int(self.senses[i]),
+                friction_after=float(self._friction[i]),
+                qpos=tuple(data.qpos.tolist()),
+                qvel_before=qvel_before,
+                qvel_after=system.by_joint(data.qvel),
+            )
+            for i in np.flatnonzero(changed).tolist()
+        )
+        # A rate is what an acceleration makes of the rounding of the time.
+        rounding = float(np.abs(self.motion.data.qacc).max()) * (EVENT_TIME_S + EVENT_TIME * instant.time_s)
+        accuracy = dict.fromkeys(("qvel_before", "qvel_after"), rounding)
+        return EventEffect(records, exchange, triggers_control=False, accuracy=accuracy)
+
+    def _stop(self, which: BoolArray) -> Exchange:
+        """Set the rates of some joints to zero, by the least change of velocities, which conserves momentum.
+
+        Returns:
+            The energy that this takes, which is heat: the root of a rate is found to the rounding of the time alone.
+        """
+        motion, dofs, system = self.motion, self._dofs[which], self.scene.system
+        before = self.scene.data.qvel.copy()
+        rows = self._rows[which]
+        if motion.loops is not None and motion.loops.sources:
+            rows = np.concatenate((motion.loops.rows().J, rows))
+        held = MassWeightedRows(mass_matrix(motion.model, motion.data), rows)
+        motion.data.qvel[:] += held.change(rows @ motion.data.qvel)
+        motion.data.qvel[dofs] = 0.0  # what is left of them is rounding
+        mujoco.mj_forward(motion.model, motion.data)
+        motion.path.on_event_located()
+        motion.flight.account(0.0)
+        now, momentum = self.scene.data.qvel, np.empty(system.mj.nv)
+        mujoco.mj_mulM(system.mj, self.scene.data, momentum, now - before)
+        gained = 0.5 * momentum * (now + before)
+        return self._by_subsystem(np.array([gained[tree.dofs].sum() for tree in system.trees]))
+
+    # ---- Replay
+
+    def prepare_replay(self, records: Sequence[Any]) -> None:
+        """Continue the numbers of events."""
+        self.scene.numbers.continue_from(records[0].event)
+
+    def record_fault(self, records: Sequence[Any]) -> str:
+        """Whether a record names a joint without dry friction."""
+        return "" if all(each.joint in self._on.joints for each in records) else "joint"

@@ -1,0 +1,80 @@
+"""Event record of dry friction: a joint comes to rest, begins to slide, or turns back; and its columns."""
+
+from __future__ import annotations
+
+from ffsm_mj.records.events import QPOS, QVEL_BEFORE, STEP
+from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
+from ffsm_mj.records.signals import JOINT_FRICTION_HEAT, SUBSYSTEMS, Signal, identifier
+
+_QVEL_AFTER = Meaning("Generalised velocity after, by joint; equal to ``qvel_before`` up to rounding.")
+_EFFORTS = Meaning("Effort by actuator at the event; the controller is not evaluated.")
+_SENSES = {-1: "slides down", 0: "sticks", 1: "slides up"}
+
+
+@record
+class StickSlipRecord:
+    """A joint with dry friction comes to rest, begins to slide, or turns back."""
+
+    event: int = declared(
+        "Event number, counted with those of persistent contacts and grasps; joints that change together share it.",
+        column="event number, counted with those of persistent contacts and grasps from 0",
+    )
+    time_s: float = declared("Simulation time.")
+    step: int = declared(STEP)
+    joint: str = declared("Full name of the joint.")
+    unit: str = declared(
+        "Unit of the coordinate: ``rad`` (friction in N m) or ``m`` (in N).",
+        column="unit of the joint's coordinate, rad or m: the friction is in N m or N",
+    )
+    value: float = declared("Coordinate of the joint at the event.", column="coordinate at the event, rad or m")
+    sense_before: int = declared(
+        "Sense in which it slides before, -1 or 1; 0: it sticks.", column="sense in which it slides before; 0: it sticks"
+    )
+    sense_after: int = declared("The same after.", column="sense in which it slides after; 0: it sticks")
+    friction_after: float = declared(
+        "Friction on the joint just after, under the efforts up to the event, N m or N.",
+        column="friction on the joint just after, N m or N",
+    )
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL_BEFORE)
+    qvel_after: ByName = declared(_QVEL_AFTER)
+    efforts_after: ByName = declared(_EFFORTS, default_factory=dict)
+
+
+STICK_SLIP = RecordKind(
+    record=StickSlipRecord,
+    name="stick_slip",
+    plural="stick_slips",
+    when="when a joint with dry friction comes to rest, begins to slide or turns back",
+    time=lambda record: record.time_s,
+    sentence=lambda record: f"joint {record.joint} {_SENSES[record.sense_after]} at {record.value:.5g} {record.unit}",
+    summarised=False,
+)
+
+
+def friction_signals(joint: str, unit: str) -> tuple[Signal, Signal]:
+    """Columns of one joint: its sense, and the friction on it."""
+    name, size, units = identifier(joint), *(("torque", "N_m") if unit == "rad" else ("force", "N"))
+    return (
+        Signal(
+            "contact",
+            f"{name}_sliding",
+            "",
+            f"dry friction of {joint} from this row on: 0 sticks, 1 slides up, -1 slides down",
+            joint,
+        ),
+        Signal(
+            "contact",
+            f"{name}_friction_{size}_{units}",
+            units.replace("_", " "),
+            f"{size} of dry friction on {joint}, under the efforts of this row",
+            joint,
+        ),
+    )
+
+
+HEAT_SIGNALS = tuple(
+    Signal("balance", JOINT_FRICTION_HEAT.format(subsystem), "J", f"heat of dry friction of joints since t = 0, {subsystem}")
+    for subsystem in SUBSYSTEMS
+)

@@ -1,0 +1,79 @@
+"""Accelerations under bounded forces: one solution, that of an enumeration of all modes."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from ffsm_mj.contact_models.joint_friction.box import bounded_forces
+
+
+def problem(rng):
+    """A chain with dry friction, some joints of which are coupled: W, accelerations without friction, limits, 1 / masses."""
+    n = int(rng.integers(2, 6))
+    nv, couplings = n + int(rng.integers(0, 7)), int(rng.integers(0, min(4, n - 1) + 1))
+    X = rng.normal(size=(nv, nv))
+    L = np.linalg.cholesky(X @ X.T + 0.1 * np.eye(nv))
+    A = np.eye(nv)[rng.permutation(nv)[:n]]
+    B = np.array([A[i] - rng.uniform(-2, 2) * A[rng.integers(i + 1, n)] for i in range(couplings)]).reshape(-1, nv)
+    plain, held = (np.linalg.solve(L, rows.T).T for rows in (A, B))
+    V = np.linalg.svd(held, full_matrices=False)[2]
+    W = plain - (plain @ V.T) @ V
+    w = rng.normal(size=nv) * 3.0
+    return W, W @ (w - V.T @ (V @ w)), rng.uniform(0.02, 3.0, size=n), np.sum(plain**2, axis=1)
+
+
+def enumerated(W, b, limits):
+    """Accelerations of the rows in all modes that satisfy Coulomb's law."""
+    tolerance = 1e-9 * (1.0 + np.abs(b).max())
+    for modes in itertools.product((-1, 0, 1), repeat=len(b)):
+        senses = np.array(modes)
+        still, forces = senses == 0, -limits * senses
+        a = b + W @ (W.T @ forces)
+        if still.any():
+            x = np.linalg.lstsq(W[still] @ W[still].T, -a[still], rcond=1e-10)[0]
+            a = a + W @ (W[still].T @ x)
+            if np.abs(a[still]).max() > tolerance:
+                continue
+            # Of coupled joints the forces are not unique: some must be within the limits.
+            bounds = [(-f - tolerance, f + tolerance) for f in limits[still]]
+            effect = W[still].T
+            if linprog(np.zeros(still.sum()), A_eq=effect, b_eq=effect @ x, bounds=bounds).status != 0:
+                continue
+        if np.all(senses * a >= -tolerance):
+            yield a
+
+
+def test_unique_accelerations(rng):
+    """Of 1000 random problems, most with couplings, some of which leave the forces undetermined.
+
+    A force that the compliance took for one inside its limit may exceed it by as much.
+    """
+    for trial in range(1000):
+        W, b, limits, masses = problem(rng)
+        if trial % 3 == 0:
+            limits *= 10.0
+        found = bounded_forces(W, b, -limits, limits, masses)
+        assert np.all(np.abs(found.forces) <= limits * (1.0 + 1e-6))
+        others = list(enumerated(W, b, limits)) if trial % 10 == 0 else []
+        assert others or trial % 10
+        for a in others:
+            assert np.abs(found.accelerations - a).max() <= 1e-8 * (1.0 + np.abs(b).max())
+        # Coulomb's law itself.
+        assert np.all(found.accelerations * found.moves >= 0.0)
+        assert np.abs(found.accelerations[found.moves == 0.0]).max(initial=0.0) <= 1e-7 * (1.0 + np.abs(b).max())
+
+
+def test_unilateral_rows(rng):
+    """A limit that presses one of two joints: it pushes, or it opens."""
+    for _ in range(200):
+        W, b, limits, masses = problem(rng)
+        low, high = -limits, limits.copy()
+        low[0], high[0] = 0.0, np.inf
+        found = bounded_forces(W, b, low, high, masses)
+        assert found.forces[0] >= -1e-7 * (1.0 + np.abs(b).max())
+        assert found.accelerations[0] >= -1e-7 * (1.0 + np.abs(b).max())
+        assert found.forces[0] * found.accelerations[0] == pytest.approx(0.0, abs=1e-7 * (1.0 + np.abs(b).max()) ** 2)
