@@ -131,6 +131,7 @@ def _model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader) -> 
             strip=to_strip(parts[name].strip, parts[name].limits),
             motors=_motors(scenario, name),
             pose=poses.get(name),
+            body=parts[name].body or "",
         )
         for name, read_files in readers.items()
     }

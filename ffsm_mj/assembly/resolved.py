@@ -6,7 +6,7 @@ from typing import Any
 
 from ffsm_mj.assembly.recorded_files import RecordedFiles
 from ffsm_mj.log.earlier_run import BEFORE
-from ffsm_mj.model.files import logged_name
+from ffsm_mj.model.files import logged_name, stored_with
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.yaml.parser import write_yaml
@@ -24,8 +24,9 @@ def resolved_data(scenario: ScenarioConfig, system: System, recorded: RecordedFi
         data["initial"]["from"] = BEFORE
     for name, files in system.files.items():
         part = data["robot"] if name == "robot" else data["objects"][name]
-        part["mjcf"] = logged_name(name, files.main)
-        part["asset_folders"] = [] if files.beside else [logged_name(name, "")]
+        stored = stored_with(name, system.files)
+        part["mjcf"] = logged_name(stored, files.main)
+        part["asset_folders"] = [] if files.beside else [logged_name(stored, "")]
         part["package_paths"] = []  # files of packages are stored beside the model
     for (*keys, last), name in recorded.names.items():
         section: Any = data

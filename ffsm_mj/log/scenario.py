@@ -38,6 +38,7 @@ class LoggedScenario:
         sensors: Sensors that are added to the scene.
         overrides: Changed properties of bodies and geoms, by ``robot`` or object; only models with changes.
         poses: Poses of the fixed objects, by object.
+        bodies: Body of its file that a model is, by ``robot`` or object; only models that are a part of a file.
         time_step_s: Integration step, s.
         conservative: Whether the models are required to be conservative.
         view_rate_hz: Frames per simulated second for viewers.
@@ -52,6 +53,7 @@ class LoggedScenario:
     sensors: tuple[AddedSensor, ...]
     overrides: Mapping[str, Overrides]
     poses: Mapping[str, Pose]
+    bodies: Mapping[str, str]
     time_step_s: float
     conservative: bool
     view_rate_hz: float
@@ -104,6 +106,7 @@ def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
             ),
             overrides={_text(name): _overrides(found) for name, found in model.items()},
             poses={name: _pose(part.get("pose")) for name, part in objects.items() if part.get("fixed") is True},
+            bodies={_text(name): _text(part["body"]) for name, part in parts.items() if part.get("body") is not None},
             time_step_s=_positive(data["time_step_s"]),
             conservative=data["conservative"] is not False,
             view_rate_hz=_positive(data["log"]["view_rate_hz"]),
@@ -183,13 +186,16 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
     scenario = logged_scenario(log, place)
 
     def model_of(name: str, main: str) -> ModelFiles:
-        prefix = logged_name(name, "")
-        if not main.startswith(prefix):
-            raise InputError(f"{place}: the model of {name} is {main!r}, which is not below {prefix}")
+        # Models of one file are stored with the first of them.
+        owners = ("robot", *scenario.objects) if name in scenario.bodies else (name,)
+        prefix = next((each for owner in owners if main.startswith(each := logged_name(owner, ""))), "")
+        if not prefix:
+            raise InputError(f"{place}: the model of {name} is {main!r}, which is not below {logged_name(name, '')}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
         model = logged_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
         changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
-        return replace(model, strip=scenario.strip[name], overrides=changed, pose=scenario.poses.get(name))
+        body = scenario.bodies.get(name, "")
+        return replace(model, strip=scenario.strip[name], overrides=changed, pose=scenario.poses.get(name), body=body)
 
     try:
         return compile_system(

@@ -81,12 +81,13 @@ class _Request:
     digest: str
     main: str
     floats: bool
+    body: str
     files: ModelFiles = field(compare=False)
     vfs: Any = field(compare=False)
 
 
 def _request(files: ModelFiles, vfs: Any) -> _Request:
-    return _Request(digest_of(files), files.main, files.pose is None, files, vfs)
+    return _Request(digest_of(files), files.main, files.pose is None, files.body, files, vfs)
 
 
 @lru_cache(maxsize=8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from threading import Lock
 from typing import Any
 from warnings import catch_warnings
@@ -27,8 +28,10 @@ from ffsm_mj.model.fixed import fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
 from ffsm_mj.model.joint_limits import unsupported_limits
 from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
+from ffsm_mj.model.one_file import add_shared_elements
 from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.scene import compile_scene, empty_scene, left_out, take_options
+from ffsm_mj.model.source import load_spec
 from ffsm_mj.model.system import Joint, JointKind, System, Tree, ancestors
 from ffsm_mj.model.tendons import armature_faults
 
@@ -87,7 +90,7 @@ def compile_system(
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
     grasped = grasp.tree if grasp is not None else ""
     trees = [_tree(model, name, each.place) for name, each in files.items() if each.pose is None and name != grasped]
-    notes = [note for each in parts for note in each.notes]
+    notes = dict.fromkeys(note for each in parts for note in each.notes)  # models of one file have the same
     return System(
         mj=model,
         robot=trees[0],
@@ -132,7 +135,8 @@ def _attach(
             warned[name].extend(parts[-1].warnings)
             spec = parts[-1].spec
             faults += [] if conservative else fluid_faults(spec, model_files)
-            parts[-1].notes.extend(left_out(scene, spec, model_files, conservative=conservative))
+            whole = spec if not model_files.body else load_spec(replace(model_files, body=""), vfs)
+            parts[-1].notes.extend(left_out(scene, whole, model_files, conservative=conservative))
             gravity[name] = gravity_of(spec, model_files)
             magnetic |= magnetic_of(spec, name)
             take_options(scene, spec, gravity[name], conservative=conservative)
@@ -140,6 +144,7 @@ def _attach(
                 join(scene, spec, grasp)
             else:
                 scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
+    parts[0].notes.extend(add_shared_elements(scene, files, lambda each: load_spec(each, vfs)))
     refused = [
         *moving_parts(scene, files),
         *unsupported_limits(scene, files),
@@ -167,7 +172,7 @@ def _tree(model: Any, name: str, place: str) -> Tree:
             + (
                 "Give the root body a <freejoint/> or slide and hinge joints"
                 if not roots
-                else "Put each in a file of its own"
+                else "Name one with 'body' beside 'mjcf', or all of them with 'scene: {mjcf: FILE, robot: BODY}'"
             )
         )
     members = tuple(i for i in range(1, model.nbody) if model.body_rootid[i] == roots[0])  # including a grasped object

@@ -22,6 +22,8 @@ from ffsm_mj.model.properties import Overrides, Pose
 from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.xml import has_urdf_root
 
+REST = "world"
+"""In place of the body of a model: the geoms and bodies of its file that are fixed to the world."""
 MAX_FILES = 1000
 MAX_BYTES = 256 * 1024**2
 
@@ -40,6 +42,7 @@ class ModelFiles:
         flex: Flexible drives by joint; see :mod:`ffsm_mj.model.flex`.
         overrides: Layers of changed properties of bodies and geoms, the last on top; see :mod:`ffsm_mj.model.overrides`.
         pose: Pose at which it is fixed to the world; None: it floats.
+        body: Root of the tree of the file that it is, ``world`` for what is fixed; empty: the whole file.
     """
 
     main: str
@@ -51,6 +54,7 @@ class ModelFiles:
     flex: Mapping[str, JointFlex] = field(default_factory=dict)
     overrides: tuple[Overrides, ...] = ()
     pose: Pose | None = None
+    body: str = ""
 
     @property
     def place(self) -> str:
@@ -67,6 +71,13 @@ class ModelFiles:
         """Whether all files are in the folder of the main file or below."""
         folder = posixpath.dirname(self.main)
         return not folder or all(name.startswith(f"{folder}/") for name in self.files)
+
+
+def stored_with(model: str, models: Mapping[str, ModelFiles]) -> str:
+    """Name of the model whose files in the log are also those of a model: the first one of the same file."""
+    own = models[model]
+    same = (name for name, each in models.items() if each.body and own.body and each.files == own.files)
+    return next(same, model)
 
 
 def logged_name(model: str, name: str) -> str:

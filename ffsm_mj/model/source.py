@@ -14,6 +14,7 @@ import mujoco
 from ffsm_mj.errors import InputError
 from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.one_file import keep_body
 from ffsm_mj.model.packages import SCHEME
 from ffsm_mj.model.timing import Timing, take_timing
 from ffsm_mj.model.xml import elements
@@ -30,7 +31,7 @@ def load_spec(files: ModelFiles, vfs: Any) -> Any:
         vfs: MuJoCo's virtual files; the model's are added. They are needed until the model is compiled.
 
     Raises:
-        InputError: MuJoCo cannot parse it.
+        InputError: MuJoCo cannot parse it, or it has no tree with the body of the model.
     """
     return load_with_timing(files, vfs)[0]
 
@@ -50,6 +51,8 @@ def load_with_timing(files: ModelFiles, vfs: Any) -> tuple[Any, Timing]:
     for skin in [skin for skin in spec.skins if "world" in skin.bodyname]:
         spec.delete(skin)
     _name_all(spec)
+    if files.body:
+        keep_body(spec, files.body, files.place)
     return spec, take_timing(spec)
 
 

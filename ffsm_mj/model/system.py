@@ -17,7 +17,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.model.files import ModelFiles, logged_name
+from ffsm_mj.model.files import ModelFiles, logged_name, stored_with
 from ffsm_mj.model.fixed import FixedModel
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import PropertyChange
@@ -141,7 +141,11 @@ class System:
     @property
     def logged_files(self) -> dict[str, bytes]:
         """Content of all model files, by their names in logs and run folders."""
-        return {logged_name(tree, name): data for tree, each in self.files.items() for name, data in each.files.items()}
+        return {
+            logged_name(stored_with(tree, self.files), name): data
+            for tree, each in self.files.items()
+            for name, data in each.files.items()
+        }
 
     @cached_property
     def fixed_bodies(self) -> frozenset[int]:

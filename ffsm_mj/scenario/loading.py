@@ -24,6 +24,7 @@ from ffsm_mj.scenario.grasps import capture_faults
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.phase_graph import graph_faults, is_branching
 from ffsm_mj.scenario.scenario import ScenarioConfig, located, timing_faults, with_contact_models
+from ffsm_mj.scenario.scene_file import with_scene
 from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 
@@ -112,6 +113,7 @@ def validated(
     Raises:
         InputError: One line per fault, with file, line and column.
     """
+    source = with_scene(source)
     installed = kinds()
     model = _model_with(laws, own_estimators) if laws or own_estimators else ScenarioConfig
     try:

@@ -14,10 +14,12 @@ from pydantic import (
     WithJsonSchema,
     WrapValidator,
     field_validator,
+    model_validator,
 )
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.files import REST
 from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.inline import InlineModel, inline_model
 from ffsm_mj.model.properties import Pose
@@ -57,18 +59,21 @@ else:
     ]
 """An MJCF or URDF model: a path, its XML text, or a ``mujoco.MjSpec``, which is read once and not changed. The key of a file
 is ``mjcf``; Python also has ``model`` and, for text, ``xml``."""
-_REQUIRED: Any = ...
+REQUIRED: Any = ...
 """No default for pydantic; type checkers, which do not know the other names, take one for it."""
 
 
 class Robot(StrictModel):
     """The free-floating manipulator."""
 
-    model: ModelSource = _REQUIRED
+    model: ModelSource = REQUIRED
     """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
     as XML text or ``mujoco.MjSpec``; its root body is the base. Lengths in m; quaternions w, x, y, z."""
     if TYPE_CHECKING:
         xml: str = ""
+    body: Name | None = None
+    """Body of the file, right below its ``<worldbody>``, that the robot is with everything below it; the rest of the file is
+    left out."""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
@@ -86,11 +91,14 @@ class Robot(StrictModel):
 class Model(StrictModel):
     """An object: floating, or fixed to the world."""
 
-    model: ModelSource = _REQUIRED
+    model: ModelSource = REQUIRED
     """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
     as XML text or ``mujoco.MjSpec``. Lengths in m; quaternions w, x, y, z."""
     if TYPE_CHECKING:
         xml: str = ""
+    body: Name | None = None
+    """Body of the file, right below its ``<worldbody>``, that the object is with everything below it; the rest is left out.
+    ``world`` is what the file fixes to the world, with ``fixed: true``."""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
@@ -110,6 +118,12 @@ class Model(StrictModel):
         if value is not None and info.data.get("fixed") is False:
             raise ValueError("only with 'fixed: true'; a floating object starts where initial.joints says")
         return value
+
+    @model_validator(mode="after")
+    def _rest_is_fixed(self) -> Model:
+        if (self.body == REST) != self.fixed and self.body is not None:
+            raise ValueError(f"'body: {REST}' and 'fixed: true' belong together: what a file fixes to the world")
+        return self
 
     @property
     def fixed_at(self) -> Pose | None:

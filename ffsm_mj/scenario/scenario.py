@@ -25,8 +25,9 @@ from ffsm_mj.scenario.env_config import EnvConfig
 from ffsm_mj.scenario.estimator_config import EstimatorConfig, ToldAboveConfig, TruthConfig
 from ffsm_mj.scenario.impact_config import ImpactConfig
 from ffsm_mj.scenario.joint_limits import JointLimitConfig
-from ffsm_mj.scenario.model_config import Model, Robot
+from ffsm_mj.scenario.model_config import REQUIRED, Model, Robot
 from ffsm_mj.scenario.phase_config import PhaseConfig
+from ffsm_mj.scenario.scene_file import SceneConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.scenario.task_config import TaskConfig
 from ffsm_mj.sensing.config import SensorConfig
@@ -109,12 +110,14 @@ class ScenarioConfig(StrictModel):
     control_period_s: PositiveFloat = 0.001
     """Control period, a multiple of the time step, s."""
     conservative: bool = True
-    """Refuse gravity, dry friction of joints, tendon springs, fluids and other integrators in the models. If false,
-    gravity enters the balance; with any of the others energy and momenta are not checked. Springs and dampers of joints
-    always enter the balance."""
+    """A vacuum without gravity, whatever the models say of them; dry friction of joints and tendon springs are refused. If
+    false, gravity enters the balance; with fluids or any of the others energy and momenta are not checked. Springs and
+    dampers of joints always enter the balance."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
-    robot: Robot
+    scene: SceneConfig | None = None
+    """Robot, objects and surroundings in one MJCF file; written out as ``robot`` and ``objects`` in the log."""
+    robot: Robot = REQUIRED
     objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], Model] = {}
     """Floating and fixed objects by name; the name is the prefix of all elements of the object's model."""
     model: Trees = {}

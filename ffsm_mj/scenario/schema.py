@@ -10,6 +10,7 @@ from typing import Any
 
 from ffsm_mj.scenario.inheritance import EXTENDS
 from ffsm_mj.scenario.scenario import ScenarioConfig
+from ffsm_mj.scenario.scene_file import SCENE
 
 _WHOLE, _CHANGES = "Scenario", "Changes"
 _NAMED_ITEMS = ("PhaseConfig", "ContactRuleConfig")  # list items that are merged with the parent's item of the same name
@@ -23,6 +24,8 @@ def scenario_schema() -> dict[str, Any]:
     changes: dict[str, Any] = {}
     _loosen(_WHOLE, models, changes)
     changes[_WHOLE + _CHANGES]["required"] = [EXTENDS, "name"]
+    whole["required"].remove("robot")  # a scene has it too
+    whole["anyOf"] = [{"required": ["robot"]}, {"required": [SCENE]}]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "ffsm-mj scenario",

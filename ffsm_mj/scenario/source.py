@@ -59,13 +59,17 @@ class YamlSource:
             return self.path.parent
         return self._root.find(path).place.path.parent
 
+    def with_data(self, data: Any) -> YamlSource:
+        """The source with other data, whose keys stand where the nearest one of the file does."""
+        return YamlSource(self.path, data, self._root, dict(self._overrides))
+
     def overridden(self, overrides: Sequence[str]) -> YamlSource:
         """Source with further ``key.to.value=yaml`` overrides, without reading files again.
 
         Raises:
             InputError: An override does not match the data.
         """
-        source = YamlSource(self.path, self.data, self._root, dict(self._overrides))
+        source = self.with_data(self.data)
         # A new kind removes the keys of the former one, so it comes before keys of its own.
         for text in sorted(overrides, key=lambda text: not _sets_kind(text)):
             _apply(source, text)

@@ -1,0 +1,179 @@
+"""Models that share one file: each of its moving trees by the name of its root, and the rest, which is fixed to the world.
+
+A model of such a file is the file without the other trees. Contact filters and equality constraints between two of them are
+those of the file; they are added to the scene. Sensors between two of them are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.model.files import REST, ModelFiles
+
+_COPIED = ("active", "data", "objtype", "type")
+"""Attributes of an equality constraint beside its ends: the scene's constraints are exact, and have no softness."""
+_GEOM, _JOINT, _SITE = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_SITE
+_BODY = mujoco.mjtObj.mjOBJ_BODY
+_OF_KIND = {_GEOM: "geom", _JOINT: "joint", _SITE: "site", _BODY: "body"}
+
+
+def moving_roots(spec: Any) -> list[Any]:
+    """Bodies below the world that move, or carry something that does."""
+    return [body for body in spec.worldbody.bodies if any(_joints(body))]
+
+
+def _joints(body: Any) -> Iterator[Any]:
+    yield from body.joints
+    for child in body.bodies:
+        yield from _joints(child)
+
+
+def keep_body(spec: Any, body: str, place: str) -> None:
+    """Leave of a specification only a body below the world with everything below it, or the rest.
+
+    Args:
+        spec: The whole file; all its elements have names.
+        body: The body, or :data:`~ffsm_mj.model.files.REST` for what is fixed to the world.
+        place: Name of the file in messages.
+
+    Raises:
+        InputError: No moving tree has a root of this name.
+    """
+    roots = {each.name: each for each in moving_roots(spec)}
+    if body != REST and body not in roots:
+        raise InputError(f"{place}: {unknown_name('root of a moving tree', body, list(roots))}")
+    for each in list(spec.keys):  # numbers of all joints
+        spec.delete(each)
+    if body == REST:
+        for root in roots.values():
+            spec.delete(root)
+        for each in spec.bodies:
+            each.mocap = False  # nothing moves it here
+    else:
+        world = spec.worldbody
+        rest = [each for each in world.bodies if each.name != body]
+        for each in (*rest, *world.geoms, *world.sites, *world.cameras, *world.lights):
+            spec.delete(each)
+    if body != next(iter(roots), REST):  # sensors of the whole scene, such as a clock, are those of the first model
+        for sensor in [each for each in spec.sensors if not each.objname]:
+            spec.delete(sensor)
+    _delete_unused_assets(spec)
+
+
+def _delete_unused_assets(spec: Any) -> None:
+    """Delete meshes that no geom or site has left, which every model of the file would compile again."""
+    used = {each.meshname for each in (*spec.geoms, *spec.sites)}
+    for mesh in [each for each in spec.meshes if each.name not in used]:
+        spec.delete(mesh)
+
+
+def add_shared_elements(scene: Any, files: Mapping[str, ModelFiles], load: Any) -> list[str]:
+    """Add the contact filters and equality constraints between models of one file to their scene.
+
+    Args:
+        scene: Specification with all models attached.
+        files: Files of each model by its prefix.
+        load: Returns the specification of a whole file.
+
+    Returns:
+        Notes on elements that are left out.
+
+    Raises:
+        InputError: A tendon or an actuator of the file belongs to two of the models.
+    """
+    notes: list[str] = []
+    groups: dict[bytes, dict[str, str]] = {}
+    for name, each in files.items():
+        if each.body:
+            groups.setdefault(each.files[each.main], {})[each.body] = name
+    for models in groups.values():
+        if len(models) > 1:
+            first = files[next(iter(models.values()))]
+            notes += _Shared(scene, load(replace(first, body="")), models, first.place).add()
+    return notes
+
+
+class _Shared:
+    """The elements of one file that belong to two of its models."""
+
+    def __init__(self, scene: Any, whole: Any, models: Mapping[str, str], place: str) -> None:
+        self._scene, self._whole, self._place = scene, whole, place
+        roots = {each.name for each in moving_roots(whole)}
+        self._of_body: dict[str, str | None] = {"world": models.get(REST)}
+        for body in whole.worldbody.bodies:
+            owner = models.get(body.name if body.name in roots else REST)
+            self._of_body |= dict.fromkeys(_names(body), owner)
+
+    def _owner(self, kind: Any, name: str) -> str | None:
+        """The model that an element of the file belongs to; None if the scenario has none with it."""
+        what = _OF_KIND.get(mujoco.mjtObj(int(kind)))
+        element = getattr(self._whole, what)(name) if what else None
+        body = "" if element is None else element.name if what == "body" else element.parent.name
+        return self._of_body.get(body)
+
+    def _between(self, kind: Any, *names: str) -> list[str] | None:
+        """Names in the scene of elements that belong to different models; None if they do not, or one is left out."""
+        owners = [self._owner(kind, name) for name in names]
+        full = [f"{owner}/{name}" for owner, name in zip(owners, names, strict=True) if owner]
+        return full if len(full) == len(names) and len(set(owners)) > 1 else None
+
+    def add(self) -> list[str]:
+        """Add filters and constraints to the scene; returns notes.
+
+        Raises:
+            InputError: See :func:`add_shared_elements`.
+        """
+        whole, scene = self._whole, self._scene
+        for each in whole.excludes:
+            if names := self._between(_BODY, each.bodyname1, each.bodyname2):
+                scene.add_exclude(bodyname1=names[0], bodyname2=names[1])
+        for each in whole.pairs:
+            if names := self._between(_GEOM, each.geomname1, each.geomname2):
+                scene.add_pair(geomname1=names[0], geomname2=names[1])
+        for each in whole.equalities:
+            kind = _JOINT if each.type == mujoco.mjtEq.mjEQ_JOINT else each.objtype
+            if each.name2 and (names := self._between(kind, each.name1, each.name2)):
+                added = scene.add_equality(name=f"{names[0].partition('/')[0]}/{each.name}", name1=names[0], name2=names[1])
+                for attribute in _COPIED:
+                    setattr(added, attribute, getattr(each, attribute))
+        self._refuse_drives()
+        return [
+            f"{self._place}: left out: sensor {each.name!r}, which is of two models"
+            for each in whole.sensors
+            if each.objname and each.refname and self._differ((each.objtype, each.objname), (each.reftype, each.refname))
+        ]
+
+    def _differ(self, *ends: tuple[Any, str]) -> bool:
+        owners = {self._owner(kind, name) for kind, name in ends} - {None}
+        return len(owners) > 1
+
+    def _refuse_drives(self) -> None:
+        """Refuse tendons, and actuators at two sites, of two models.
+
+        Raises:
+            InputError: There is one.
+        """
+        faults = []
+        for tendon in self._whole.tendons:
+            targets = [wrap.target for wrap in tendon.path if wrap.target is not None]
+            bodies = {self._of_body.get(target.parent.name) for target in targets}
+            if len(bodies - {None}) > 1:
+                faults.append(f"{self._place}: tendon {tendon.name!r} joins two models, which is not supported; remove it")
+        for each in self._whole.actuators:
+            ends = [(_SITE, name) for name in (each.target, each.refsite) if name]
+            if each.trntype == mujoco.mjtTrn.mjTRN_SITE and self._differ(*ends):
+                faults.append(f"{self._place}: actuator {each.name!r} acts on two models, which is not supported; remove it")
+        if faults:
+            raise InputError(faults)
+
+
+def _names(body: Any) -> Iterator[str]:
+    """Names of a body and of all below it."""
+    yield body.name
+    for child in body.bodies:
+        yield from _names(child)

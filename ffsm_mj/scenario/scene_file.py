@@ -1,0 +1,178 @@
+"""``scene``: robot, objects and surroundings in one MJCF file, written out as a robot and objects.
+
+The robot is the tree with the body that the scenario names. Every other moving tree is an object with the name of its root
+body, and what the file fixes to the world is the object ``surroundings``. A keyframe of the file is the initial state.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from warnings import catch_warnings
+
+import mujoco
+from pydantic import ValidationError
+
+from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.model.files import REST, ModelFiles, read_model
+from ffsm_mj.model.inline import InlineModel
+from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.one_file import moving_roots
+from ffsm_mj.model.source import load_spec
+from ffsm_mj.scenario.faults import KindNames, plain_faults
+from ffsm_mj.scenario.model_config import REQUIRED, ModelSource
+from ffsm_mj.scenario.source import YamlSource
+
+SCENE = "scene"
+SURROUNDINGS = "surroundings"
+"""Name of the object that is everything that the file fixes to the world."""
+_TAKEN = ("robot", "world", SURROUNDINGS)
+_SIZES = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
+"""Numbers of coordinates and rates of a joint; one each for others."""
+
+
+class SceneConfig(StrictModel):
+    """Robot, objects and surroundings in one file; ``robot`` and ``objects`` beside it may add to what it says of them."""
+
+    model: ModelSource = REQUIRED
+    """MJCF file, relative to the scenario file that names it. Each moving tree below its ``<worldbody>`` is the robot or an
+    object, with the name of its root body; all else is the fixed object ``surroundings``."""
+    robot: Name
+    """Root body of the robot."""
+    keyframe: Name | None = None
+    """Keyframe that is the initial state, where ``initial`` says nothing else; default: the first one of the file."""
+    asset_folders: tuple[Name, ...] = ()
+    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
+
+
+def with_scene(source: YamlSource) -> YamlSource:
+    """A source without the key ``scene``: with a robot and objects in its place; the source itself if it has none.
+
+    Raises:
+        InputError: The file cannot be read, or has no such robot or keyframe.
+    """
+    data = source.data
+    if not isinstance(data, Mapping) or data.get(SCENE) is None:
+        return source
+    try:
+        config = _config(data[SCENE])
+        written = _written(config, _read(config, source.folder((SCENE, "mjcf"))), source)
+    except ScenarioFaults as faulty:
+        raise InputError(source.lines(Fault(each.message, (SCENE, *each.path)) for each in faulty.faults)) from faulty
+    return source.with_data(_merged(written, {key: value for key, value in data.items() if key != SCENE}))
+
+
+def _config(given: Any) -> SceneConfig:
+    """The key itself.
+
+    Raises:
+        ScenarioFaults: It is not valid.
+    """
+    try:
+        return SceneConfig.model_validate(given)
+    except ValidationError as error:
+        raise ScenarioFaults(plain_faults(error, KindNames(SceneConfig, (), (), {}))) from error
+
+
+def _read(config: SceneConfig, folder: Path) -> Any:
+    """Specification of the whole file; all its elements have names.
+
+    Raises:
+        InputError: It cannot be read or parsed.
+        ScenarioFaults: There is no such file.
+    """
+    inline = config.model if isinstance(config.model, InlineModel) else None
+    path = Path(os.path.normpath(folder / ("scene.xml" if inline else str(config.model))))
+    if inline is None and not path.is_file():
+        raise ScenarioFaults([Fault(f"no such model file: {path}", ("mjcf",))])
+    folders = [Path(os.path.normpath(folder / each)) for each in config.asset_folders]
+    files: ModelFiles = read_model(path, folders, (), inline.files(path.name) if inline else {})
+    with mujoco.MjVfs() as vfs, collected_warnings([]), catch_warnings(action="ignore"):
+        return load_spec(files, vfs)
+
+
+def _written(config: SceneConfig, spec: Any, source: YamlSource) -> dict[str, Any]:
+    """Robot, objects and initial state of a file.
+
+    Raises:
+        ScenarioFaults: It has no such robot or keyframe.
+    """
+    roots = [body.name for body in moving_roots(spec)]
+    if config.robot not in roots:
+        raise ScenarioFaults([Fault(unknown_name("root of a moving tree", config.robot, roots), ("robot",))])
+    keys = {key.name: key for key in spec.keys}
+    if config.keyframe is not None and config.keyframe not in keys:
+        raise ScenarioFaults([Fault(unknown_name("keyframe", config.keyframe, list(keys)), ("keyframe",))])
+
+    def of(body: str, *keys: str) -> dict[str, Any]:
+        # Paths are relative to the file that sets a key, which may be another one than that of the scene.
+        away = os.path.relpath(source.folder((SCENE, "mjcf")), source.folder((*keys, "mjcf")))
+        folders = [os.path.normpath(os.path.join(away, each)) for each in config.asset_folders]
+        inline = isinstance(config.model, InlineModel)
+        model = config.model if inline else os.path.normpath(os.path.join(away, str(config.model)))
+        return {"mjcf": model, "body": body, **({"asset_folders": folders} if folders else {})}
+
+    stated = source.data.get("objects")
+    left_out = {name for name, value in stated.items() if value is None} if isinstance(stated, Mapping) else set()
+    bodies = {name: body for body, name in _object_names(roots, config.robot) if name not in left_out}
+    objects = {name: of(body, "objects", name) for name, body in bodies.items()}
+    if spec.worldbody.geoms or any(body.name not in roots for body in spec.worldbody.bodies):
+        objects[SURROUNDINGS] = of(REST, "objects", SURROUNDINGS) | {"fixed": True}
+    written: dict[str, Any] = {"robot": of(config.robot, "robot"), "objects": objects}
+    chosen = config.keyframe or next(iter(keys), None)
+    return written | ({"initial": _initial(spec, keys[chosen], {config.robot, *bodies.values()})} if chosen else {})
+
+
+def _object_names(roots: list[str], robot: str) -> Iterator[tuple[str, str]]:
+    """Root body and name of each object: of letters, digits, ``_`` and ``-``, as a scenario's objects are."""
+    taken = set(_TAKEN)
+    for body in roots:
+        if body != robot:
+            plain = re.sub(r"[^A-Za-z0-9_-]", "_", body)
+            name = next(each for each in (plain, *(f"{plain}_{i}" for i in range(2, 10_000))) if each not in taken)
+            taken.add(name)
+            yield body, name
+
+
+def _initial(spec: Any, key: Any, roots: Collection[str]) -> dict[str, dict[str, Any]]:
+    """Coordinates and rates of the joints of some trees at a keyframe; MuJoCo has its numbers joint by joint, depth first.
+
+    Raises:
+        ScenarioFaults: It has numbers of other joints.
+    """
+    found: dict[str, dict[str, Any]] = {"joints": {}, "rates": {}}
+    for what, numbers, which in (("joints", list(key.qpos), 0), ("rates", list(key.qvel), 1)):
+        at = 0
+        for root, joint in _joints(spec) if numbers else ():
+            size = _SIZES.get(joint.type, (1, 1))[which]
+            values = [float(value) for value in numbers[at : at + size]]
+            at += size
+            if len(values) == size and root in roots:
+                found[what][joint.name] = values if size > 1 else values[0]
+        if at != len(numbers):
+            message = f"keyframe {key.name!r} has {len(numbers)} numbers for {at} {what} of its file"
+            raise ScenarioFaults([Fault(message, ("mjcf",))])
+    return found
+
+
+def _joints(spec: Any) -> Iterator[tuple[str, Any]]:
+    """All joints in MuJoCo's order, each with the root of its tree."""
+    for root in moving_roots(spec):
+        waiting = [root]
+        while waiting:
+            body = waiting.pop()
+            yield from ((root.name, joint) for joint in body.joints)
+            waiting += reversed(body.bodies)
+
+
+def _merged(written: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a file says, with what the scenario says on top; an object that is null there is left out."""
+    merged = dict(written)
+    for key, value in given.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _merged(merged[key], value) if both else value
+    return {key: value for key, value in merged.items() if value is not None}
