@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 from ffsm_mj._core.osdre import CommandingLaw, OutputLaw
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
+from ffsm_mj.dynamics.loops.equalities import ConstrainedModel
 from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
 from ffsm_mj.dynamics.moving_frame import MovingFrame
 from ffsm_mj.dynamics.prediction import predict
@@ -60,6 +61,7 @@ __all__ = [
     "ChecksStart",
     "Columns",
     "Command",
+    "ConstrainedModel",
     "Controller",
     "ControllerContext",
     "ControllerError",

@@ -2,7 +2,8 @@
 
 In the words of the paper: M qdd + c is u on the driven joints a and zero on all other dofs b. G = M_b^-1 M_ba,
 M_c = M_a - M_ba^T G, c_c = c_a - M_ba^T M_b^-1 c_b. The output's rates are alpha qd_a + v_h, with alpha = J_a - J_b G, the
-generalised Jacobian.
+generalised Jacobian. Equality constraints of the model hold: accelerations are those of the mechanism, in coordinates
+qdot = N qd of the independent joints and the base.
 """
 
 from __future__ import annotations
@@ -14,7 +15,19 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.controller_protocol import ControllerContext, Fault, ScenarioFaults, SiteMotion, TargetMotion, driven_joints
+from ffsm_mj.controller_protocol import (
+    ConstrainedModel,
+    ControllerContext,
+    ControllerError,
+    Fault,
+    ScenarioFaults,
+    SiteMotion,
+    TargetMotion,
+    driven_joints,
+)
+
+_SINGULAR = 1e10
+"""Condition of the mobility of the driven joints from which on they depend on each other: rows are known to 1e-10."""
 
 
 class JointModel:
@@ -43,6 +56,7 @@ class JointModel:
         self.joints = driven_joints(context.system, joints, reserved=context.reserved)
         self._model = context.system.mj
         n, nv = len(self.joints.dofs), self._model.nv
+        self._constrained, self._closed = ConstrainedModel(self._model), bool(context.system.equalities)
         # One solve by the factors of M: for unit efforts at the driven joints, and for what acts without any.
         self._forces, self._answers = np.zeros((n + 1, nv)), np.zeros((n + 1, nv))
         self._forces[range(n), self.joints.dofs] = 1.0
@@ -59,15 +73,21 @@ class JointModel:
         np.subtract(data.qfrc_passive, data.qfrc_bias, out=self._forces[-1])
         if pushed is not None:
             self._forces[-1] += pushed
-        mujoco.mj_solveM(self._model, data, self._answers, self._forces)
+        held = self._constrained.respond(data, self._forces, self._answers)
         self.mobility, self.coasting = self._answers[:-1], self._answers[-1]
+        if self._closed:
+            self.coasting = self.coasting + held
         self.qd = data.qvel[dofs]
-        self.M_c = np.linalg.inv(self.mobility[:, dofs])
+        own = self.mobility[:, dofs]
+        if self._closed and np.linalg.cond(own) > _SINGULAR:
+            names = ", ".join(self.joints.names)
+            raise ControllerError(f"{names} depend on each other through equality constraints; drive independent joints")
+        self.M_c = np.linalg.inv(own)
         self.c_c = -self.M_c.dot(self.coasting[dofs])
 
     def accelerations(self, data: Any, force: FloatArray) -> FloatArray:
         """Accelerations of all dofs that a generalised force on them adds, (nv,), at the state last updated."""
-        mujoco.mj_solveM(self._model, data, self._pushed, force[None, :])
+        self._constrained.respond(data, force[None, :], self._pushed)
         return np.asarray(self._pushed[0])
 
 

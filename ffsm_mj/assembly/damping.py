@@ -12,7 +12,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.controller_model import SharedJoints
 from ffsm_mj.assembly.spring_modes import rounded_down
 from ffsm_mj.controller_protocol import Controller, Damps, FloatArray, IntArray
-from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.loops.equalities import ConstrainedModel
 from ffsm_mj.errors import described
 
 # An effort -K qdot held for a period dt maps qdot to (1 - dt M_c^-1 K) qdot; position gains do not change this limit.
@@ -68,7 +68,9 @@ def _instability(assembly: Assembly, damping: _Damping) -> str:
     if assembly.controller_system is not None:  # a law may not know all joints of the plant
         dofs = SharedJoints(system.mj, assembly.controller_system.mj).dofs[dofs]
     # This part of M^-1 is the inverse of M_c, the mass matrix of these dofs with all others floating.
-    mobility = np.linalg.solve(mass_matrix(system.mj, data), np.eye(system.mj.nv)[:, dofs])[dofs]
+    answers = np.empty((len(dofs), system.mj.nv))
+    ConstrainedModel(system.mj).respond(data, np.eye(system.mj.nv)[dofs], answers)
+    mobility = answers[:, dofs]
     values, vectors = np.linalg.eig(period * mobility @ damping.matrix)
     worst = int(np.argmax(values.real))
     eigenvalue = float(values.real[worst])

@@ -12,6 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.equalities import followers
 from ffsm_mj.model.system import Joint, System
 
 
@@ -37,6 +38,8 @@ def driven_joints(
 ) -> DrivenJoints:
     """Resolve joints by name; ``None`` means every motor-driven joint of the robot that is not a base joint.
 
+    Of joints that an equality constraint couples only the one that leads is driven.
+
     A law of an object has it in place of the robot. Joints of a grasped object are not the robot's.
 
     Args:
@@ -51,7 +54,7 @@ def driven_joints(
     motors = _motors(system)
     key_given = names is not None
     if names is None:
-        own = [joint.name for joint in _own_joints(system) if joint.name in motors]
+        own = _independent(system, [joint.name for joint in _own_joints(system) if joint.name in motors])
         names = [name for name in own if motors[name] not in reserved]
         if own and not names:
             raise ScenarioFaults([Fault("no joint is left to drive: other parts of the phase drive them all", (key,))])
@@ -67,6 +70,7 @@ def driven_joints(
             faults.append(Fault(_needs_motors(system, {joint.name: servos[joint.name]}), (key, i)))
         elif joint is not None and joint.name not in motors:
             faults.append(Fault(unknown_name("motor-driven joint", names[i], motors), (key, i)))
+    faults += _following(system, [joint for joint in found if joint is not None], key) if not faults else []
     if not names and key_given:
         faults.append(Fault("must contain at least one joint, or be left out", (key,)))
     elif not names:
@@ -158,6 +162,34 @@ def joints_of_servos(system: System) -> dict[str, list[int]]:
             if moving and joint.kind in ("hinge", "slide"):
                 found[joint.name] = moving
     return found
+
+
+def _leader(system: System, name: str, names: Collection[str]) -> str:
+    """The nearest joint of some names that a joint follows by equality constraints; empty if there is none."""
+    following, seen = followers(system.mj), set[int]()
+    joint = int(system.mj.joint(name).id)
+    while joint in following and joint not in seen:
+        seen.add(joint)
+        joint = following[joint]
+        if (leader := str(system.mj.joint(joint).name)) in names and leader != name:
+            return leader
+    return ""
+
+
+def _independent(system: System, names: Sequence[str]) -> list[str]:
+    """Those of some joints that follow no other one of them: they have coordinates of their own."""
+    return [name for name in names if not _leader(system, name, names)]
+
+
+def _following(system: System, joints: Sequence[Joint], key: str) -> list[Fault]:
+    """Faults of joints that follow other ones of them."""
+    names = [joint.name for joint in joints]
+    leaders = [(i, name, _leader(system, name, names)) for i, name in enumerate(names)]
+    return [
+        Fault(f"{name} follows {leader}, which is driven too: leave one of them out", (key, i))
+        for i, name, leader in leaders
+        if leader
+    ]
 
 
 def _motors(system: System) -> dict[str, int]:

@@ -16,6 +16,13 @@ _WRAPS = (mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER)
 _ALLOWED = "connect, weld, and equality joint or tendon without wrapping geoms are, or use 'strip: [equalities]'"
 
 
+def followers(model: Any) -> dict[int, int]:
+    """Joints that follow another one by an active equality constraint: id of the joint that leads by id of the follower."""
+    active = (model.eq_active0 != 0) & (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id >= 0)
+    pairs = zip(model.eq_obj1id[active].tolist(), model.eq_obj2id[active].tolist(), strict=True)
+    return dict(pairs)
+
+
 def equality_places(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> dict[int, str]:
     """Text ``file:line: equality`` of each constraint that is active from the start, by its id.
 

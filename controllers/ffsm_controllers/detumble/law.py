@@ -33,6 +33,7 @@ from ffsm_controllers.detumble.thrusters import MomentumThrusters
 from ffsm_controllers.detumble.wheels import WheelShare, wheel_share
 from ffsm_mj.controller_protocol import (
     Command,
+    ConstrainedModel,
     ControllerContext,
     ControllerReport,
     FloatArray,
@@ -76,7 +77,7 @@ class Detumble(Stateful):
                 control period cannot serve, or a share of a load limit that there is not.
         """
         self._config, self._context, self._mj = config, context, context.system.mj
-        self._stack = StackMomentum(context.system)
+        self._stack, self._constrained = StackMomentum(context.system), ConstrainedModel(context.system.mj)
         found = detumble_joints(config, context, self._stack)
         self._n, self._wheel = len(found.wheels), found.wheels
         self._model = JointModel(context, found.names) if found.names else None
@@ -156,7 +157,7 @@ class Detumble(Stateful):
         thrust = self._thrusters.efforts(data, impulse, self._context.control_period_s)
         force = moments(self._mj, data, self._unit)[self._thrusters.actuators].T @ thrust
         answer = np.empty((1, self._mj.nv))
-        mujoco.mj_solveM(self._mj, data, answer, force[None, :])
+        self._constrained.respond(data, force[None, :], answer)
         return thrust, answer[0]
 
     def _carried(self, data: Any, columns: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.allocation import moments, nonnegative_shares, unit_moments
-from ffsm_mj.controller_protocol import EffortLimits, FloatArray, IntArray, System
+from ffsm_mj.controller_protocol import ConstrainedModel, EffortLimits, FloatArray, IntArray, System
 
 _LEVER_M = 1e-2
 """Lever arm by which a net force counts beside a torque: small, so that without couples the torque is still obtained."""
@@ -23,7 +23,7 @@ class MomentumThrusters:
         self._model, self._root, self.actuators = model, system.robot.root, thrusters
         one_way = model.actuator_ctrllimited[thrusters].astype(bool) & (model.actuator_ctrlrange[thrusters, 0] >= 0.0)
         self._both_ways = ~one_way
-        self._unit = unit_moments(model)
+        self._unit, self._constrained = unit_moments(model), ConstrainedModel(model)
         low, high = limits.bounds(np.zeros(model.nu)) if limits is not None else np.tile([[-np.inf], [np.inf]], model.nu)
         self._low, self._high = low[thrusters], high[thrusters]
         self._angular, self._linear = np.empty((3, model.nv)), np.empty((3, model.nv))
@@ -41,7 +41,7 @@ class MomentumThrusters:
         mujoco.mj_jacSubtreeCom(model, data, self._linear, root)
         pushes = np.ascontiguousarray(moments(model, data, self._unit)[self.actuators])
         answers = np.empty_like(pushes)
-        mujoco.mj_solveM(model, data, answers, pushes)
+        self._constrained.respond(data, pushes, answers)
         force = model.body_subtreemass[root] * self._linear @ answers.T
         columns = np.vstack((_LEVER_M * force, self._angular @ answers.T))
         signed = np.hstack((columns, -columns[:, self._both_ways]))

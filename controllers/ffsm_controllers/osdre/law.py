@@ -21,6 +21,7 @@ from ffsm_mj._core.osdre import BlockLaw, OutputLaw, PlanarLaw, TipKinematics
 from ffsm_mj._core.riccati_doubling import Doubling, RiccatiError
 from ffsm_mj.controller_protocol import (
     Command,
+    ConstrainedModel,
     ControllerContext,
     ControllerError,
     ControllerReport,
@@ -34,7 +35,6 @@ from ffsm_mj.controller_protocol import (
     Stateful,
     StrictModel,
     driven_joints,
-    mass_matrix,
 )
 from ffsm_mj.task_model import TaskModel
 
@@ -114,7 +114,8 @@ class Osdre(Stateful):
         self._inverse_R = np.asarray(np.linalg.inv(input_weight(config.R, len(self._joints.dofs))), dtype=np.float64)
         self._driven_R = self._inverse_R @ self._driven
         self._Q = Q
-        moves = self._task.motion is not None
+        # The compiled laws are for trees whose target rests.
+        moves = self._task.motion is not None or bool(system.equalities)
         self._moving = TaskModel(context, self._joints.names, ()) if moves else None
         self._planar = p == 2 and not moves
         self.telemetry_signals = (_ERROR, _RESIDUAL, *((_FALLBACK,) if self._planar else (_DOUBLINGS, _CORRECTIONS)), _GAIN)
@@ -165,10 +166,10 @@ class Osdre(Stateful):
 
     def damping_at(self, data: Any) -> Damping:
         """That of motions which the output does not feel: the rest of the law is on the output alone."""
-        jacobian = np.empty((3, self._model.nv))
+        jacobian, mobility = np.empty((3, self._model.nv)), np.empty_like(self._driven)
         mujoco.mj_jacSite(self._model, data, jacobian, None, self._task.tip_site)
-        mobility = np.linalg.solve(mass_matrix(self._model, data), self._driven.T)
-        B_lower = jacobian[list(self._task.axes)] @ mobility
+        ConstrainedModel(self._model).respond(data, self._driven, mobility)
+        B_lower = jacobian[list(self._task.axes)] @ mobility.T
         unseen = np.eye(len(self._driven)) - np.linalg.pinv(B_lower) @ B_lower
         return Damping(
             "null_space_damping",

@@ -1,4 +1,7 @@
-"""Equality constraints of a compiled scene as sources of rows: connect, weld, couplings of joints and of tendons."""
+"""Equality constraints of a compiled scene as sources of rows: connect, weld, couplings of joints and of tendons.
+
+Control laws see the model with them: accelerations by efforts at the independent joints.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,13 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial, TendonCoupling
 from ffsm_mj.dynamics.loops.latch import LatchedBodies, stopped_along_axes
+from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
 from ffsm_mj.dynamics.loops.rows import RowSource
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.tolerances import MECHANISM_RANK
 
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _EYE = np.eye(3)
@@ -35,6 +42,34 @@ def equalities_of(model: Any) -> tuple[Equality, ...]:
         model: The compiled scene.
     """
     return tuple(Equality(e, _source(model, e)) for e in np.flatnonzero(model.eq_active0).tolist())
+
+
+class ConstrainedModel:
+    """Responses of a model with its equality constraints, at one state after the other: nothing is remembered."""
+
+    def __init__(self, model: Any) -> None:
+        """Take the constraints of a model, which may have none."""
+        self._model, self._sources = model, [each.source for each in equalities_of(model)]
+        self._loops: ClosedLoops | None = None
+        self._data: Any = None
+
+    def respond(self, data: Any, forces: FloatArray, answers: FloatArray) -> FloatArray | float:
+        """Write the accelerations by some generalised forces, and return the one that the rows ask for without any, (nv,).
+
+        Args:
+            data: State of the model, derived quantities current.
+            forces: Generalised forces, (m, nv).
+            answers: Accelerations by each of them, M^-1 f less what the rows hold, (m, nv).
+        """
+        if not self._sources:
+            mujoco.mj_solveM(self._model, data, answers, forces)
+            return 0.0
+        if self._loops is None or data is not self._data:
+            self._loops, self._data = ClosedLoops(self._model, data, self._sources, rank=MECHANISM_RANK), data
+        rows = self._loops.rows()
+        weighted = MassWeightedRows(mass_matrix(self._model, data), rows.J, MECHANISM_RANK)
+        mujoco.mj_solveM(self._model, data, answers, np.ascontiguousarray(weighted.projected(forces)))
+        return weighted.change(rows.gamma)
 
 
 def _source(model: Any, e: int) -> RowSource:

@@ -1,0 +1,156 @@
+"""Control laws of mechanisms: they drive the independent joints, in reduced coordinates."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.description import notes
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.controller_protocol import ControllerContext
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.dynamics.prediction import predict
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.errors import InputError
+from ffsm_mj.task_model import JointModel
+from tests.mechanisms.models import CHAIN, HEAD, four_bar, geared, mechanism
+from tests.mechanisms.test_motions import assert_sound, last
+
+TOW = """<mujoco>{head}<worldbody><body name="base"><freejoint name="base"/>
+  <inertial pos="0 0 0" mass="20" diaginertia="2 2 2"/>
+  <body name="upper" pos=".3 0 0"><joint name="shoulder" axis="0 0 1"/>
+  <inertial pos=".2 0 0" mass="2" diaginertia=".03 .03 .03"/>
+   <body name="lower" pos=".4 0 0"><joint name="elbow" axis="0 0 1"/>
+    <inertial pos=".15 0 0" mass="1" diaginertia=".02 .02 .02"/>
+    <site name="tip" pos=".3 0 0"/>
+    <body name="disc" pos=".1 0 0"><joint name="disc" axis="0 0 1"/>
+     <inertial pos="0 0 0" mass=".5" diaginertia=".01 .01 .01"/>
+    </body></body></body></body></worldbody>
+ <equality><joint joint1="disc" joint2="elbow" polycoef="0 4 0 0 0"/></equality>
+ <actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/>
+ <motor name="m3" joint="disc"/></actuator></mujoco>"""
+"""An arm with a disc in its forearm that turns four times as fast as the elbow; both have a motor."""
+
+
+def tow():
+    return TOW.format(head=HEAD)
+
+
+def at_start(folder, mjcf, joints, rates, **scenario):
+    assembly = prepare(mechanism(folder, mjcf, joints, rates, **scenario)).assemble()
+    return assembly.system, assembly.data
+
+
+def null_space(system, data, independent):
+    """N with qdot = N nu by differences of the closed positions: dependent rates follow from independent ones."""
+    J = ClosedLoops(system.mj, data, [each.source for each in equalities_of(system.mj)]).rows().J
+    dependent = [dof for dof in range(system.mj.nv) if dof not in independent]
+    N = np.zeros((system.mj.nv, len(independent)))
+    N[independent, range(len(independent))] = 1.0
+    N[dependent] = -np.linalg.pinv(J[:, dependent]) @ J[:, independent]
+    return N
+
+
+@pytest.mark.parametrize("which", ["gears", "linkage", "polynomial"])
+def test_the_reduced_model_is_that_of_elimination(tmp_path, which):
+    """M_r = N^T M N, c_r = N^T (c + M b), with the base and the driven joint as coordinates; then the base eliminated."""
+    mjcf, joints, rates, driven, others = {
+        "gears": (geared(), {}, {"A": 1.0}, "A", ["B"]),
+        "linkage": (four_bar(), {"crank": math.pi / 3}, {"crank": 2.0}, "crank", ["coupler", "rocker"]),
+        "polynomial": (CHAIN, {"j1": 0.5, "j2": -0.4}, {"j1": 1.2, "j2": -0.9}, "j1", ["j3"]),
+    }[which]
+    system, data = at_start(tmp_path, mjcf, joints, rates | {"robot/base": [0.05, -0.03, 0.02, 0.2, -0.1, 0.15]})
+    names = (driven,) if which != "polynomial" else ("j1", "j2")
+    model = JointModel(ControllerContext(system, None, 0.01), names)
+    model.update(data)
+    dependent = {system.joint(name).dofs.start for name in others}
+    independent = [dof for dof in range(system.mj.nv) if dof not in dependent]
+    N, M = null_space(system, data, independent), mass_matrix(system.mj, data)
+    # b by differences of N along the motion: qddot = N nudot + b at nudot = 0
+    h, moved = 1e-6, [mujoco.MjData(system.mj) for _ in range(2)]
+    for each, sign in zip(moved, (1.0, -1.0), strict=True):
+        each.qpos[:], each.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_integratePos(system.mj, each.qpos, data.qvel, sign * h)
+        mujoco.mj_forward(system.mj, each)
+    nu = data.qvel[independent]
+    b = (null_space(system, moved[0], independent) - null_space(system, moved[1], independent)) @ nu / (2 * h)
+    force = data.qfrc_passive - data.qfrc_bias
+    M_r, f_r = N.T @ M @ N, N.T @ (force - M @ b)
+    own = [independent.index(dof) for dof in model.joints.dofs]
+    reduced = np.linalg.inv(np.linalg.inv(M_r)[np.ix_(own, own)])
+    np.testing.assert_allclose(model.M_c, reduced, rtol=1e-11, atol=1e-13)
+    coasting = np.linalg.solve(M_r, f_r)
+    np.testing.assert_allclose(model.coasting[independent], coasting, rtol=0, atol=1e-7)  # by the differences
+    np.testing.assert_allclose(model.mobility[:, independent], np.linalg.inv(M_r)[own], rtol=1e-10, atol=1e-12)
+
+
+def test_a_joint_that_follows_is_not_driven(tmp_path):
+    """Without names the leader alone; with both names it is said which follows."""
+    system, _ = at_start(tmp_path, tow(), {}, {})
+    model = JointModel(ControllerContext(system, None, 0.01))
+    assert model.joints.names == ("robot/shoulder", "robot/elbow")
+    pd = {"kind": "pd", "kp": 5.0, "kd": 2.0, "target": [0.2, 0.3]}
+    phases = [{"name": "move", "until": "end", "controller": pd}]
+    path = mechanism(tmp_path, tow(), {}, {}, phases=phases)
+    told = notes(prepare(path).assemble())
+    assert any("nothing drives robot/m3" in line for line in told), told
+    named = [{"name": "move", "until": "end", "controller": pd | {"joints": ["elbow", "disc"]}}]
+    with pytest.raises(InputError, match="robot/disc follows robot/elbow, which is driven too"):
+        prepare(mechanism(tmp_path, tow(), {}, {}, phases=named)).assemble()
+
+
+def test_a_path_of_a_geared_joint_is_followed(tmp_path):
+    """Computed torque of the reduced model: the joint is where the path has it, to the order of the hold."""
+    law = {"kind": "joint_path", "bandwidth_rad_s": 20.0, "waypoints": [{"at_s": 0.8, "positions": [0.4, 0.5]}]}
+    errors = []
+    for period in (4e-3, 2e-3):
+        run = ffsm_mj.run(
+            mechanism(
+                tmp_path,
+                tow(),
+                {},
+                {},
+                phases=[{"name": "move", "until": "end", "controller": law}],
+                control_period_s=period,
+                duration_s=0.8,
+            )
+        )
+        assert_sound(run)
+        errors.append(np.abs(np.subtract(last(run, "q_robot_shoulder_rad", "q_robot_elbow_rad"), (0.4, 0.5))).max())
+    assert errors[1] < 2e-4
+    assert last(run, "q_robot_disc_rad")[0] == pytest.approx(4.0 * last(run, "q_robot_elbow_rad")[0], abs=1e-11)
+
+
+def test_osdre_brings_the_tip_of_a_mechanism_to_its_target(tmp_path):
+    """By the reduced model; with that of the tree the disc would be unknown inertia."""
+    law = {"kind": "osdre", "Q": [50, 50, 8, 8], "R": [0.1, 0.1]}
+    run = ffsm_mj.run(
+        mechanism(
+            tmp_path,
+            tow(),
+            {"shoulder": 0.4, "elbow": 0.6},
+            {},
+            task={"tip": "tip", "axes": ["x", "y"], "target_m": [0.7, 0.4]},
+            phases=[{"name": "reach", "until": "end", "controller": law}],
+            control_period_s=0.01,
+            duration_s=6.0,
+        )
+    )
+    assert_sound(run)
+    assert float(run["controller.osdre_error_m"][-1]) < 5e-3
+
+
+def test_a_state_is_predicted_with_the_rows(tmp_path):
+    """By the motion of a run: the row stays closed."""
+    system, data = at_start(tmp_path, four_bar(), {"crank": math.pi / 3}, {"crank": 2.0})
+    run = ffsm_mj.run(mechanism(tmp_path, four_bar(), {"crank": math.pi / 3}, {"crank": 2.0}, duration_s=0.1))
+    predict(system.mj, data, 0.1)
+    crank = float(data.qpos[system.joint("crank").qpos][0])
+    assert crank == pytest.approx(last(run, "q_robot_crank_rad")[0], abs=1e-6)
+    mujoco.mj_kinematics(system.mj, data)
+    assert np.abs(data.site("robot/pin").xpos - data.site("robot/end").xpos).max() < 1e-7
