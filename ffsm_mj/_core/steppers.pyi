@@ -3,6 +3,7 @@ from typing import Any
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
+from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 
 WHOLE_STATE: int
 BOUND_MARGIN: float
@@ -34,6 +35,7 @@ class ForcedStepper(FreeStepper):
     start_rates: FloatArray
     rotations: Sequence[slice]
     power: ActuatorPower | None
+    stiff: StiffActuators | None
     def __init__(
         self,
         model: Any,

@@ -151,9 +151,10 @@ cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
 cdef class ForcedStepper(FreeStepper):
     """Integrates steps under forces that depend on the state: applied ones, and those of servos."""
 
-    cdef public bint implicit, inside, solved
+    cdef public bint inside, solved
     cdef public int repeats
-    cdef public object stage
+    cdef public object stage, stiff
+    cdef bint asked_implicit
     cdef readonly object start_rates, rotations
     cdef readonly ActuatorPower power
     cdef tuple pushes
@@ -175,7 +176,7 @@ cdef class ForcedStepper(FreeStepper):
         ActuatorPower power=None,
     ):
         FreeStepper.__init__(self, model, data, state, momentum)
-        self.power = power
+        self.power, self.solved = power, True
         self.pushes, self.follow, self.rotations = tuple(pushes), follow, rotation_dofs(model)
         self.turning = np.array([part.start for part in self.rotations], dtype=np.intp)
         self.qpos, self.accelerations, self.applied = data.qpos, data.qacc, data.qfrc_applied
@@ -183,6 +184,15 @@ cdef class ForcedStepper(FreeStepper):
         self.start_qpos, self.start_qvel = np.empty(model.nq), self.start_rates
         self.flat_slopes, self.flat_mean = np.empty((4, 2 * model.nv)), np.empty(2 * model.nv)
         self.slopes, self.mean = self.flat_slopes.reshape(4, 2, -1), self.flat_mean
+
+    @property
+    def implicit(self):
+        """Whether steps are implicit: always with stiff actuators, otherwise if it is set."""
+        return self.asked_implicit or self.stiff is not None
+
+    @implicit.setter
+    def implicit(self, bint value):
+        self.asked_implicit = value
 
     @property
     def weights(self):
@@ -218,7 +228,7 @@ cdef class ForcedStepper(FreeStepper):
         memcpy(&self.start_qpos[0], &self.qpos[0], self.qpos.shape[0] * sizeof(double))
         memcpy(&self.start_qvel[0], &self.rates[0], self.rates.shape[0] * sizeof(double))
         self.solved = True
-        if self.implicit:
+        if self.asked_implicit or self.stiff is not None:
             self.solved = integrate_implicitly(self, self.data, duration_s)
         else:
             self.integrate_explicitly(start_s, duration_s)

@@ -57,7 +57,7 @@ def build_plant(
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
     work = None if motion.power is None else motion.power.work
     balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS, actuator_work=work)
-    integrator.control = step_control(scenario, system, data, balance)
+    integrator.control = step_control(scenario, system, data, balance, motion)
     tip = (task.tip_site, task.axes, task.motion) if task is not None else (None,)
     state = StateSignals(system, data, *tip)
     sampler = _sampler(scenario, scene, integrator, pairs)

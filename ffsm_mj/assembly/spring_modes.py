@@ -7,6 +7,7 @@ from typing import Any
 
 from ffsm_mj.dynamics.joint_springs import FastestMode, JointSprings
 from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.tolerances import DAMPER_STEP, MODE_STEP
@@ -48,7 +49,7 @@ def refuse_coarse_steps(scenario: ScenarioConfig, system: System, data: Any) -> 
     Raises:
         ScenarioFaults: The step is too long at this state; path ``time_step_s``.
     """
-    if scenario.accuracy is not None:
+    if scenario.accuracy is not None or has_servos(system.mj):  # with servos step-size control sees to it
         return
     h = scenario.time_step_s
     mode, decay = _fastest(system, data)

@@ -6,10 +6,14 @@ from typing import Any
 
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.balance.step_error import StepError
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
-from ffsm_mj.simulation.step_control import StepControl
+from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
+from ffsm_mj.tolerances import RESOLVED_STEP, STIFF_STEP
 from ffsm_mj.verification.residuals import STRETCH_STEPS
 
 _SHARE = 0.5
@@ -18,24 +22,49 @@ _SHARE = 0.5
 Errors of many steps add up to less than their sum, so a run is well within what the checks allow.
 """
 
+_OF_SERVOS = 1e-9
+"""Accuracy of a run with servos whose steps do not resolve them: that of the checks."""
+_ROUNDING = 1e-15
+"""Relative error of a sub-step that is rounding: those of a transient are too short for the budget."""
+_TRANSIENT_PARTS, _MOST_IMPLICIT_PARTS = 400.0, 1 << 16
+"""Sub-steps of the time in which the fastest servo decays, while it does, and the largest number of a step."""
 
-def step_control(scenario: ScenarioConfig, system: System, data: Any, balance: Balance) -> StepControl | None:
-    """What cuts the steps of a run, or of its replay; None where the scenario asks for no accuracy.
+
+def step_control(
+    scenario: ScenarioConfig, system: System, data: Any, balance: Balance, motion: Motion
+) -> StepControl | None:
+    """What cuts the steps of a run, or of its replay; None where the scenario asks for no accuracy, and no servo needs it.
+
+    Servos that are too fast for explicit steps make those of the motion implicit.
 
     Args:
         scenario: What is asked for.
         system: Robot and objects.
         data: Their state.
         balance: Enters what the efforts do in a step.
+        motion: Motion of the system.
 
     Raises:
         ScenarioFaults: Something in the models breaks conservation, by which the error of a step is measured.
     """
-    if scenario.accuracy is None:
+    accuracy, parts = scenario.accuracy, MOST_PARTS
+    if has_servos(system.mj):
+        of_step = scenario.time_step_s * StiffActuators(system.mj, data, motion.constrained).fastest()
+        if of_step > STIFF_STEP:
+            motion.make_implicit()
+            parts = max(parts, min(_MOST_IMPLICIT_PARTS, round(_TRANSIENT_PARTS * of_step)))
+        # Where no balance can tell the error, steps are as long as the scenario says.
+        if accuracy is None and of_step > RESOLVED_STEP and not system.faults:
+            accuracy = _OF_SERVOS
+    if accuracy is None:
         return None
     if system.faults:
         why = f"nothing is conserved that could tell the error of a step ({system.faults[0]}); leave accuracy out"
         raise ScenarioFaults([Fault(why, ("accuracy",))])
     # The checks judge the sum of the errors of so many steps, whatever their length.
-    budget = _SHARE * scenario.accuracy / STRETCH_STEPS
-    return StepControl(budget, scenario.time_step_s, StepError(system, data, balance))
+    steps = float(STRETCH_STEPS)
+    if scenario.accuracy is None:
+        steps = min(steps, scenario.duration_s / scenario.time_step_s)
+    budget = _SHARE * accuracy / steps
+    least = _ROUNDING if motion.stiff is not None else 0.0
+    return StepControl(budget, scenario.time_step_s, StepError(system, data, balance), parts, least)

@@ -7,7 +7,7 @@ three, so that it keeps most of its order where the stiffness is large, as after
     v_i = v_0 + sum_j W_ij vdot_j(q_j, v_j),   W = h A
 
 Stiff forces solve their part of these equations at all nodes at once, given the rest, which converges by fixed-point
-iteration.
+iteration; with stiff actuators by Newton's (:mod:`ffsm_mj.dynamics.stiff_actuators`).
 """
 
 from __future__ import annotations
@@ -84,7 +84,12 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
     step = stepper.stage = ImplicitStep(duration_s, stepper.start_rates)
     start_s, nodes = data.time, len(_PLACES)
     slopes, change, solved = np.array((np.stack((data.qvel, data.qacc)),) * nodes), np.inf, True
-    power = stepper.power
+    power, stiff = stepper.power, stepper.stiff
+    acting = np.zeros((0, 0), dtype=np.bool_)
+    if stiff is not None:
+        stiff.update()
+        slopes[:, 1] = 0.0  # the accelerations at the start of a transient are none that last
+        acting = np.array((stiff.acting(),) * nodes)
     try:
         for again in range(_PASSES):
             if power is not None:
@@ -99,10 +104,14 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
                 slopes[step.node, 1] = data.qacc
                 if power is not None:
                     power.add(IMPLICIT_WEIGHTS[step.node])
+                if stiff is not None:
+                    acting[step.node] = stiff.acting()
             found = step.stiff.corrections(step, slopes[:, 1]) if step.stiff is not None else 0.0
             solved = found is not None
             if found is not None:
                 slopes[:, 1] += found
+            if stiff is not None:
+                slopes[:, 1] = before[:, 1] + stiff.correction(step.weights, slopes[:, 1] - before[:, 1], acting)
             slopes[:, 0] = step.start_rates + step.weights.dot(slopes[:, 1])
             _turn_spins(stepper, slopes, increments)
             moved = np.tensordot(step.weights, slopes - before, 1)

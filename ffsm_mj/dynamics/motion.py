@@ -12,6 +12,7 @@ from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
+from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.model.actuators import has_servos, thruster_ids
 from ffsm_mj.model.system import System, Tree
 
@@ -39,6 +40,7 @@ class Motion:
         grasped_object: The object that is a child of a link, as a tree of the logged system; None if there is none.
         loops: Closed loops: latches, and coordinates that dry friction keeps at rest, held by rows in this model; None
             without any.
+        stiff: Stiffness of the actuators in implicit steps; None: steps are explicit unless contacts need implicit ones.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
@@ -64,6 +66,7 @@ class Motion:
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
         self.power = power
+        self.stiff: StiffActuators | None = None
         self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self.forced: ForcedStepper | None = None
@@ -75,6 +78,18 @@ class Motion:
         stepper = ForcedStepper(self.model, self.data, self.path.start, self.momentum, (), _nothing, self.power)
         self.path.integrate = stepper.integrate
         return stepper
+
+    def make_implicit(self) -> None:
+        """Make implicit steps from now on: servos, springs or dampers are too fast for explicit ones."""
+        self.stiff = StiffActuators(self.model, self.data, self.constrained)
+        for stepper in (self._unpushed, self.flight):
+            if isinstance(stepper, ForcedStepper):
+                stepper.stiff = self.stiff
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the equations of the last step were solved: those of an explicit step always are."""
+        return not isinstance(self.flight, ForcedStepper) or self.flight.solved
 
     @property
     def grasped_bodies(self) -> frozenset[int]:
@@ -93,6 +108,7 @@ class Motion:
         if every := (*pushes, *answers):
             follow = self.follow if of_system else _nothing
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
+            pushed.stiff = self.stiff
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:

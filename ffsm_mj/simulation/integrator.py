@@ -364,7 +364,7 @@ class EventDrivenIntegrator:
         control = self.control
         if control is not None:
             control.begin(left_s, pushed=bool(self._active))
-        elif not self._active and self._event_s is None:  # as in most steps: nothing limits it
+        elif not self._active and self._event_s is None and self.motion.stiff is None:  # as in most steps: nothing limits it
             motion, step_s = self.motion, min(most_s, left_s)
             clear, motion.path.at_s = motion.step(step_s), step_s
             return step_s, clear
@@ -387,7 +387,7 @@ class EventDrivenIntegrator:
         """
         motion = self.motion
         clear, motion.path.at_s = motion.step(step_s), step_s
-        while motion.forced is not None and not motion.forced.solved and step_s > _SHORTEST_S:
+        while not motion.is_solved and step_s > _SHORTEST_S:
             motion.path.move_to(0.0)
             step_s *= 0.5
             clear, motion.path.at_s = motion.step(step_s), step_s

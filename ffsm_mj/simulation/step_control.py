@@ -72,16 +72,18 @@ class StepControl(Stateful):
         steps: int
         smallest_s: float
 
-    def __init__(self, budget: float, step_s: float, error: StepError) -> None:
+    def __init__(self, budget: float, step_s: float, error: StepError, parts: int = MOST_PARTS, least: float = 0.0) -> None:
         """Start at the beginning of a time step.
 
         Args:
             budget: Largest error over (1 + scale) of a time step.
             step_s: Time step, s.
             error: Measure of the error.
+            parts: Largest number of sub-steps of a time step.
+            least: Error that is rounding: a sub-step within it is not divided further.
         """
-        self._rate, self._step_s, self._error = budget / step_s, step_s, error
-        self._shortest_s = step_s * _AT_ONCE / MOST_PARTS
+        self._rate, self._step_s, self._error, self._least = budget / step_s, step_s, error, least
+        self._shortest_s = step_s * _AT_ONCE / parts
         self.steps, self.smallest_s = 0, math.inf
         self.restart()
 
@@ -116,7 +118,7 @@ class StepControl(Stateful):
             Duration of the sub-step in s, and whether the motion bound excludes any event in it.
 
         Raises:
-            StepLimitError: The motion requires sub-steps shorter than the time step over MOST_PARTS.
+            StepLimitError: The motion requires sub-steps shorter than the time step over the largest number of them.
         """
         if not self._planned:
             clear = self._plan(motion, left_s, exchanged)
@@ -154,7 +156,8 @@ class StepControl(Stateful):
                 continue
             error = self._error.relative(trial_s, exchanged(trial_s), grasped=motion.grasped_object is not None)
             rate = error / trial_s
-            if rate <= self._rate or not math.isfinite(error):  # the caller notices states that are not finite
+            # The caller notices states that are not finite.
+            if rate <= self._rate or error <= self._least or not math.isfinite(error):
                 return self._plan_one(trial_s, clear)
             parts = math.ceil(_SAFETY * (rate / self._rate) ** (1.0 / _ORDER))
             if parts <= _AT_ONCE and error <= _COARSE:

@@ -58,6 +58,8 @@ class GraspedMotion(Motion):
         trees[self._held_dofs] = scene.system.dof_trees[self._dofs]
         work = None if free.power is None else free.power.work
         super().__init__(system.mj, data, actuator_power(scene.system, data, trees, work))
+        if free.stiff is not None:
+            self.make_implicit()
         self.system, self.grasp = system, grasp.name
         tree = self.grasped_object = next(tree for tree in scene.system.objects if tree.name == grasp.tree)
         self._free, self._model = free, scene.system.mj

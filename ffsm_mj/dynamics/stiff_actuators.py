@@ -1,0 +1,130 @@
+"""Stiffness and damping of servos, springs and dampers: their fastest rate, and Newton's iterations of implicit steps.
+
+A servo of a vendor's arm may decay in 5 us: an explicit step of 1 ms diverges. In an implicit step the accelerations a_i at
+the nodes are corrected by the solution of
+
+    da_i + M^-1 (D_i sum_j W_ij da_j + K_i sum_j (W^2)_ij da_j) = r_i,   W = h A
+
+with the residual r_i of the accelerations, and the stiffness K_i and damping D_i of what acts at node i: servos at a limit
+of their force are not part of it. Closed loops are in M^-1. All are those at the start of the step, but for the limits: the
+iterations converge to the same solution, only slower where K and D change (Hairer & Wanner, *Solving Ordinary Differential
+Equations II*, sec. IV.8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.dynamics.joint_springs import JointSprings
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.model.actuators import servo_mask
+
+_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
+_AFFINE = int(mujoco.mjtGain.mjGAIN_AFFINE)
+
+
+class StiffActuators:
+    """Stiffness and damping of the servos, springs and dampers of a model."""
+
+    def __init__(self, model: Any, data: Any, constrained: Callable[[FloatArray], FloatArray]) -> None:
+        """Bind to a model and its data.
+
+        Args:
+            model: MuJoCo model.
+            data: Its data.
+            constrained: Rows of velocities as they are with the closed loops, for rows without; see
+                :meth:`ffsm_mj.dynamics.motion.Motion.constrained`.
+        """
+        self._model, self._data, self._constrained = model, data, constrained
+        self._servos: IntArray = np.flatnonzero(servo_mask(model))
+        self._springs = JointSprings(model)
+        self._moments = np.zeros((model.nout, model.nv))
+        limited = model.actuator_forcelimited[self._servos].astype(bool)
+        self._low, self._high = np.where(limited[:, None], model.actuator_forcerange[self._servos], [-np.inf, np.inf]).T
+        self._token = b""
+        self._inverse: FloatArray = np.zeros((0, 0))
+        self._limited_dofs = model.jnt_dofadr[model.jnt_actfrclimited.astype(bool)]
+        self._dof_ranges = model.jnt_actfrcrange[model.jnt_actfrclimited.astype(bool)].T
+
+    def update(self) -> None:
+        """Evaluate stiffness, damping and mobility at the state in the data, forces current."""
+        model, data, servos, springs = self._model, self._data, self._servos, self._springs
+        mujoco.mju_sparse2dense(
+            self._moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        self._rows = self._moments[servos]
+        self._k, self._d = _slopes(model, data, servos)
+        self._spring_K, self._spring_D = np.diag(springs.stiffness(data.qpos)), np.diag(springs.damping(data.qvel))
+        if springs.tendons.elastic or springs.tendons.damped:
+            tendons, rows = springs.tendons, springs.tendons.rows(data)
+            self._spring_K = self._spring_K + rows.T @ (tendons.stiffness(data)[:, None] * rows)
+            self._spring_D = self._spring_D + rows.T @ (tendons.damping(tendons.rates(data))[:, None] * rows)
+        unit = self._constrained(np.eye(model.nv))
+        self._mobility = np.zeros((model.nv, model.nv))
+        mujoco.mj_solveM(model, data, self._mobility, np.ascontiguousarray(unit))
+        self._token = b""  # of no pattern
+
+    def acting(self) -> BoolArray:
+        """Which servos are within the limits of their force at the state in the data, forces current, (n,)."""
+        data, force = self._data, self._data.actuator_force[self._servos]
+        acting = (force > self._low) & (force < self._high)
+        if len(self._limited_dofs):
+            total = data.qfrc_actuator[self._limited_dofs]
+            blocked = self._limited_dofs[(total <= self._dof_ranges[0]) | (total >= self._dof_ranges[1])]
+            acting &= ~self._rows[:, blocked].any(axis=1)
+        return np.asarray(acting)
+
+    def correction(self, weights: FloatArray, residuals: FloatArray, acting: BoolArray) -> FloatArray:
+        """Change of the accelerations at the nodes, (s, nv).
+
+        Args:
+            weights: Coefficients of the accelerations in the velocities, s, (s, s).
+            residuals: Accelerations under the forces at the nodes less those from which their states follow, (s, nv).
+            acting: Servos within their limits at each node, (s, n).
+        """
+        token = acting.tobytes()
+        if token != self._token:
+            self._token, self._inverse = token, np.linalg.inv(self._matrix(weights, acting))
+        return np.asarray((self._inverse @ residuals.reshape(-1)).reshape(residuals.shape))
+
+    def _matrix(self, weights: FloatArray, acting: BoolArray) -> FloatArray:
+        nodes, n, square = len(weights), len(self._mobility), weights @ weights
+        found = np.eye(nodes * n).reshape(nodes, n, nodes, n)
+        for i in range(nodes):
+            K, D = self._stiffness(acting[i])
+            found[i] += np.einsum("ab,j->ajb", self._mobility @ D, weights[i])
+            found[i] += np.einsum("ab,j->ajb", self._mobility @ K, square[i])
+        return found.reshape(nodes * n, nodes * n)
+
+    def _stiffness(self, acting: BoolArray) -> tuple[FloatArray, FloatArray]:
+        rows = self._rows
+        K = self._spring_K + rows.T @ ((self._k * acting)[:, None] * rows)
+        return K, self._spring_D + rows.T @ ((self._d * acting)[:, None] * rows)
+
+    def fastest(self) -> float:
+        """Largest rate of q'' = -M^-1 (K q + D q') at the state in the data, 1/s, with all servos within their limits."""
+        self.update()
+        K, D = self._stiffness(np.ones(len(self._servos), dtype=np.bool_))
+        nv = self._model.nv
+        inverse = np.linalg.inv(mass_matrix(self._model, self._data))
+        system = np.block([[np.zeros((nv, nv)), np.eye(nv)], [-inverse @ K, -inverse @ D]])
+        return float(np.abs(np.linalg.eigvals(system)).max(initial=0.0))
+
+
+def _slopes(model: Any, data: Any, servos: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Stiffness and damping of servos along their transmissions: -dp/dl and -dp/dl', (n,) each."""
+    controls = np.where(
+        model.actuator_ctrllimited[servos].astype(bool),
+        np.clip(data.ctrl[servos], *model.actuator_ctrlrange[servos].T),
+        data.ctrl[servos],
+    )
+    affine = model.actuator_gaintype[servos] == _AFFINE
+    gain, bias = model.actuator_gainprm[servos], model.actuator_biasprm[servos]
+    of_length = np.where(affine, gain[:, 1], 0.0) * controls + bias[:, 1]
+    of_rate = np.where(affine, gain[:, 2], 0.0) * controls + bias[:, 2]
+    return -of_length, -of_rate

@@ -1,0 +1,57 @@
+"""Servos that are too fast for explicit steps: implicit ones, divided while a transient lasts, against a closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly import step_control
+from tests.replays import assert_replayed
+from tests.servos.scenes import INERTIA, link_scene, steps
+from tests.servos.test_servos import ANGLE, HOLD, RATE, passes
+
+KP, KV = 4.0e4, 8.0e3  # rates 5 and 2e4 1/s: RK4 diverges from steps of 0.14 ms on
+STIFF = f'<position name="servo" joint="j" kp="{KP}" kv="{KV}"/>'
+
+
+def closed_form(time_s, start, rate, setpoint):
+    """Angle and rate of I_r q'' = kp (u - q) - kv q'."""
+    slow, fast = np.sort(-np.roots([INERTIA, KV, KP]).real)
+    of_fast = (rate + slow * (start - setpoint)) / (slow - fast)
+    of_slow = start - setpoint - of_fast
+    parts = of_slow * np.exp(-slow * time_s), of_fast * np.exp(-fast * time_s)
+    return setpoint + parts[0] + parts[1], -slow * parts[0] - fast * parts[1]
+
+
+@pytest.mark.parametrize("step_s", [2e-3, 5e-4])
+def test_a_stiff_servo_moves_as_its_law_says(tmp_path, step_s):
+    """Its work is what the kinetic energy gains, though the transient of 50 us is far below a step."""
+    run = ffsm_mj.run(link_scene(tmp_path, HOLD, actuators=STIFF, duration_s=0.1, **steps(step_s)))
+    angle, rate = closed_form(run["state.time_s"][1:], 0.2, -0.3, 0.7)
+    np.testing.assert_allclose(run[ANGLE][1:], angle, rtol=0.0, atol=1e-10)
+    np.testing.assert_allclose(run[RATE][1:], rate, rtol=0.0, atol=3e-9)
+    gained = INERTIA * (run[RATE] ** 2 - 0.3**2) / 2.0
+    np.testing.assert_allclose(run["balance.work_J"], gained, rtol=0.0, atol=1e-9)
+    assert passes(run)
+    assert run.summary()["smallest_step_s"] < 1.0 / 2e4 < step_s
+    assert_replayed(run)
+
+
+def test_explicit_steps_diverge(tmp_path, monkeypatch):
+    monkeypatch.setattr(step_control, "STIFF_STEP", np.inf)
+    monkeypatch.setattr(step_control, "RESOLVED_STEP", np.inf)
+    run = ffsm_mj.run(link_scene(tmp_path, HOLD, actuators=STIFF, duration_s=0.1))
+    assert run.outcome != "completed"
+
+
+def test_setpoints_that_move_start_transients(tmp_path):
+    """Each tick has one: the path is followed, the checks pass, and the replay makes the same sub-steps."""
+    path = {"kind": "joint_path", "waypoints": [{"at_s": 0.1, "positions": [0.25]}]}
+    scenario = link_scene(
+        tmp_path, path, actuators=STIFF, initial={"joints": {"j": 0.2}}, duration_s=0.1, control_period_s=5e-3
+    )
+    run = ffsm_mj.run(scenario)
+    assert run["controller.path_error_rad"].max() < 0.94 * 5e-3 / 1.9  # the setpoint is that of the start of a tick
+    assert passes(run)
+    assert_replayed(run)
