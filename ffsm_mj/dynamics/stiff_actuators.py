@@ -89,7 +89,7 @@ class StiffActuators:
         """
         token = acting.tobytes()
         if token != self._token:
-            self._token, self._inverse = token, np.linalg.inv(self._matrix(weights, acting))
+            self._token, self._inverse = token, np.asarray(np.linalg.inv(self._matrix(weights, acting)), dtype=np.float64)
         return np.asarray((self._inverse @ residuals.reshape(-1)).reshape(residuals.shape))
 
     def _matrix(self, weights: FloatArray, acting: BoolArray) -> FloatArray:
