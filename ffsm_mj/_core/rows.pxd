@@ -36,7 +36,7 @@ cdef class Group:
 
 cdef class RowEvaluator:
     cdef readonly list at_limits
-    cdef list groups, limits
+    cdef list groups, limits, moving
     cdef tuple counts
     cdef bytes rubs
     cdef const mjModel* m

@@ -350,7 +350,7 @@ cdef class RowEvaluator:
             else:
                 group.other = SinglePoint(features[0], in_patch=in_patch)
             group.start, group.count, group.rubs = places.start, len(alike), pair.mu > 0.0
-            group.is_limit = isinstance(pair, JointLimit)
+            group.is_limit = isinstance(pair, JointLimit) and not pair.moves
             group.b, group.a = (bodies.setdefault(body, len(bodies)) for body in both)
             group.pair = pairs.setdefault((group.b, group.a), len(pairs))
             self.groups.append(group)
@@ -370,8 +370,9 @@ cdef class RowEvaluator:
         self.limits = [(i, row) for row, i in enumerate(limits, 6 * len(pairs))]
         own = np.zeros((6 * len(pairs) + len(limits) + 1, self.nv))  # one more: no array is empty
         for (_, row), limit in zip(self.limits, limits.values()):
-            own[row, motion.dofs[limit.dof]] = limit.sign
+            own[row] = limit.row(motion.model, motion.data, motion.dofs)
         self.own, self.responses = own, np.zeros_like(own)
+        self.moving = [(own[row], limit, motion) for (_, row), limit in zip(self.limits, limits.values()) if limit.moves]
 
     cdef int evaluate_twists(self) except -1:
         cdef Py_ssize_t body, dof
@@ -414,6 +415,8 @@ cdef class RowEvaluator:
                     row[3 * n] -= screw[1] * offset[2] - screw[2] * offset[1]
                     row[4 * n] -= screw[2] * offset[0] - screw[0] * offset[2]
                     row[5 * n] -= screw[0] * offset[1] - screw[1] * offset[0]
+        for line, limit, motion in self.moving:
+            line[:] = limit.row(motion.model, motion.data, motion.dofs)
         if self.own.shape[0] > 1:
             mj.solveM(self.m, self.d, &self.responses[0, 0], &self.own[0, 0], <int>(self.own.shape[0] - 1))
         return 0

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsm_mj.assembly.coupled_limits import redundant_ends
 from ffsm_mj.contact.joint_limit import JointLimit, Side
+from ffsm_mj.contact.tendon_limit import TendonLimit
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
@@ -18,7 +19,7 @@ _SIDES: tuple[Side, ...] = ("lower", "upper")
 
 
 def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, ...]:
-    """Both ends of the range of every limited joint, in the order of the joints; of coupled joints, the tighter ones.
+    """Both ends of the range of every limited joint, of coupled joints the tighter ones, then those of limited tendons.
 
     Models whose limits are ignored are compiled without them.
 
@@ -28,11 +29,11 @@ def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, 
     restitution, faults = {}, []
     for name, config in scenario.joint_limits.items():
         try:
-            joint = system.resolve("joint", name)
+            joint, is_limited = system.limited(name)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("joint_limits", name)))
             continue
-        if not system.mj.jnt_limited[system.mj.joint(joint).id]:
+        if not is_limited:
             why = "the joint has no limits in its model, or they are ignored (limits: ignore)"
             faults.append(Fault(why, ("joint_limits", name)))
         elif joint in restitution:
@@ -46,9 +47,14 @@ def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, 
         for side in _SIDES
         if (joint, side) not in redundant
     )
+    limits += tuple(
+        TendonLimit(system.mj, tendon, side, restitution.get(system.mj.tendon(tendon).name, 0.0))
+        for tendon in np.flatnonzero(system.mj.tendon_limited).tolist()
+        for side in _SIDES
+    )
     kept = {each.joint for each in limits}
     for name in scenario.joint_limits if not faults else ():
-        if system.resolve("joint", name) not in kept:
+        if system.limited(name)[0] not in kept:
             why = "the joint is coupled with others that reach their limits first: name one of these"
             faults.append(Fault(why, ("joint_limits", name)))
     if faults:
@@ -66,11 +72,12 @@ def refuse_outside(scenario: ScenarioConfig, system: System, data: Any, limits: 
     faults = []
     for limit in limits:
         if limit.gap(system.mj, data, 0.0) < -CONTACT_GAP_M:
-            low, high = system.mj.jnt_range[system.mj.joint(limit.joint).id]
-            message = f"joint {limit.joint} starts at {limit.value(data):.6g} {limit.unit}"
+            of_tendon = isinstance(limit, TendonLimit)
+            low, high = limit.range
+            message = f"{'tendon' if of_tendon else 'joint'} {limit.joint} starts at {limit.value(data):.6g} {limit.unit}"
             path = ("initial", "joints", given[limit.joint]) if limit.joint in given else ("initial",)
             outside = f"{message}, outside its limits of {low:.6g} to {high:.6g} {limit.unit}"
-            hint = _degrees_hint(limit.value(data), low, high) if limit.unit == "rad" else ""
+            hint = _degrees_hint(limit.value(data), low, high) if limit.unit == "rad" and not of_tendon else ""
             faults.append(Fault(f"{outside}{hint}", path))
     if faults:
         raise ScenarioFaults(faults)

@@ -14,6 +14,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact.tendon_limit import LimitCoordinates
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 FEW = 16
@@ -46,7 +47,7 @@ class BroadPhase:
         self._planes = np.where(on_a, self._a, self._b)[self._over]
         self._senses = np.where(on_a, -1.0, 1.0)[self._over]
         limits = [pair for pair in pairs if isinstance(pair, JointLimit)]
-        self._qpos = np.array([limit.qpos for limit in limits], dtype=np.intp)
+        self._coordinates = LimitCoordinates(limits)
         self._signs, self._limits = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
         self.radii: FloatArray = np.concatenate((model.geom_rbound[ids].sum(axis=1), np.full(len(limits), -np.inf)))
 
@@ -58,7 +59,7 @@ class BroadPhase:
             axes = data.geom_xmat[self._planes][:, 2::3]
             centres[self._over] = self._senses * np.einsum("ij,ij->i", apart[self._over], axes)
         spheres = centres - self.radii[: len(self._a)]
-        return np.concatenate((spheres, self._signs * (data.qpos[self._qpos] - self._limits)))
+        return np.concatenate((spheres, self._signs * (self._coordinates.at(data) - self._limits)))
 
     def within(self, data: Any, distance: float) -> Sequence[int]:
         """Indices of the pairs whose gap may be at most a distance in m."""

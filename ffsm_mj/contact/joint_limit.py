@@ -8,6 +8,7 @@ along the row of the joint: no point, no normal and no friction. All of it is ex
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -24,9 +25,7 @@ from ffsm_mj.tolerances import EPSILON, RATE
 
 Side = Literal["lower", "upper"]
 
-_MARGIN = 1.1
-"""Safety factor: the rate within a step may exceed that at its ends."""
-_MOST_TRAVEL = 0.5
+MOST_TRAVEL = 0.5
 """Travel in rad or m over which a coordinate has at most one extremum in a step: longer motions are bisected."""
 _NOWHERE = np.zeros(3)
 _NOWHERE.flags.writeable = False
@@ -41,6 +40,7 @@ class JointLimit:
         joint: Full name of the joint.
         side: ``lower`` or ``upper``.
         unit: Unit of the coordinate: ``rad`` for a hinge, ``m`` for a slide.
+        range: Values of the coordinate at both ends, rad or m.
         limit: Value of the coordinate at this end, rad or m.
         sign: Sign of the gap rate along the joint's rate: 1 at the lower end, -1 at the upper end.
         qpos: Index of its coordinate in the logged system.
@@ -52,9 +52,13 @@ class JointLimit:
         geom_ids: Empty: no geoms touch.
         position_tolerance: Zero: the gap is exact.
         size: Travel in rad or m over which the gap has at most one extremum.
+        moves: Whether its row depends on the configuration: that of a joint does not.
     """
 
+    MARGIN = 1.1
+    """Safety factor: the rate within a step may exceed that at its ends."""
     mu = 0.0
+    moves = False
     geom_ids: frozenset[int] = frozenset()
     position_tolerance = 0.0
 
@@ -67,7 +71,7 @@ class JointLimit:
             side: Which end of its range.
             restitution: Coefficient of restitution, 0 to 1.
         """
-        low, high = map(float, model.jnt_range[joint])
+        self.range = low, high = tuple(map(float, model.jnt_range[joint]))
         self.joint, self.side, self.restitution = str(model.joint(joint).name), side, restitution
         self.name = self.rule = f"{self.joint} {side} limit"
         self.unit = "rad" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
@@ -75,7 +79,7 @@ class JointLimit:
         self.dof = int(model.jnt_dofadr[joint])
         self.body_b = int(model.jnt_bodyid[joint])
         self.body_a = int(model.body_parentid[self.body_b])
-        self.size = min(0.5 * (high - low), _MOST_TRAVEL)
+        self.size = min(0.5 * (high - low), MOST_TRAVEL)
         self.feature = LimitFeature(self)
         self.qpos, self._id = int(model.jnt_qposadr[joint]), joint
 
@@ -95,9 +99,25 @@ class JointLimit:
         """Rate of the gap, rad/s or m/s."""
         return self.sign * float(data.qvel[self.dof])
 
+    def row(self, model: Any, data: Any, dofs: Sequence[int]) -> FloatArray:  # noqa: ARG002
+        """Row of the rate of the gap in the coordinates of a motion, (nv,).
+
+        Args:
+            model: Model of the motion.
+            data: Its data, positions current.
+            dofs: Index in it of each degree of freedom of the logged system.
+        """
+        row = np.zeros(model.nv)
+        row[dofs[self.dof]] = self.sign
+        return row
+
+    def bend(self, data: Any) -> float:  # noqa: ARG002
+        """Second rate of the gap at zero generalised acceleration: zero."""
+        return 0.0
+
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing rate for the velocities in ``data``, rad/s or m/s."""
-        return _MARGIN * abs(float(data.qvel[self.dof]))
+        return self.MARGIN * abs(float(data.qvel[self.dof]))
 
     def speed_bound_per_root_energy(self, model: Any, data: Any) -> float:
         """Bound on the closing rate over sqrt(2 T) in any configuration; infinite if there is none."""
@@ -156,5 +176,5 @@ class LimitFeature:
         """Evaluate at the state in ``data``; normal and points are zero, as no force acts in space."""
         limit = self._limit
         gap = limit.gap(None, data, math.inf)
-        rate, still = limit.rate(data), (0.0, 0.0, 0.0)
-        return FeatureState(gap, rate, _NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE, 0.0, 0.0, math.inf, still)
+        rate, bend, still = limit.rate(data), limit.bend(data), (0.0, 0.0, 0.0)
+        return FeatureState(gap, rate, _NOWHERE, _NOWHERE, _NOWHERE, _NOWHERE, bend, abs(bend), math.inf, still)

@@ -33,7 +33,7 @@ from ffsm_mj.model.part import Part, part
 from ffsm_mj.model.scene import compile_scene, empty_scene, left_out, take_options
 from ffsm_mj.model.source import load_spec
 from ffsm_mj.model.system import Joint, JointKind, System, Tree, ancestors
-from ffsm_mj.model.tendons import armature_faults
+from ffsm_mj.model.tendons import armature_faults, limit_faults
 
 _JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
 _QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
@@ -83,7 +83,7 @@ def compile_system(
     limits, refused = effort_limits(model, scene, files)
     equalities = equality_places(model, scene, files)
     refused += [*equality_faults(model, equalities), *armature_faults(model, scene, files)]
-    refused += friction_faults(model, scene, files)
+    refused += [*friction_faults(model, scene, files), *limit_faults(model, scene, files)]
     if refused := actuator_faults(model, scene, files) + refused:
         raise InputError(refused)
     if conservative and faults:

@@ -10,8 +10,8 @@ import mujoco
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
 
-_IGNORE = "or write 'limits: ignore' in the scenario"
-_LEAST_RANGE = 1e-6
+IGNORE = "or write 'limits: ignore' in the scenario"
+LEAST_RANGE = 1e-6
 """Least extent of a range in the units of its file: both ends must be further apart than the tolerance of a closed gap."""
 _BALL = mujoco.mjtJoint.mjJNT_BALL
 _ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
@@ -37,7 +37,7 @@ def empty_ranges(spec: Any, name: str, files: ModelFiles) -> list[str]:
     """
     places, faults = Places(spec, {name: files}), []
     for joint in spec.joints:
-        if joint.type in _ONE_AXIS and is_limited(joint) and not joint.range[1] - joint.range[0] > _LEAST_RANGE:
+        if joint.type in _ONE_AXIS and is_limited(joint) and not joint.range[1] - joint.range[0] > LEAST_RANGE:
             low, high = joint.range.tolist()
             what = "is empty: the lower value comes first" if low > high else "allows a single value: use a fixed joint"
             faults.append(f"{places.of('joint', f'{name}/{joint.name}')}: the range {low:g} {high:g} {what}")
@@ -61,8 +61,4 @@ def unsupported_limits(scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[
             what = "limits of a joint to the world are not supported, as they would be external forces; remove its range"
         else:
             continue
-        yield f"{places.of('joint', joint.name)}: {what}, {_IGNORE}"
-    for tendon in scene.tendons:
-        if is_limited(tendon):
-            place = places.of("tendon", tendon.name)
-            yield f"{place}: limits of a tendon are not supported; remove its range, {_IGNORE}"
+        yield f"{places.of('joint', joint.name)}: {what}, {IGNORE}"

@@ -176,6 +176,7 @@ class System:
                 "geom": self.mj.ngeom,
                 "site": self.mj.nsite,
                 "sensor": self.mj.nsensor,
+                "tendon": self.mj.ntendon,
             }
             named = (getattr(self.mj, kind)(i).name for i in range(count.get(kind, self.mj.nu)))
             self._names[kind] = tuple(name for name in named if name and name != "world")
@@ -196,6 +197,21 @@ class System:
         if matches:
             raise LookupError(f"{kind} {name!r} is ambiguous; write one of {', '.join(matches)}")
         raise LookupError(unknown_name(kind, name, names))
+
+    def limited(self, name: str) -> tuple[str, bool]:
+        """Full name of a joint or tendon, and whether it is one with limits.
+
+        Raises:
+            LookupError: See :meth:`resolve`.
+        """
+        try:
+            joint = self.resolve("joint", name)
+        except LookupError:
+            if not any(name in (full, full.split("/", 1)[-1]) for full in self.names("tendon")):
+                raise
+            tendon = self.resolve("tendon", name)
+            return tendon, bool(self.mj.tendon_limited[self.mj.tendon(tendon).id])
+        return joint, bool(self.mj.jnt_limited[self.mj.joint(joint).id])
 
     def index(self, kind: str, name: str) -> int:
         """MuJoCo id of an element by full or unambiguous name.

@@ -14,10 +14,12 @@ import numpy as np
 
 from ffsm_mj.model.coefficients import sign_preserving, tendon_damping_coefficients, tendon_stiffness_coefficients
 from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.joint_limits import IGNORE, LEAST_RANGE
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors, tendon_bodies
 
 _JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
+_GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 _ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 
 
@@ -40,6 +42,28 @@ def acts_on_world(model: Any, tendon: int) -> bool:
     joints = [int(model.wrap_objid[i]) for i in path if model.wrap_type[i] == _JOINT]
     on_base = any(model.body_parentid[model.jnt_bodyid[joint]] == 0 for joint in joints)
     return on_base or any(model.body_weldid[body] == 0 for body in tendon_bodies(model, tendon))
+
+
+def limit_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
+    """Limits of tendons that are no stops between links, each with the file and line of its model.
+
+    Args:
+        model: The compiled scene.
+        scene: Its specification.
+        files: Files of each model by its prefix in the scene.
+    """
+    places = Places(scene, files)
+    for t in np.flatnonzero(model.tendon_limited).tolist():
+        path = slice(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t]))
+        what, (low, high) = "", model.tendon_range[t].tolist()
+        if acts_on_world(model, t):
+            what = "limits of a tendon that acts on the world are not supported, as they would be external forces"
+        elif np.isin(model.wrap_type[path], _GEOMS).any():
+            what = "limits of a tendon with wrapping geoms are not supported"
+        elif not high - low > LEAST_RANGE:
+            what = f"the range {low:g} {high:g} allows a single length"
+        if what:
+            yield f"{places.of('tendon', model.tendon(t).name)}: {what}; remove its range, {IGNORE}"
 
 
 def armature_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:

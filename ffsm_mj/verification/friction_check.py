@@ -132,7 +132,6 @@ class FrictionCheck:
         (system, data), first = self._models, event[0]
         try:
             rates = [np.concatenate([v[joint] for joint in system.joints]) for v in (first.qvel_before, first.qvel_after)]
-            contacts = [_contact(system, record) for record in event]
         except LookupError:
             return None
         if len(first.qpos) != system.mj.nq or any(len(v) != system.mj.nv for v in rates):
@@ -141,6 +140,10 @@ class FrictionCheck:
             raise ValueError("no state")
         data.qpos[:] = first.qpos
         mujoco.mj_fwdPosition(system.mj, data)
+        try:
+            contacts = [_contact(system, data, record) for record in event]
+        except LookupError:
+            return None
         M = mass_matrix(system.mj, data)
         L = np.linalg.cholesky(M)
         J, impulses, speeds = _directions(system.mj, data, event, contacts)
@@ -177,14 +180,20 @@ def _directions(
     return np.concatenate(rows), np.concatenate(impulses), np.concatenate(speeds, axis=1)
 
 
-def _contact(system: Any, record: _Record) -> Contact | LimitContact:
-    """The contact of a record.
+def _contact(system: Any, data: Any, record: _Record) -> Contact | LimitContact:
+    """The contact of a record; positions in ``data`` are its.
 
     Raises:
         LookupError: It names an element that the models do not have.
     """
     if isinstance(record, LimitImpactRecord):
-        return LimitContact(system.joint(record.joint).dofs.start, 1.0 if record.side == "lower" else -1.0)
+        sign = 1.0 if record.side == "lower" else -1.0
+        if record.joint in system.joints:
+            return LimitContact(system.joint(record.joint).dofs.start, sign)
+        from ffsm_mj.dynamics.tendon_springs import tendon_rows
+
+        tendon = system.index("tendon", record.joint)
+        return LimitContact(0, sign, row=tuple((sign * tendon_rows(system.mj, data)[tendon]).tolist()))
     a, b = (int(system.mj.geom(name).bodyid[0]) for name in record.geoms)
     return Contact(a, b, np.array(record.point_m), np.array(record.normal))
 

@@ -138,7 +138,8 @@ _TENDON: dict[str, Any] = {
     "damping": "0.4 0.1",
     "springlength": {"stiffness": "3", "springlength": "0.1 0.2"},
     "actuatorfrclimited": "false",
-    "limited": "false",
+    "range": "-9 9",
+    "limited": {"limited": "true", "range": "-9 9"},
     "margin": "0.1",
     **_SOFT_JOINT,
     "group": "2",
@@ -348,6 +349,7 @@ LEFT_OUT = {
 WITHOUT_FORCE = {
     *(f"compiler@{each}" for each in ("alignfree", "autolimits", "coordinate", "discardvisual")),
     *("option@magnetic", "option/flag@gravity", "body@fuse", "body/freejoint@align"),
+    *(f"tendon/{kind}@{each}" for kind in ("fixed", "spatial") for each in ("range", "limited")),
     *("body/joint@range", "body/joint@limited", "body/joint@frictionloss", "body/geom@contype", "body/geom@conaffinity"),
     *(f"body/site@{each}" for each in ("size", "type", "mesh")),
     *(f"contact/{each}" for each in ("exclude@body1", "exclude@body2", "pair@geom1", "pair@geom2")),
@@ -359,7 +361,6 @@ _PLUGIN = '<plugin plugin="x"/>'
 _JOINT2 = 'name="probe" joint="j2"'
 _TENDON_FORCES: dict[str, Any] = {
     "frictionloss": "1",
-    "range": "-1 1",
     "springyield": {"stiffness": "1", "springyield": "0.1"},
 }
 

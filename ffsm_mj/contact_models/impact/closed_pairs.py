@@ -10,6 +10,7 @@ from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.proximity import Proximity
+from ffsm_mj.contact.tendon_limit import TendonLimit
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -37,7 +38,8 @@ def as_contact(
 ) -> Contact | LimitContact:
     """A closed pair or joint limit as a contact in the coordinates of a motion."""
     if isinstance(pair, JointLimit):
-        return LimitContact(motion.dofs[pair.dof], pair.sign, restitution)
+        row = pair.row(motion.model, motion.data, motion.dofs).tolist() if isinstance(pair, TendonLimit) else ()
+        return LimitContact(motion.dofs[pair.dof], pair.sign, restitution, tuple(row))
     return Contact(motion.bodies[pair.body_a], motion.bodies[pair.body_b], point, near.normal, restitution, pair.mu)
 
 

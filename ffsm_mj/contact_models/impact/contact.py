@@ -41,11 +41,13 @@ class LimitContact:
         dof: Degree of freedom of the hinge or slide joint.
         sign: 1 at the lower limit, -1 at the upper one: the row of the Jacobian is this times the unit vector of the dof.
         restitution: Coefficient e, 0 to 1.
+        row: Row of the Jacobian of a tendon, whose degree of freedom is one of its tree, (nv,); empty for a joint.
     """
 
     dof: int
     sign: float
     restitution: float = 0.0
+    row: tuple[float, ...] = ()
     mu: ClassVar[float] = 0.0
 
 
@@ -56,7 +58,8 @@ def contact_jacobian(model: Any, data: Any, contact: Contact | LimitContact) -> 
     A row in which the two parts cancel to rounding is zero, as for two links whose hinge axis meets the normal.
     """
     if isinstance(contact, LimitContact):
-        at_limit: FloatArray = contact.sign * np.eye(1, model.nv, contact.dof)[0]
+        unit = np.eye(1, model.nv, contact.dof)[0]
+        at_limit: FloatArray = np.array(contact.row) if contact.row else contact.sign * unit
         return at_limit
     jac_a, jac_b = _jacobians(model, data, contact)
     return _rows(np.asarray(contact.normal, dtype=np.float64)[None], jac_a, jac_b).reshape(-1)

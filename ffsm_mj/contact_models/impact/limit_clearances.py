@@ -15,9 +15,11 @@ import numpy as np
 from ffsm_mj._core.steppers import BOUND_MARGIN
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact.tendon_limit import LimitCoordinates
 from ffsm_mj.contact_models.impact.clearances import NO_PAIRS, Indices
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.tendon_springs import tendon_rows
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 
@@ -38,8 +40,8 @@ class LimitClearances:
             first: Index of the first of them among all pairs and limits.
         """
         model, self._data, self._limits, self._first = scene.system.mj, scene.data, limits, first
-        self._qpos = np.array([limit.qpos for limit in limits], dtype=np.intp)
-        self._dofs = np.array([limit.dof for limit in limits], dtype=np.intp)
+        self._coordinates = LimitCoordinates(limits)
+        self._dofs = np.array([limit.dof for limit in self._coordinates.joints], dtype=np.intp)
         self._signs, self._values = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
         self._per_root_energy = np.array([limit.speed_bound_per_root_energy(model, scene.data) for limit in limits])
         self._watched, self.energy_reach = np.ones(len(limits), dtype=bool), 0.0
@@ -55,19 +57,21 @@ class LimitClearances:
         if motion is not self._motion:
             self._bind(motion)
         self._watched[:] = [not is_skipped(limit) for limit in self._limits]
-        self._set_reach(self._gaps(self._data.qpos[self._qpos]), 0.0)
+        self._set_reach(self._gaps(self._coordinates.at(self._data)), 0.0)
 
     def _bind(self, motion: Motion) -> None:
         """Find the coordinates and rates of the joints in the state at the start of a step."""
         self._motion, model = motion, motion.model
-        joints = [model.joint(limit.joint) for limit in self._limits]
+        joints = [model.joint(limit.joint) for limit in self._coordinates.joints]
+        self._tendons = [model.tendon(limit.joint).id for limit in self._limits[len(joints) :]]
         before = int(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_TIME)))
+        self._first_qpos = before
         self._start_qpos = np.array([before + int(joint.qposadr[0]) for joint in joints], dtype=np.intp)
         self._start_rates = np.array([before + model.nq + int(joint.dofadr[0]) for joint in joints], dtype=np.intp)
 
     def near(self) -> Indices:
         """Indices of the limits that joints may be at, at the state in ``data``."""
-        return self._indices(self._watched & (self._gaps(self._data.qpos[self._qpos]) <= DISTANCE_QUERY_M))
+        return self._indices(self._watched & (self._gaps(self._coordinates.at(self._data)) <= DISTANCE_QUERY_M))
 
     def after_step(self) -> Indices:
         """Indices of the limits that joints may have reached during the last step."""
@@ -75,8 +79,15 @@ class LimitClearances:
         if motion.flight.motion_bound < self.energy_reach:
             return NO_PAIRS
         start, data = motion.path.start, self._data
-        before, after = self._gaps(start[self._start_qpos]), self._gaps(data.qpos[self._qpos])
+        after, values = self._gaps(self._coordinates.at(data)), start[self._start_qpos]
         rates = np.maximum(np.abs(start[self._start_rates]), np.abs(data.qvel[self._dofs]))
+        if self._tendons:
+            # The state at the start of the step has no lengths: contact then needs no motion of a gap there.
+            values, first = np.concatenate((values, self._values[len(values) :])), motion.model.nq + self._first_qpos
+            rows = tendon_rows(motion.model, motion.data)[self._tendons]
+            both = rows @ start[first : first + motion.model.nv], rows @ motion.data.qvel
+            rates = np.concatenate((rates, np.abs(both).max(axis=0)))
+        before = self._gaps(values)
         travel = BOUND_MARGIN * (motion.data.time - float(start[0])) * rates
         # Contact in between needs a motion of at least the sum of both gaps.
         clear = (after > DISTANCE_QUERY_M) & (before + after - 2.0 * DISTANCE_QUERY_M > travel)

@@ -20,6 +20,7 @@ from ffsm_mj.contact.features.gap_function import tilt_rounding
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.tendon_limit import TendonLimit
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
@@ -68,7 +69,7 @@ def logged_impact(scene: Scene, event: LoggedEvent, pairs: Mapping[str, Unilater
     before, after = (ImpactState(v, kinetic_energy(M, v), np.zeros(6)) for v in (event.state[nq:], event.state_after[nq:]))
     along = np.array([along_row(record) for record in event.records])
     return Impact(
-        contacts=tuple(_contact(record, pairs[_name(record)]) for record in event.records),
+        contacts=tuple(_contact(record, pairs[_name(record)], scene) for record in event.records),
         impulses=along[:, 0],
         approach_speeds=along[:, 1],
         separation_speeds=along[:, 2],
@@ -87,13 +88,14 @@ def along_row(record: _Record) -> tuple[float, float, float]:
     return record.impulse, record.approach_rate, record.separation_rate
 
 
-def _contact(record: _Record, pair: UnilateralConstraint) -> Contact | LimitContact:
+def _contact(record: _Record, pair: UnilateralConstraint, scene: Scene) -> Contact | LimitContact:
     """Contact of a record."""
     if isinstance(record, ImpactRecord):
         point, normal = np.array(record.point_m), np.array(record.normal)
         return Contact(pair.body_a, pair.body_b, point, normal, record.restitution, record.mu)
     assert isinstance(pair, JointLimit)  # by its name
-    return LimitContact(pair.dof, pair.sign, record.restitution)
+    row = pair.row(scene.system.mj, scene.data).tolist() if isinstance(pair, TendonLimit) else ()
+    return LimitContact(pair.dof, pair.sign, record.restitution, tuple(row))
 
 
 def _friction(contacts: Sequence[_Record]) -> Friction | None:

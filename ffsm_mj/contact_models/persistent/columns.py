@@ -141,7 +141,8 @@ class LimitReport(_ForceTable):
         closed = self._active_set
         held = [pair for pair in closed.by_pair if isinstance(pair, JointLimit)]
         for limit, (_, force) in self._now(held).items():
-            applied[closed.motion.dofs[limit.dof]] += limit.sign * force
+            motion = closed.motion
+            applied += limit.row(motion.model, motion.data, motion.dofs) * force
 
     def add_impulses(self, impulses: Mapping[Any, float]) -> None:
         """Add the impulses in a step, N s or N m s."""

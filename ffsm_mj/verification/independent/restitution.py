@@ -44,7 +44,7 @@ def _stated(scene: LoggedScene, sides: GeomSides, record: Any) -> float | None:
     """Coefficient of restitution that the scenario states for the contact or joint of a record; None if it names none."""
     if hasattr(record, "joint"):
         limits = scene.scenario.get("joint_limits") or {}
-        named = {scene.system.resolve("joint", key): given for key, given in limits.items()}
+        named = {scene.system.limited(key)[0]: given for key, given in limits.items()}
         return float((named.get(record.joint) or {}).get("restitution", 0.0))
     contacts = scene.scenario.get("contacts") or {}
     default = float((contacts.get("default") or {}).get("restitution", 1.0))

@@ -1,0 +1,133 @@
+"""Limits of tendons: unilateral rows along their lengths, in impacts, at rest and pressed, fixed and spatial."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.errors import InputError
+from tests.balance.test_springs import good
+from tests.balance.test_tendon_springs import BASE, MASSES, REACH, REDUCED, cord, masses
+from tests.scenes import scene
+
+RANGE = 'limited="true" range="-0.2 0.1"'
+PULL = '<motor name="pull" tendon="cord"/>'
+
+
+def sliding(folder, restitution=0.0, actuator="", rate=1.0, **scenario):
+    """Two masses on slides part at 1 m/s, along a cord that may be 0.1 m longer."""
+    return ffsm_mj.run(
+        scene(
+            folder,
+            masses(RANGE, actuator),
+            {},
+            **{
+                "duration_s": 0.4,
+                "initial": {"rates": {"s_1": rate}},
+                "joint_limits": {"cord": {"restitution": restitution}},
+            }
+            | scenario,
+        )
+    )
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_cord_stops_two_masses(tmp_path, e):
+    """At t = 0.1 s the impulse is (1 + e) mu v, whatever the body that carries both; momenta are kept."""
+    run = good(sliding(tmp_path, e))
+    first = run.records["limit_impacts"][0]
+    assert (first.joint, first.side, first.unit) == ("robot/cord", "upper", "m")
+    assert first.time_s == pytest.approx(0.1, abs=1e-12)
+    assert first.impulse == pytest.approx((1.0 + e) * REDUCED, rel=1e-12)
+    assert first.work_J == pytest.approx(-(1.0 - e * e) * 0.5 * REDUCED, abs=1e-12)
+    rates = [dict(first.qvel_after)[f"robot/s_{i}"][0] for i in (1, 2)]
+    assert rates[0] - rates[1] == pytest.approx(-e, abs=1e-12)
+    assert MASSES[0] * rates[0] + MASSES[1] * rates[1] == pytest.approx(MASSES[0], rel=1e-12)
+    if e == 0.0:  # they go on together, at rest at the limit
+        last = run["state.q_robot_s_1_m"][-1] - run["state.q_robot_s_2_m"][-1]
+        assert last == pytest.approx(0.1, abs=1e-12)
+        assert run["contact.robot_cord_limit"][-1] != 0.0
+
+
+def test_pressed_against_its_end(tmp_path):
+    """A motor of the cord pulls with 3 N against the end: the limit carries 3 N, and lets go as it pulls back."""
+    (tmp_path / "pull.csv").write_text("time_s,pull_N\n0,3\n0.35,-2\n0.5,-2\n")
+    law = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": "pull.csv", "after": "hold"}}]
+    run = good(sliding(tmp_path, 0.0, PULL, rate=0.0, phases=law, duration_s=0.5))
+    held = (run.time > 0.25) & (run.time < 0.34)
+    np.testing.assert_allclose(run["contact.robot_cord_limit_force_N"][held], -3.0, atol=1e-11)
+    later = 0.1 - 0.5 * 2.0 / REDUCED * (0.5 - 0.35) ** 2
+    assert run["state.q_robot_s_1_m"][-1] - run["state.q_robot_s_2_m"][-1] == pytest.approx(later, abs=1e-11)
+
+
+def swinging(folder, step, e=0.0):
+    """An arm whose cord from base to tip becomes taut, and stays so for a while as the whole turns."""
+    folder.mkdir()
+    return ffsm_mj.run(
+        scene(
+            folder,
+            REACH.format(cord('limited="true" range="0.1 0.85"'), ""),
+            {},
+            duration_s=0.96,
+            time_step_s=step,
+            control_period_s=0.008,
+            initial={"joints": {"a": 0.3, "b": -1.6}, "rates": {"robot/free": [0.1, -0.2, 0.05, 0.2, -0.1, 0.3], "b": 1.5}},
+            joint_limits={"cord": {"restitution": e}},
+        )
+    )
+
+
+@pytest.mark.parametrize("e", [0.0, 1.0])
+def test_a_spatial_cord_is_taut(tmp_path, e):
+    """The length never exceeds its end; all balances and checks hold, and the end converges with order four."""
+    runs = [swinging(tmp_path / str(k), 4e-3 / 2**k, e) for k in range(3)]
+    good(runs[-1])
+    assert runs[-1].records["limit_impacts"]
+    keys = [key for key in runs[-1].keys if key.startswith("state.v_")]
+    coarse, fine = (max(abs(run[key][-1] - runs[-1][key][-1]) for key in keys) for run in runs[:2])
+    assert coarse / fine > 2**3.3
+    assert fine < 1e-8
+    if e == 0.0:
+        assert (runs[-1]["contact.robot_cord_limit"] != 0.0).sum() > 80  # rows every 8 ms
+
+
+def test_it_is_replayed_from_a_state(tmp_path):
+    """Out while the cord is taut, and on to the end, bit for bit."""
+    swinging(tmp_path / "made", 2e-3)
+    path = tmp_path / "made" / "scene.yaml"
+    simulator = ffsm_mj.Simulator(path)
+    simulator.reset()
+    while simulator.time_s < 0.7:
+        simulator.step()
+    state = simulator.get_state().to_bytes()
+    while not simulator.ended:
+        simulator.step()
+    whole, again = simulator.close(), ffsm_mj.Simulator(path)
+    again.set_state(ffsm_mj.SimulatorState.from_bytes(state))
+    while not again.ended:
+        again.step()
+    rows = np.array(again.close().log.rows[:])
+    np.testing.assert_array_equal(rows, np.array(whole.log.rows[:])[-len(rows) :])
+
+
+@pytest.mark.parametrize(
+    ("tendon", "message"),
+    [
+        ('<fixed name="t" range="0 1"><joint joint="x" coef="1"/></fixed>', "acts on the world are not supported"),
+        (
+            '<spatial name="t" range="0 1"><site site="hook"/><geom geom="ring"/><site site="tip"/></spatial>',
+            "with wrapping geoms are not supported",
+        ),
+        ('<fixed name="t" range="0 1e-7"><joint joint="one" coef="1"/></fixed>', "allows a single length"),
+        ('<fixed name="t" range="0.2 1"><joint joint="one" coef="1"/></fixed>', "tendon robot/t starts at 0 rad, outside"),
+    ],
+)
+def test_what_is_refused(tmp_path, tendon, message):
+    """Each with its file and line, or its place in the scenario."""
+    text = BASE.format(base="", tendon=tendon, actuator="").replace(
+        '<site name="hook"', '<geom name="ring" size="0.05"/><site name="hook"'
+    )
+    with pytest.raises(InputError, match=message):
+        prepare(scene(tmp_path, text.replace("<option", '<compiler angle="radian"/><option'), {}))
