@@ -191,6 +191,7 @@ cdef class FreeTicks:
                 (<Travel>travel).add(self.step_s)
             if (
                 not self.excludes_events(stepper, event_bound)
+                or stepper.kinked
                 or len(warnings)
                 or not isfinite(stepper.energy)
                 or (law is not None and i + 1 == self.steps_per_tick and not law.arrives())

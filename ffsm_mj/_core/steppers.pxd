@@ -7,6 +7,7 @@ cdef class FreeStepper:
     cdef const mjModel* m
     cdef mjData* d
     cdef double[::1] state, momentum, rates
+    cdef readonly bint kinked  # whether a force was at its limit in a part of the last step only
     cdef bint runge_kutta, unconstrained
     cdef object model, data
 

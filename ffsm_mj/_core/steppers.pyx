@@ -94,13 +94,19 @@ cdef class ActuatorPower:
 
     Attributes:
         work: Work in the last step, J, (number of trees,).
+        kinked: Whether a force was at its limit at some stages of the last step, and within it at others.
     """
 
     cdef readonly object work
+    cdef readonly bint kinked
+    cdef bint is_first
+    cdef const Py_ssize_t[::1] limited, limited_dofs
+    cdef const double[:, ::1] ranges, dof_ranges
+    cdef int[::1] sides
     cdef double[::1] total, sums, forces, rates, force, velocity
     cdef const Py_ssize_t[::1] trees, apart, apart_trees
 
-    def __init__(self, data, const Py_ssize_t[::1] trees not None, apart, double[::1] work not None):
+    def __init__(self, data, const Py_ssize_t[::1] trees not None, apart, double[::1] work not None, limits):
         """Bind to data.
 
         Args:
@@ -108,7 +114,11 @@ cdef class ActuatorPower:
             trees: Tree of each of its degrees of freedom, (nv,).
             apart: Ids of actuators whose work is entered elsewhere, and the tree of each, (2, n); they are plain motors.
             work: Receives the work, J, (number of trees,).
+            limits: Its :class:`~ffsm_mj.dynamics.force_limits.ForceLimits`.
         """
+        self.limited, self.ranges = limits.servos, limits.ranges
+        self.limited_dofs, self.dof_ranges = limits.dofs, limits.dof_ranges
+        self.sides = np.zeros(len(limits.servos) + len(limits.dofs), dtype=np.intc)
         if len(trees) != len(data.qvel):
             raise ValueError(f"{len(trees)} trees for {len(data.qvel)} degrees of freedom")
         self.work, self.total, self.sums, self.trees = work.base, work, np.zeros(len(work)), trees
@@ -122,6 +132,24 @@ cdef class ActuatorPower:
 
     cdef void clear(self) noexcept:
         memset(&self.sums[0], 0, self.sums.shape[0] * sizeof(double))
+        self.is_first, self.kinked = True, False
+
+    cdef void look(self) noexcept:
+        """Compare which forces are at their limits with those at the first stage."""
+        cdef Py_ssize_t i, n = self.limited.shape[0]
+        cdef int side
+        cdef double value
+        for i in range(self.sides.shape[0]):
+            value = self.force[self.limited[i]] if i < n else self.forces[self.limited_dofs[i - n]]
+            if i < n:
+                side = (value >= self.ranges[i, 1]) - (value <= self.ranges[i, 0])
+            else:
+                side = (value >= self.dof_ranges[i - n, 1]) - (value <= self.dof_ranges[i - n, 0])
+            if self.is_first:
+                self.sides[i] = side
+            elif side != self.sides[i]:
+                self.kinked = True
+        self.is_first = False
 
     cpdef void add(self, double weight) noexcept:
         """Add the power of a stage, whose forces and rates are in the data, with its weight."""
@@ -131,6 +159,7 @@ cdef class ActuatorPower:
         for k in range(self.apart.shape[0]):
             i = self.apart[k]
             self.sums[self.apart_trees[k]] -= weight * self.force[i] * self.velocity[i]
+        self.look()
 
     cpdef void end(self, double duration_s) noexcept:
         """End a step of a duration, over which the weights add up to 1."""
@@ -295,4 +324,5 @@ cdef class ForcedStepper(FreeStepper):
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         self.update_forces()
         self.integrate_step(duration_s)
+        self.kinked = self.power is not None and self.power.kinked
         return self.add(duration_s)

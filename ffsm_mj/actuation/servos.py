@@ -5,13 +5,13 @@ Their forces are evaluated by MuJoCo in every stage of a step, with the setpoint
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.force_limits import without_force_limits
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation, unit_suffix
 from ffsm_mj.model.system import System
@@ -60,13 +60,6 @@ class ServoForces:
         mujoco.mj_fwdActuation(self._model, data)
         # The limit of a joint is on the sum of what acts on it: the same where a servo is alone.
         self._forces[:, 1] = np.clip(data.actuator_force[servos] * self._gear, self._low, self._high)
-
-
-def without_force_limits(model: Any) -> Any:
-    """A copy of a model whose actuators have no limits on their forces."""
-    other = copy.copy(model)
-    other.actuator_forcelimited[:], other.jnt_actfrclimited[:], other.tendon_actfrclimited[:] = 0, 0, 0
-    return other
 
 
 def rest_setpoints(model: Any, data: Any) -> FloatArray:

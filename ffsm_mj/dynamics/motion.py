@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.force_limits import ForceLimits
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
@@ -42,6 +43,7 @@ class Motion:
             without any.
         stiff: Stiffness of the actuators in implicit steps; None: steps are explicit unless contacts need implicit ones.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
+        force_limits: Limits of their forces; None without servos.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
 
@@ -50,13 +52,14 @@ class Motion:
     grasped_object: Tree | None = None
     disabled: frozenset[frozenset[int]] = frozenset()
 
-    def __init__(self, model: Any, data: Any, power: ActuatorPower | None = None) -> None:
+    def __init__(self, model: Any, data: Any, power: tuple[ActuatorPower, ForceLimits] | None = None) -> None:
         """Start at the state in ``data`` (all derived quantities current).
 
         Args:
             model: MuJoCo model, with RK4.
             data: Its data.
-            power: Integrates the work of the actuators over the stages of each step; None without servos.
+            power: Integrates the work of the actuators over the stages of each step, and the limits of their forces; None
+                without servos.
         """
         self.model, self.data = model, data
         self.momentum, self.path = np.empty(model.nv), StepPath(model, data)
@@ -65,7 +68,7 @@ class Motion:
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
-        self.power = power
+        self.power, self.force_limits = power if power is not None else (None, None)
         self.stiff: StiffActuators | None = None
         self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
@@ -168,12 +171,13 @@ class Motion:
 
 
 def actuator_power(
-    system: System, data: Any, trees: IntArray | None = None, work: FloatArray | None = None
-) -> ActuatorPower | None:
-    """Power of the actuators of a system, for its motion or that with a grasped object.
+    system: System, model: Any, data: Any, trees: IntArray | None = None, work: FloatArray | None = None
+) -> tuple[ActuatorPower, ForceLimits] | None:
+    """Power of the actuators of a system, for its motion or that with a grasped object, and the limits of their forces.
 
     Args:
         system: The logged system.
+        model: Model of the motion.
         data: Data of the motion.
         trees: Tree in this system of each degree of freedom of the motion, (nv,); None: it is the motion of this system.
         work: Receives the work in a step, J, (number of trees,); None: an array of its own.
@@ -185,12 +189,12 @@ def actuator_power(
         return None
     thrusters = thruster_ids(system.mj)
     apart = np.stack((thrusters, np.array(system.actuator_trees, dtype=np.intp)[thrusters]))
-    return ActuatorPower(
-        data,
+    trees, work = (
         system.dof_trees if trees is None else trees,
-        apart,
         np.zeros(len(system.trees)) if work is None else work,
     )
+    limits = ForceLimits(model, data)
+    return ActuatorPower(data, trees, apart, work, limits), limits
 
 
 def _nothing() -> None:

@@ -323,7 +323,11 @@ class LogReplay:
         left = self._left
         if self._made:
             self._made = False
-            return duration_s
+            if not self._plant.integrator.motion.flight.kinked:
+                return duration_s
+            path = self._plant.integrator.motion.path
+            path.at_s = math.nan  # the core does not say where it is
+            path.move_to(0.0)  # the step is made again, in two parts
         if self._at_logged_state and duration_s > 0.0:
             self._find_missing_events()
         while duration_s > 0.0:

@@ -257,7 +257,11 @@ class EventDrivenIntegrator:
             StepLimitError: The motion is too fast for the required accuracy.
         """
         motion, flight = self.motion, self.motion.flight
-        if stepped:
+        if stepped and flight.kinked:
+            motion.path.at_s = duration_s
+            step_s, clear = self._to_kink(duration_s, clear=False)
+            clear = clear and flight.motion_bound < flight.event_bound
+        elif stepped:
             motion.path.at_s = step_s = duration_s
             clear = flight.motion_bound < flight.event_bound
         else:
@@ -367,7 +371,7 @@ class EventDrivenIntegrator:
         elif not self._active and self._event_s is None and self.motion.stiff is None:  # as in most steps: nothing limits it
             motion, step_s = self.motion, min(most_s, left_s)
             clear, motion.path.at_s = motion.step(step_s), step_s
-            return step_s, clear
+            return (step_s, clear) if not motion.flight.kinked else self._to_kink(step_s, clear)
         self._begin_step()
         # Step-size control must not try a step that contact forces forbid; events, which shorten a step, do not concern it.
         reach_s = left_s
@@ -377,7 +381,7 @@ class EventDrivenIntegrator:
             reach_s = left_s
         most_s = min(most_s, reach_s)
         if control is None:
-            return self._solved_step(most_s)
+            return self._to_kink(*self._solved_step(most_s))
         return control.step(self.motion, reach_s, most_s, self.exchanged)
 
     def _solved_step(self, step_s: float) -> tuple[float, bool]:
@@ -391,6 +395,17 @@ class EventDrivenIntegrator:
             motion.path.move_to(0.0)
             step_s *= 0.5
             clear, motion.path.at_s = motion.step(step_s), step_s
+        return step_s, clear
+
+    def _to_kink(self, step_s: float, clear: bool) -> tuple[float, bool]:
+        """The step that was made, or as much of it as there is before a force reaches its limit, or leaves it."""
+        motion = self.motion
+        if motion.force_limits is None or not motion.flight.kinked or motion.stiff is not None:
+            return step_s, clear
+        at_s = motion.force_limits.first_kink(motion.path, step_s)
+        if at_s is not None and at_s + shortest_s(float(motion.data.time)) < step_s:
+            step_s = at_s
+        clear, motion.path.at_s = motion.step(step_s), step_s
         return step_s, clear
 
     def exchanged(self, duration_s: float) -> list[Exchange]:

@@ -57,7 +57,7 @@ class GraspedMotion(Motion):
         data, trees = mujoco.MjData(system.mj), np.zeros(system.mj.nv, dtype=np.intp)
         trees[self._held_dofs] = scene.system.dof_trees[self._dofs]
         work = None if free.power is None else free.power.work
-        super().__init__(system.mj, data, actuator_power(scene.system, data, trees, work))
+        super().__init__(system.mj, data, actuator_power(scene.system, system.mj, data, trees, work))
         if free.stiff is not None:
             self.make_implicit()
         self.system, self.grasp = system, grasp.name
