@@ -68,7 +68,8 @@ class Motion:
         self.dofs: Sequence[int] = range(model.nv)
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
-        self.power, self.force_limits = power if power is not None else (None, None)
+        self.power: ActuatorPower | None = power[0] if power is not None else None
+        self.force_limits: ForceLimits | None = power[1] if power is not None else None
         self.stiff: StiffActuators | None = None
         self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
