@@ -45,7 +45,7 @@ def compile_scenario(
     Raises:
         InputError: A file is missing or malformed, or a model is not a free-floating system.
     """
-    files = _model_files(scenario, source, read)
+    files = model_files(scenario, source, read)
     try:
         system = _compiled(scenario, files, "model")
         controller_model = _compiled(scenario, files, *_CONTROLLER_MODEL) if scenario.has_controller_model else None
@@ -95,7 +95,7 @@ def _compiled(scenario: ScenarioConfig, files: Mapping[str, ModelFiles], *keys: 
     )
 
 
-def _model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader) -> dict[str, ModelFiles]:
+def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = read_model) -> dict[str, ModelFiles]:
     """Files of all models, the robot's first, with stripped elements and added sites.
 
     Raises:

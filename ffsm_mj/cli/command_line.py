@@ -212,7 +212,18 @@ def _describe_new(new: argparse.ArgumentParser) -> None:
         "name", metavar="scenario", help="name of the scenario and of its files: letters, digits, '.', '_' and '-'"
     )
     new.add_argument(
-        "--robot", metavar="FILE", required=True, help="MJCF or URDF file of a manipulator or of a floating robot"
+        "--robot",
+        metavar="FILE",
+        help="MJCF or URDF file of a manipulator or of a floating robot; with --scene the root body of the robot in it",
+    )
+    new.add_argument(
+        "--menagerie",
+        metavar="NAME",
+        help="robot of MuJoCo Menagerie in place of --robot: NAME, or NAME/FILE; its files are copied to a folder NAME "
+        "(needs the package mujoco-menagerie)",
+    )
+    new.add_argument(
+        "--scene", metavar="FILE", help="MJCF file with robot, objects and surroundings, whose robot is --robot BODY"
     )
     new.add_argument(
         "--base",

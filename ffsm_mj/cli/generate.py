@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from ffsm_mj.cli.exit_codes import OK
-from ffsm_mj.cli.progress import progress
+from ffsm_mj.cli.progress import Progress, progress
 from ffsm_mj.cli.standard_streams import Output
-from ffsm_mj.errors import working_on
+from ffsm_mj.errors import InputError, working_on
 
 
 def new(options: argparse.Namespace, output: Output) -> int:
@@ -17,26 +17,48 @@ def new(options: argparse.Namespace, output: Output) -> int:
     Raises:
         InputError: The model cannot be used, or a file exists.
     """
-    from ffsm_mj.templates.robot import TemplateRequest, write_scenario
+    with progress() as shown:
+        lines = _new_scene(options, shown) if options.scene else _new_robot(options, shown)
+    for line in lines:
+        output.say(line)
+    return OK
 
-    packages = tuple(map(Path, options.package_path))
-    with progress() as shown, working_on(options.robot):
-        shown.stage(f"compile {options.robot}")
-        lines = write_scenario(
+
+def _new_scene(options: argparse.Namespace, shown: Progress) -> list[str]:
+    """Generate a scenario for a scene in one file; returns what was written, as text."""
+    from ffsm_mj.templates.scene import SceneRequest, write_scene
+
+    if options.menagerie or not options.robot:
+        raise InputError("new: --scene FILE needs --robot BODY, the root body of the robot in the file")
+    if options.base or options.base_mass or options.root or options.tip or options.package_path:
+        raise InputError("new: --scene FILE goes with --robot BODY and --out alone")
+    with working_on(options.scene):
+        shown.stage(f"compile {options.scene}")
+        return write_scene(SceneRequest(options.name, Path(options.scene), options.robot, Path(options.out)))
+
+
+def _new_robot(options: argparse.Namespace, shown: Progress) -> list[str]:
+    """Generate a scenario around a robot's file; returns what was written, as text."""
+    from ffsm_mj.templates.robot import TemplateRequest, copied, write_scenario
+
+    if bool(options.robot) == bool(options.menagerie):
+        raise InputError("new: give the robot by --robot FILE or by --menagerie NAME")
+    robot, out = options.robot or options.menagerie, Path(options.out)
+    with working_on(robot):
+        shown.stage(f"compile {robot}")
+        file = copied(options.menagerie, out) if options.menagerie else Path(robot)
+        return write_scenario(
             TemplateRequest(
                 name=options.name,
-                robot=Path(options.robot),
-                out=Path(options.out),
+                robot=file,
+                out=out,
                 base=options.base is None,
                 base_mass=options.base_mass,
                 root=options.root,
                 tip=options.tip,
-                packages=packages,
+                packages=tuple(map(Path, options.package_path)),
             )
         )
-    for line in lines:
-        output.say(line)
-    return OK
 
 
 def new_law(options: argparse.Namespace, output: Output) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -22,6 +23,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.model.files import REST
 from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.inline import InlineModel, inline_model
+from ffsm_mj.model.menagerie import menagerie_file
 from ffsm_mj.model.properties import Pose
 from ffsm_mj.model.strip import LimitsMode, Strippable
 
@@ -63,7 +65,28 @@ REQUIRED: Any = ...
 """No default for pydantic; type checkers, which do not know the other names, take one for it."""
 
 
-class Robot(StrictModel):
+class FromFile(StrictModel):
+    """A configuration with a model file, which may be given as a robot of MuJoCo Menagerie."""
+
+    if TYPE_CHECKING:
+        menagerie: str = ""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _file_of_menagerie(cls, data: Any) -> Any:
+        """Write out the name of a robot as the path of its file."""
+        if not isinstance(data, Mapping) or "menagerie" not in data:
+            return data
+        name, rest = data["menagerie"], {key: value for key, value in data.items() if key != "menagerie"}
+        if not isinstance(name, str) or not name or {"mjcf", "model", "xml"} & set(rest):
+            raise ValueError("'menagerie' is the name of a robot of MuJoCo Menagerie, in place of 'mjcf'")
+        try:
+            return {"mjcf": str(menagerie_file(name)), **rest}
+        except InputError as error:
+            raise ValueError(" ".join(error.lines)) from error
+
+
+class Robot(FromFile):
     """The free-floating manipulator."""
 
     model: ModelSource = REQUIRED
@@ -88,7 +111,7 @@ class Robot(StrictModel):
     """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
 
 
-class Model(StrictModel):
+class Model(FromFile):
     """An object: floating, or fixed to the world."""
 
     model: ModelSource = REQUIRED

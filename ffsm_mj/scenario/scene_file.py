@@ -16,7 +16,7 @@ from warnings import catch_warnings
 import mujoco
 from pydantic import ValidationError
 
-from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.config import Name
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.model.files import REST, ModelFiles, read_model
 from ffsm_mj.model.inline import InlineModel
@@ -24,7 +24,7 @@ from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.one_file import moving_roots
 from ffsm_mj.model.source import load_spec
 from ffsm_mj.scenario.faults import KindNames, plain_faults
-from ffsm_mj.scenario.model_config import REQUIRED, ModelSource
+from ffsm_mj.scenario.model_config import REQUIRED, FromFile, ModelSource
 from ffsm_mj.scenario.source import YamlSource
 
 SCENE = "scene"
@@ -35,7 +35,7 @@ _SIZES = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)
 """Numbers of coordinates and rates of a joint; one each for others."""
 
 
-class SceneConfig(StrictModel):
+class SceneConfig(FromFile):
     """Robot, objects and surroundings in one file; ``robot`` and ``objects`` beside it may add to what it says of them."""
 
     model: ModelSource = REQUIRED

@@ -15,6 +15,13 @@ from ffsm_mj.scenario.scene_file import SCENE
 _WHOLE, _CHANGES = "Scenario", "Changes"
 _NAMED_ITEMS = ("PhaseConfig", "ContactRuleConfig")  # list items that are merged with the parent's item of the same name
 _REF = "#/$defs/"
+_WITH_FILES = ("Robot", "Model", "SceneConfig")
+_MENAGERIE = {
+    "type": "string",
+    "minLength": 1,
+    "description": "Robot of MuJoCo Menagerie in place of 'mjcf': NAME, or NAME/FILE for another one of its files; the "
+    "package mujoco-menagerie downloads it once, and run folder and log keep its files.",
+}
 
 
 def scenario_schema() -> dict[str, Any]:
@@ -24,8 +31,11 @@ def scenario_schema() -> dict[str, Any]:
     changes: dict[str, Any] = {}
     _loosen(_WHOLE, models, changes)
     changes[_WHOLE + _CHANGES]["required"] = [EXTENDS, "name"]
-    whole["required"].remove("robot")  # a scene has it too
-    whole["anyOf"] = [{"required": ["robot"]}, {"required": [SCENE]}]
+    _either(whole, "robot", SCENE)
+    for name in _WITH_FILES:
+        for schema in filter(None, (models[name], changes.get(name + _CHANGES))):
+            schema["properties"] = {"menagerie": _MENAGERIE, **schema["properties"]}
+        _either(models[name], "mjcf", "menagerie")
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "ffsm-mj scenario",
@@ -34,6 +44,12 @@ def scenario_schema() -> dict[str, Any]:
         "else": {"$ref": f"{_REF}{_WHOLE}"},
         "$defs": models | changes,
     }
+
+
+def _either(schema: dict[str, Any], key: str, other: str) -> None:
+    """Let a required key be left out where another one is given."""
+    schema["required"].remove(key)
+    schema["anyOf"] = [{"required": [key]}, {"required": [other]}]
 
 
 def _loosen(name: str, models: dict[str, Any], changes: dict[str, Any]) -> None:

@@ -54,8 +54,12 @@ class Encounter:
 
 
 def starting_pose(system: System) -> dict[str, float]:
-    """Coordinate of each hinge and slide above the base, within its limits: of the first keyframe, or bent a little."""
+    """Coordinate of each hinge and slide above the base, within its limits: of the first keyframe, or bent a little.
+
+    Joints of a mechanism are where the file has them, if it has no keyframe: equality constraints bind them there.
+    """
     model, base = system.mj, system.robot.base_dofs
+    bound = _bound_joints(model)
     pose = {}
     for joint in system.robot.joints:
         if joint.kind in ("free", "ball") or (base.start <= joint.dofs.start < base.stop and _floats(system)):
@@ -63,6 +67,8 @@ def starting_pose(system: System) -> dict[str, float]:
         j = model.joint(joint.name).id
         low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
         inside = low < -_BEND < _BEND < high
+        if not model.nkey and joint.name in bound and low <= model.qpos0[joint.qpos.start] <= high:
+            continue
         if model.nkey:
             value = float(model.key_qpos[0, joint.qpos.start])
         elif joint.kind == "hinge" and inside:
@@ -70,8 +76,18 @@ def starting_pose(system: System) -> dict[str, float]:
         else:
             value = 0.0 if inside or np.isinf(low) else float(low + high) / 2
         # A keyframe may be past a limit by rounding, and so is one that is rounded itself.
-        pose[joint.name.split("/", 1)[1]] = min(max(round(value, 4), float(low)), float(high))
+        digits = 4 if not bound else 12
+        pose[joint.name.split("/", 1)[1]] = min(max(round(value, digits), float(low)), float(high))
     return pose
+
+
+def _bound_joints(model: Any) -> set[str]:
+    """Joints that equality constraints may bind: those that they name, or all of them where they close loops."""
+    active = np.flatnonzero(model.eq_active0)
+    if (model.eq_type[active] != int(mujoco.mjtEq.mjEQ_JOINT)).any():
+        return {model.joint(j).name for j in range(model.njnt)}
+    ends = {int(end) for end in (*model.eq_obj1id[active], *model.eq_obj2id[active]) if end >= 0}
+    return {model.joint(j).name for j in ends}
 
 
 def _floats(system: System) -> bool:

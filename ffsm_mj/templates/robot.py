@@ -19,9 +19,11 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.driven_joints import driven_joints
 from ffsm_mj.model.files import ModelFiles, read_model
+from ffsm_mj.model.menagerie import menagerie_file
 from ffsm_mj.model.system import System
 from ffsm_mj.templates.pose import (
     Tip,
@@ -135,6 +137,26 @@ def write_scenario(asked: TemplateRequest) -> list[str]:
     ]
 
 
+def copied(name: str, out: Path) -> Path:
+    """Copy the files of a robot of MuJoCo Menagerie into a folder of its name; returns the main one.
+
+    Raises:
+        InputError: There is no such robot, or the folder exists.
+    """
+    file = menagerie_file(name)
+    folder = out / name.partition("/")[0]
+    if os.path.lexists(folder):
+        raise InputError(
+            f"new: {folder} exists; nothing is written over it; --robot {folder / file.name} uses what is there"
+        )
+    files = read_model(file)
+    licences = {path.name: path.read_bytes() for path in file.parent.glob("LICENSE*") if path.is_file()}
+    for part, content in {**files.files, **licences}.items():
+        (folder / part).parent.mkdir(parents=True, exist_ok=True)
+        (folder / part).write_bytes(content)
+    return folder / files.main
+
+
 def _base(mass: float) -> Base:
     return Base(mass, rounded(math.cbrt(mass / _BASE_DENSITY) / 2, 2))
 
@@ -210,7 +232,7 @@ def _gains(system: System, data: Any) -> tuple[list[float], list[float]]:
     try:
         dofs = driven_joints(system, None).dofs
     except ScenarioFaults:
-        return [], []  # no joint is driven, as of a body with thrusters alone
+        return [], []  # servos drive joints, or nothing does, as of a body with thrusters alone
     mobility = np.linalg.solve(mass_matrix(system.mj, data), np.eye(system.mj.nv)[:, dofs])[dofs]
     inertia = np.diag(np.linalg.inv(mobility))
     fastest = float(np.max(np.linalg.eigvals(CONTROL_PERIOD_S * mobility * (2.0 * inertia)).real))
@@ -234,6 +256,7 @@ def _stated(system: System, data: Any, pose: dict[str, float], tip: Tip, approac
         without_ball=why,
         kp=kp,
         kd=kd,
+        servos=bool(servo_mask(model).any()),
     )
 
 

@@ -52,8 +52,9 @@ class Start:
         target: Its place in the world at the start, m.
         approach: How a ball meets the tip; None without a ball.
         without_ball: Why there is no ball; empty if there is one.
-        kp: Gain of each driven joint.
-        kd: Gain of each driven joint.
+        kp: Gain of each joint that motors drive; empty where servos drive some.
+        kd: Gain of each such joint.
+        servos: Whether servos drive joints.
     """
 
     pose: dict[str, float]
@@ -64,6 +65,7 @@ class Start:
     without_ball: str
     kp: list[float]
     kd: list[float]
+    servos: bool
 
     @property
     def description(self) -> str:
@@ -164,19 +166,19 @@ def scenario_text(name: str, robot: str, strip: Sequence[str], start: Start, pla
     lines = [
         f"# {what} Edit this file freely:",
         f"# 'ffsm check {name}.yaml' validates it; the user guide describes every key.",
-        f"name: {_word(name)}",
+        f"name: {word(name)}",
         "duration_s: 4.0",
         "time_step_s: 0.001",
         "accuracy: 1e-9 # steps that are too long for this accuracy are divided",
         "control_period_s: 0.005",
         "",
         "robot:",
-        f"  mjcf: {_word(places.model)}",
+        f"  mjcf: {word(places.model)}",
         *_robot_lines(strip, start, places),
         *_initial_lines(name, start),
         "",
         "# The report states the distance of the tip from this point, its initial position.",
-        f"task: {{tip: {_word(start.tip)}, target_m: {_flow(start.target)}}}",
+        f"task: {{tip: {word(start.tip)}, target_m: {flow(start.target)}}}",
         *_CONTACTS[start.approach is not None],
         *_phase_lines(start),
     ]
@@ -205,7 +207,7 @@ _CONTACTS = {
 
 def _initial_lines(name: str, start: Start) -> list[str]:
     """Objects and the initial state."""
-    joints = [f"    {_word(joint)}: {value:.10g}" for joint, value in start.pose.items()]
+    joints = [f"    {word(joint)}: {value:.10g}" for joint, value in start.pose.items()]
     if start.approach is None:
         return ["", "initial:", "  joints: # rad or m", *joints] if joints else []
     return [
@@ -215,16 +217,17 @@ def _initial_lines(name: str, start: Start) -> list[str]:
         "initial:",
         "  joints: # rad or m; the ball: x, y, z in m and a quaternion w, x, y, z",
         *joints,
-        f"    ball/free: {_flow([*start.approach.place, 1, 0, 0, 0])}",
+        f"    ball/free: {flow([*start.approach.place, 1, 0, 0, 0])}",
         "  rates: # the ball: m/s in world axes, rad/s in its own",
-        f"    ball/free: {_flow([*start.approach.velocity, 0, 0, 0])}",
+        f"    ball/free: {flow([*start.approach.velocity, 0, 0, 0])}",
     ]
 
 
 def _phase_lines(start: Start) -> list[str]:
     """Phases: the joints are held, left alone after the impact for a while, and held again; coasting without motors."""
     if not start.kp:
-        return ["", "phases:", "  # No joint is driven.", '  - {name: coast, until: end, controller: {kind: "off"}}']
+        said = "Servos keep the pose of the start; motors are off." if start.servos else "No joint is driven."
+        return ["", "phases:", f"  # {said}", '  - {name: coast, until: end, controller: {kind: "off"}}']
     return [
         "",
         "phases:",
@@ -233,8 +236,8 @@ def _phase_lines(start: Start) -> list[str]:
         "    until: impact" if start.approach else "    for_s: 1.0",
         "    controller: &hold",
         "      kind: pd",
-        f"      kp: {_flow(start.kp)} # N m/rad, N/m",
-        f"      kd: {_flow(start.kd)} # N m s/rad, N s/m",
+        f"      kp: {flow(start.kp)} # N m/rad, N/m",
+        f"      kd: {flow(start.kd)} # N m s/rad, N s/m",
         "  # Then the motors are off for a while, as after the impact in the paper.",
         "  - name: pause",
         "    for_s: 0.5",
@@ -248,31 +251,32 @@ def _phase_lines(start: Start) -> list[str]:
 def _robot_lines(strip: Sequence[str], start: Start, places: Places) -> list[str]:
     lines = []
     if places.folders:
-        lines += ["  # Folders of the vendor's files; no others are read.", f"  asset_folders: {_flow(places.folders)}"]
+        lines += ["  # Folders of the vendor's files; no others are read.", f"  asset_folders: {flow(places.folders)}"]
     if places.packages:
-        lines.append(f"  package_paths: {_flow(places.packages)}")
+        lines.append(f"  package_paths: {flow(places.packages)}")
     if strip:
         lines += [
             "  # Removed before compilation: these elements are not modelled.",
-            f"  strip: {_flow(strip)}",
+            f"  strip: {flow(strip)}",
         ]
     if start.on:
         body, place = start.on
         lines += [
             "  # A site at the end of the arm, where the vendor's file has none: its body, and its position in it in m.",
-            f"  sites: {{{_word(start.tip)}: {{body: {_word(body)}, pos_m: {_flow(place)}}}}}",
+            f"  sites: {{{word(start.tip)}: {{body: {word(body)}, pos_m: {flow(place)}}}}}",
         ]
     return lines
 
 
-def _flow(values: Sequence[float | str]) -> str:
-    return f"[{', '.join(_word(each) if isinstance(each, str) else _number(each) for each in values)}]"
+def flow(values: Sequence[float | str]) -> str:
+    """Numbers or texts as a list in YAML."""
+    return f"[{', '.join(word(each) if isinstance(each, str) else _number(each) for each in values)}]"
 
 
 def _number(value: float) -> str:
     return f"{value:.7g}" if math.isfinite(value) else json.dumps(value)
 
 
-def _word(text: str) -> str:
+def word(text: str) -> str:
     """A text as YAML takes it."""
     return text if _PLAIN.fullmatch(text) and text.lower() not in _WORDS else json.dumps(text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings
@@ -13,14 +13,14 @@ import mujoco
 
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.model.compilation import compile_spec
+from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
-from ffsm_mj.model.joint_limits import is_limited
 from ffsm_mj.model.mujoco_warnings import collected_warnings
 from ffsm_mj.model.source import load_spec, parse_spec
-from ffsm_mj.model.strip import strip
 
-_NEEDED = ("frictionloss", "equalities", "servos")
-"""What ``strip`` takes out because a conservative scenario refuses it; springs and dampers of joints act."""
+_STRIPS = ("damping", "stiffness", "frictionloss", "limits", "equalities", "tendons", "servos", "sensors")
+"""What may have to be taken out of a model, for a kind that is not modelled."""
+_TIME_STEP_S = 0.001
 
 
 @dataclass(frozen=True)
@@ -77,14 +77,22 @@ def read_vendor(path: Path, packages: Sequence[Path], wanted: str = "") -> Vendo
 
 
 def needed_strips(files: ModelFiles) -> list[str]:
-    """What must be taken out of a model for a conservative scenario, as the scenario's ``strip`` has it."""
-    with mujoco.MjVfs() as vfs, collected_warnings([]), catch_warnings(action="ignore"):
-        spec = load_spec(files, vfs)
-        limited_tendons = any(map(is_limited, spec.tendons))
-        elastic_tendons = any(each.stiffness.any() or each.damping.any() for each in spec.tendons)
-        needed = ["damping"] if any(each.damping.any() for each in spec.actuators) else []
-        needed += [word for word in _NEEDED if strip(spec, [word])]
-        return [*needed, "tendons"] if limited_tendons or elastic_tendons else needed
+    """What must be taken out of a model so that a conservative scenario takes it; nothing where that would not help."""
+    needed = list(_STRIPS)
+    if _is_taken(files, ()) or not _is_taken(files, needed):
+        return []
+    for word in _STRIPS:
+        less = [each for each in needed if each != word]
+        needed = less if _is_taken(files, less) else needed
+    return needed
+
+
+def _is_taken(files: ModelFiles, strip_words: Sequence[str]) -> bool:
+    try:
+        compile_system(replace(files, strip=tuple(strip_words)), {}, time_step_s=_TIME_STEP_S)
+    except InputError:
+        return False
+    return True
 
 
 def _root(spec: Any, place: str, wanted: str) -> Any:
@@ -112,22 +120,20 @@ def _below(body: Any, *, own: bool = True) -> Iterator[Any]:
 
 
 def _motors(spec: Any, joints: Iterator[Any]) -> dict[str, float | None]:
-    """Joints that no plain motor drives, with the greatest effort that the file states; those without a name cannot."""
-    limits: dict[str, float] = {}
-    for actuator in spec.actuators:
-        if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.forcerange.any():
-            limits[actuator.target] = float(abs(actuator.forcerange * actuator.gear[0]).max())
-    strip(spec, ["servos"])
-    driven = {each.target for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_JOINT}
-    wanted = [
-        joint
+    """Joints that are to get a motor, of a file without actuators, with the greatest effort that it states, if any.
+
+    Joints without a name cannot have one, and the followers of couplings need none.
+    """
+    if spec.actuators:
+        return {}  # what it leaves without a drive is passive
+    followers = {each.name1 for each in spec.equalities if each.type == mujoco.mjtEq.mjEQ_JOINT}
+    return {
+        joint.name: float(abs(joint.actfrcrange).max()) if joint.actfrcrange.any() else None
         for joint in joints
         if joint.type in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
         and joint.name
-        and joint.name not in driven
-    ]
-    stated = {joint.name: float(abs(joint.actfrcrange).max()) for joint in wanted if joint.actfrcrange.any()}
-    return {joint.name: limits.get(joint.name, stated.get(joint.name)) for joint in wanted}
+        and joint.name not in followers
+    }
 
 
 def _mass(files: ModelFiles, vfs: Any, root: str) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
+from tests.model.fake_menagerie import Menagerie
 from tests.model.test_model_files import TETRA
 from tests.scenes import ARM
 
@@ -72,7 +74,7 @@ def refused(capfd, *arguments):
 @pytest.mark.parametrize(
     ("name", "text", "stripped"),
     [
-        ("servos.xml", SERVO_ARM, ["frictionloss", "equalities", "servos"]),
+        ("servos.xml", SERVO_ARM, []),
         ("rod.urdf", URDF.format(shape=ROD), []),
         ("floating.xml", ARM, []),
     ],
@@ -103,8 +105,8 @@ def test_what_is_written_runs_as_it_stands(vendor, name, text, stripped, capfd):
     np.testing.assert_array_equal(ffsm_mj.run("out").log.rows, run.log.rows)  # it needs the vendor's file no more
 
 
-def test_an_arm_gets_a_base_motors_and_a_tip(vendor):
-    """A cube of the mass that is asked for, with the inertia of a cube; motors with the limits that the file states."""
+def test_an_arm_gets_a_base_and_a_tip_and_keeps_its_drives(vendor):
+    """A cube of the mass that is asked for, with the inertia of a cube; servos and what they leave free are the file's."""
     vendor("servos.xml", SERVO_ARM)
     assert main(["new", "my", "--robot", "../vendor/servos.xml", "--base-mass", "120"]) == 0
     system = prepare("my.yaml").system
@@ -115,14 +117,25 @@ def test_an_arm_gets_a_base_motors_and_a_tip(vendor):
     assert system.robot.root == bus.id
     assert model.body("robot/pedestal").parentid[0] == bus.id
     assert not [name for name in system.names("geom") if "floor" in name]
-    assert set(system.names("actuator")) == {f"robot/{name}" for name in ("lift_motor", "bend_motor", "left", "right_motor")}
-    np.testing.assert_array_equal(model.actuator("robot/lift_motor").ctrlrange, [-50.0, 50.0])
-    assert not model.actuator("robot/bend_motor").ctrllimited[0]
+    assert set(system.names("actuator")) == {f"robot/{name}" for name in ("lift", "bend", "left")}
+    assert model.actuator("robot/lift").biasprm.tolist()[:3] == [0.0, -90.0, -9.0]
+    assert model.dof_frictionloss[6:10].tolist() == [0.1] * 4
     scenario = prepare("my.yaml").scenario
     assert scenario.initial.joints["lift"] == 0.4  # of the keyframe
     site = model.site("robot/tip")
     assert model.body(site.bodyid[0]).name == "robot/fore"  # the hand, not one of its two fingers
     np.testing.assert_allclose(site.pos, [0.0, 0.0, 0.33], atol=1e-4)  # where the capsule ends: 0.3 and its radius
+
+
+def test_joints_of_a_file_without_actuators_get_motors(vendor):
+    """With the limits that the file states, and without followers of couplings."""
+    text = re.sub("<actuator>.*</actuator>", "", SERVO_ARM, flags=re.DOTALL).replace(' ctrl="0.4 1.2 0"', "")
+    vendor("bare.xml", text.replace('name="lift" axis', 'name="lift" actuatorfrcrange="-50 50" axis'))
+    assert main(["new", "my", "--robot", "../vendor/bare.xml"]) == 0
+    system = prepare("my.yaml").system
+    assert set(system.names("actuator")) == {f"robot/{name}_motor" for name in ("lift", "bend", "right")}
+    np.testing.assert_array_equal(system.mj.actuator("robot/lift_motor").ctrlrange, [-50.0, 50.0])
+    assert not system.mj.actuator("robot/bend_motor").ctrllimited[0]
 
 
 def test_the_effort_that_a_urdf_states_limits_its_motor(vendor):
@@ -221,13 +234,12 @@ def test_a_tree_of_several_may_be_chosen(vendor):
 
 
 def test_names_that_the_file_has_are_left_to_it(vendor):
-    """A base, a tip and motors beside a body "bus", a site "tip" and an actuator "lift_motor" of the vendor's."""
-    text = SERVO_ARM.replace('name="pedestal"', 'name="bus"').replace('<motor name="left"', '<motor name="lift_motor"')
+    """A base and a tip beside a body "bus" and a site "tip" of the vendor's."""
+    text = SERVO_ARM.replace('name="pedestal"', 'name="bus"')
     vendor("arm.xml", text.replace('<body name="upper"', '<site name="tip"/><body name="upper"'))
     assert main(["new", "my", "--robot", "../vendor/arm.xml"]) == 0
     prepared = prepare("my.yaml")
     assert {"robot/bus", "robot/bus_2"} <= set(prepared.system.names("body"))
-    assert {"robot/lift_motor", "robot/lift_motor_2"} <= set(prepared.system.names("actuator"))
     assert prepared.scenario.task.tip == "new_tip"
 
 
@@ -366,12 +378,41 @@ def test_the_pose_that_is_written_is_within_the_limits(vendor):
     assert (joints["lift"], joints["bend"]) == (0.3, 1.5)
 
 
-def test_a_tendon_with_limits_is_removed(vendor, capfd):
-    """Its limits would be refused; a tendon without any stays."""
-    joints = '<joint joint="lift" coef="1"/><joint joint="bend" coef="1"/>'
-    fixed = f'<tendon><fixed name="strap"{{}}>{joints}</fixed></tendon><actuator>'
-    for name, limits, removed in (("plain", "", ""), ("limited", ' range="-9 9" limited="true"', ", tendons")):
-        vendor(f"{name}.xml", SERVO_ARM.replace("<actuator>", fixed.format(limits)))
-        assert main(["new", name, "--robot", f"../vendor/{name}.xml"]) == 0
-        said = capfd.readouterr().out
-        assert f"removed from the robot: frictionloss, equalities, servos{removed}\n" in said
+def test_only_what_is_not_modelled_is_removed(vendor, capfd):
+    """Sensors of a kind that is not measured, and nothing else."""
+    sensor = '<sensor><camprojection site="eye" camera="view"/></sensor><actuator>'
+    frames = '<camera name="view" resolution="9 9"/><site name="eye"/><body name="upper"'
+    vendor("robot.xml", SERVO_ARM.replace("<actuator>", sensor).replace('<body name="upper"', frames))
+    assert main(["new", "my", "--robot", "../vendor/robot.xml"]) == 0
+    assert "removed from the robot: sensors\n" in capfd.readouterr().out
+
+
+def test_a_scene_in_one_file(vendor, capfd):
+    """The file stays as it is, and the scenario runs; what is not modelled is removed from the model that has it."""
+    floor = '<geom name="floor" type="plane" size="1 1 1" pos="0 0 -2"/>'
+    rock = '<body name="rock" pos="3 0 0"><freejoint/><geom name="rock" size="0.1"/><site name="eye"/></body></worldbody>'
+    sensor = '<sensor><touch site="eye"/><user dim="1" objtype="body" objname="rock"/></sensor></mujoco>'
+    text = ARM.replace("<worldbody>", f"<worldbody>{floor}").replace("</worldbody>", rock).replace("</mujoco>", sensor)
+    path = vendor("room.xml", text)
+    assert main(["new", "my", "--scene", path, "--robot", "base"]) == 0
+    said = capfd.readouterr().out
+    assert "robot: base; objects: rock, surroundings\n" in said
+    assert "removed: rock: [sensors]\n" in said
+    assert ffsm_mj.run("my.yaml").outcome == "completed"
+    assert "allowed: base, rock" in refused(capfd, "it", "--scene", path, "--robot", "floor")
+    assert "needs --robot BODY" in refused(capfd, "it", "--scene", path)
+    assert "exists; nothing is written over it" in refused(capfd, "my", "--scene", path, "--robot", "base")
+    assert [each.name for each in Path().iterdir()] == ["my.yaml"]
+
+
+def test_a_robot_of_menagerie_is_copied(vendor, tmp_path, monkeypatch, capfd):
+    """With its licence, into a folder of its name."""
+    shelf = Menagerie(tmp_path / "vendor")
+    vendor("arm.xml", SERVO_ARM)
+    vendor("LICENSE", "all yours")
+    monkeypatch.setitem(sys.modules, "mujoco_menagerie", shelf)
+    assert main(["new", "my", "--menagerie", "vendor"]) == 0
+    assert sorted(each.name for each in Path("vendor").iterdir()) == ["LICENSE", "arm.xml"]
+    assert prepare("my.yaml").scenario.robot.asset_folders == ()
+    assert "exists; nothing is written over it; --robot vendor/arm.xml uses" in refused(capfd, "it", "--menagerie", "vendor")
+    assert "give the robot by --robot FILE or by --menagerie NAME" in refused(capfd, "it")

@@ -131,6 +131,7 @@ class Result:
         hits: Impacts of the ball with the robot.
         failing: Checks that fail, with values.
         replayed: Whether log and replay agree.
+        replay: Why they do not.
         seconds: Wall time of the run.
     """
 
@@ -141,6 +142,7 @@ class Result:
     hits: int = 0
     failing: list[str] = field(default_factory=list)
     replayed: bool = False
+    replay: str = ""
     seconds: float = 0.0
 
     @property
@@ -232,7 +234,11 @@ def _try(robot: str, folder: Path, result: Result) -> None:
     result.hits = sum("ball/ball" in impact.geoms for impact in run.impacts)
     result.failing = [f"{check.name} {check.residual:.1e}" for check in all_checks(run) if not check.passes]
     result.failing += [f"unhandled contact {' and '.join(each.geoms)}" for each in run.unhandled_contacts[:1]]
-    result.replayed = replay_log(run.log).agrees
+    again = replay_log(run.log)
+    result.replayed = again.agrees
+    if not again.agrees:
+        differing = [f"{name} by {worst}" for name, worst in again.worst.items() if not worst.passes]
+        result.replay = again.obstacle or "; ".join(differing)
 
 
 def _refusal(main: Path, strip: Iterable[str]) -> tuple[str, ...]:
@@ -398,7 +404,7 @@ def _row(result: Result) -> str:
     parts = [
         f"{result.robot:24} {verdict:8} {result.seconds:5.1f} s, {result.hits} hits, {result.outcome[:160]}",
         *([f"    failing: {', '.join(result.failing)}"] if result.failing else []),
-        *(["    replay and log differ"] if result.outcome == "completed" and not result.replayed else []),
+        *([f"    replay and log differ: {result.replay[:160]}"] if result.replay else []),
         *([f"    strip: {', '.join(result.stripped)}"] if result.stripped else []),
         *([f"    refused, {len(result.refused)} times: {result.refused[0][:160]}"] if result.refused else []),
     ]

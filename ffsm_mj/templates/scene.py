@@ -1,0 +1,99 @@
+"""A scenario to start from for an MJCF file that holds robot, objects and surroundings."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ffsm_mj.assembly.models import model_files
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.errors import InputError
+from ffsm_mj.invocation import command
+from ffsm_mj.scenario.loading import load_scenario
+from ffsm_mj.templates.robot_text import flow, word
+from ffsm_mj.templates.vendor import needed_strips
+
+
+@dataclass(frozen=True)
+class SceneRequest:
+    """What a scenario is asked for.
+
+    Attributes:
+        name: Of the scenario.
+        scene: The file.
+        robot: Root body of the robot.
+        out: Folder to write to.
+    """
+
+    name: str
+    scene: Path
+    robot: str
+    out: Path
+
+
+def write_scene(asked: SceneRequest) -> list[str]:
+    """Write a scenario for a scene in one file, which stays as it is; nothing is left of it where it would not do.
+
+    Returns:
+        Lines that tell what was written.
+
+    Raises:
+        InputError: The scenario exists, or the file cannot be taken.
+    """
+    path = asked.out / f"{asked.name}.yaml"
+    if os.path.lexists(path):
+        raise InputError(f"new: {path} exists; nothing is written over it")
+    asked.out.mkdir(parents=True, exist_ok=True)
+    try:
+        path.write_text(_text(asked, {}), encoding="utf-8")
+        files = model_files(*load_scenario(path))
+        moving = {name: each for name, each in files.items() if each.pose is None}
+        strips = {name: found for name, each in moving.items() if (found := needed_strips(each))}
+        path.write_text(_text(asked, strips), encoding="utf-8")
+        prepared = prepare(path)
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    objects = ", ".join(each.name for each in prepared.system.models if each.name != "robot") or "none"
+    return [
+        f"files in {asked.out}: {path.name}",
+        f"robot: {asked.robot}; objects: {objects}",
+        f"removed: {'; '.join(f'{name}: {flow(words)}' for name, words in strips.items()) or 'nothing'}",
+        f"next: {command('check', path)} && {command('run', path)}",
+    ]
+
+
+def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]]) -> str:
+    """The scenario, commented; with elements removed from models by name."""
+    file = Path(os.path.relpath(asked.scene, asked.out)).as_posix()
+    robot = [f"robot: {{strip: {flow(strips['robot'])}}}"] if "robot" in strips else []
+    others = [f"  {name}: {{strip: {flow(words)}}}" for name, words in strips.items() if name != "robot"]
+    lines = [
+        f"# The scene of {asked.scene.name}. Edit this file freely:",
+        f"# 'ffsm check {asked.name}.yaml' validates it; the user guide describes every key.",
+        f"name: {word(asked.name)}",
+        "duration_s: 4.0",
+        "time_step_s: 0.001",
+        "accuracy: 1e-9 # steps that are too long for this accuracy are divided",
+        "control_period_s: 0.005",
+        "",
+        "# The robot is one tree of the file. The others are objects with the names of their root bodies, and what the file",
+        "# fixes to the world is the object 'surroundings'. Its first keyframe is the initial state.",
+        f"scene: {{mjcf: {word(file)}, robot: {word(asked.robot)}}}",
+        *(["# Removed before compilation: these elements are not modelled."] if strips else []),
+        *robot,
+        *(["objects:", *others] if others else []),
+        "",
+        "# restitution: 1 conserves the energy, 0 gives the largest loss.",
+        "contacts:",
+        "  default: {restitution: 0.5}",
+        "  ignored:",
+        "    - {between: [robot, self], reason: links overlap at their joints}",
+        "",
+        "phases:",
+        "  # Motors are off, and servos keep the pose of the start.",
+        '  - {name: coast, until: end, controller: {kind: "off"}}',
+    ]
+    return "\n".join(lines) + "\n"
