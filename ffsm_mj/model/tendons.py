@@ -19,7 +19,6 @@ from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors, tendon_bodies
 
 _JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
-_GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 _ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 
 
@@ -54,12 +53,9 @@ def limit_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> Ite
     """
     places = Places(scene, files)
     for t in np.flatnonzero(model.tendon_limited).tolist():
-        path = slice(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t]))
         what, (low, high) = "", model.tendon_range[t].tolist()
         if acts_on_world(model, t):
             what = "limits of a tendon that acts on the world are not supported, as they would be external forces"
-        elif np.isin(model.wrap_type[path], _GEOMS).any():
-            what = "limits of a tendon with wrapping geoms are not supported"
         elif not high - low > LEAST_RANGE:
             what = f"the range {low:g} {high:g} allows a single length"
         if what:

@@ -38,14 +38,14 @@ def masses(tendon, actuator=""):
 
 REACH = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
   <inertial pos="0.02 -0.03 0.01" mass="6" diaginertia="0.5 0.6 0.7"/><geom name="base" size="0.1" mass="0"/>
-  <site name="anchor" pos="0.1 0.3 0.2"/>
+  <site name="anchor" pos="0.1 0.3 0.2"/><geom name="drum" pos="0.35 0.2 0.12" size="0.15" mass="0"/>
   <body name="upper" pos="0.3 0.05 0"><inertial pos="0.25 0 0" mass="1" diaginertia="0.01 0.05 0.05"/>
     <joint name="a" axis="0 0.8 0.6"/>
     <body name="lower" pos="0.5 0 0"><inertial pos="0.2 0 0" mass="0.7" diaginertia="0.01 0.03 0.03"/>
       <joint name="b" axis="0 1 0"/><site name="tip" pos="0.3 0.1 0"/>
     </body></body></body></worldbody>
   <tendon>{{}}</tendon><actuator>{{}}</actuator></mujoco>"""
-"""A base with an arm of two links; a cord may run from its tip to the base."""
+"""A base with an arm of two links; a cord may run from its tip to the base, around a drum or not."""
 
 
 def cord(attributes):
@@ -111,9 +111,11 @@ def test_a_damper_turns_all_into_heat(tmp_path):
 
 
 @pytest.mark.parametrize("law", ['stiffness="40 15 200"', 'stiffness="40" damping="0.5 0.2 0.3"'])
-def test_a_cord_of_an_arm_is_entered_to_fourth_order(tmp_path, law):
+@pytest.mark.parametrize("drum", ["", '<geom geom="drum"/>'])
+def test_a_cord_of_an_arm_is_entered_to_fourth_order(tmp_path, law, drum):
     """Polynomials along a spatial tendon of a floating arm: all balances hold, the end converges with order 4."""
-    runs = [reaching(tmp_path / str(k), cord(law), step=4e-3 / 2**k) for k in range(3)]
+    tendon = cord(law).replace('<site site="tip"/>', f'{drum}<site site="tip"/>')
+    runs = [reaching(tmp_path / str(k), tendon, step=4e-3 / 2**k) for k in range(3)]
     good(runs[-1])
     coarse, fine = (np.abs(last(run) - last(runs[-1])).max() for run in runs[:2])
     assert coarse / fine > 2**3.5  # (1 - 1/256) / (1/16 - 1/256) = 17
@@ -161,8 +163,8 @@ def test_what_is_entered_wrong_fails(tmp_path, monkeypatch, name):
 
 
 MOTOR = '<motor name="pull" tendon="cord" ctrlrange="-5 5"/>'
-WRAP = '<spatial name="cord"><site site="anchor"/><geom geom="base"/><site site="tip"/></spatial>'
-"""A cord that lies on the base for a part of the swing."""
+WRAP = '<spatial name="cord"><site site="anchor"/><geom geom="drum"/><site site="tip"/></spatial>'
+"""A cord around a drum on the base."""
 
 
 @pytest.mark.parametrize("tendon", [cord(""), WRAP])
