@@ -68,7 +68,7 @@ class TendonLimit(JointLimit):
         self.feature = LimitFeature(self)
         self._model, self.tendon = model, tendon
         wraps = any(model.wrap_type[i] in _GEOMS for i in path)
-        self._scratch = mujoco.MjData(model) if wraps else None
+        self._scratch: Any = mujoco.MjData(model) if wraps else None
 
     def value(self, data: Any) -> float:
         """Length of the tendon, rad or m."""
