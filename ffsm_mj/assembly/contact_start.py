@@ -25,7 +25,7 @@ def refuse_undetectable(system: System, data: Any, contacts: Contacts) -> None:
         ScenarioFaults: There is such a pair.
     """
     faults = []
-    for found in (_unbounded(system, data, contacts), _overlapping(system, data, contacts)):
+    for found in (_unbounded(system, data, contacts), overlapping(system, data, contacts)):
         by_rule: dict[str, list[str]] = {}
         for pair, message in found:
             by_rule.setdefault(pair.rule, []).append(message)
@@ -51,7 +51,8 @@ def _unbounded(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[
             yield pair, f"{message}: no energy bounds how fast it spins"
 
 
-def _overlapping(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:
+def overlapping(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:
+    """Pairs that overlap at a state, kinematics current, each with a message."""
     for i in BroadPhase(system.mj, contacts.pairs).within(data, 0.0):
         pair = contacts.pairs[i]
         gap = pair.gap(system.mj, data, 1.0)

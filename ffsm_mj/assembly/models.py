@@ -106,7 +106,8 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
     for keys, part in models.items():
         inline = part.model if isinstance(part.model, InlineModel) else None
-        path = _beside(source, (*keys, "mjcf"), f"{keys[-1]}.xml" if inline is not None else str(part.model))
+        name = "scene" if part.body else keys[-1]  # models of one file are stored once
+        path = _beside(source, (*keys, "mjcf"), f"{name}.xml" if inline is not None else str(part.model))
         if inline is None and not os.path.isfile(path):  # without an exception for a name that is too long
             what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
             faults.append(Fault(f"{what} {path}{similar_file(path)}", (*keys, "mjcf")))

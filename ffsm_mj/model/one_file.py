@@ -62,7 +62,36 @@ def keep_body(spec: Any, body: str, place: str) -> None:
     if body != next(iter(roots), REST):  # sensors of the whole scene, such as a clock, are those of the first model
         for sensor in [each for each in spec.sensors if not each.objname]:
             spec.delete(sensor)
+    _delete_what_misses_a_part(spec)
     _delete_unused_assets(spec)
+
+
+def _delete_what_misses_a_part(spec: Any) -> None:
+    """Delete elements that name geoms, sites and bodies that are gone; with a body MuJoCo deletes only what names it."""
+    has = {
+        int(kind): {each.name for each in elements}
+        for kind, elements in ((_GEOM, spec.geoms), (_SITE, spec.sites), (_BODY, spec.bodies))
+    }
+
+    def misses(*ends: tuple[Any, str]) -> bool:
+        return any(name and name not in has.get(int(kind), {name}) for kind, name in ends)
+
+    gone = [each for each in spec.pairs if misses((_GEOM, each.geomname1), (_GEOM, each.geomname2))]
+    gone += [each for each in spec.sensors if misses((each.objtype, each.objname), (each.reftype, each.refname))]
+    gone += [each for each in spec.equalities if misses((each.objtype, each.name1), (each.objtype, each.name2))]
+    gone += [each for each in spec.lights if misses((_BODY, each.targetbody))]
+    gone += [each for each in spec.tendons if any(_misses_target(wrap) for wrap in each.path)]
+    on_sites = [each for each in spec.actuators if each.trntype == mujoco.mjtTrn.mjTRN_SITE]
+    gone += [each for each in on_sites if misses((_SITE, each.target), (_SITE, each.refsite))]
+    for each in gone:
+        spec.delete(each)
+    for camera in spec.cameras:
+        if misses((_BODY, camera.targetbody)):  # it stays as a frame
+            camera.mode, camera.targetbody = mujoco.mjtCamLight.mjCAMLIGHT_FIXED, ""
+
+
+def _misses_target(wrap: Any) -> bool:
+    return wrap.type != mujoco.mjtWrap.mjWRAP_PULLEY and wrap.target is None
 
 
 def _delete_unused_assets(spec: Any) -> None:

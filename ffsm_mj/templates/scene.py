@@ -7,11 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ffsm_mj.assembly.models import model_files
+from ffsm_mj.assembly.contact_rules import resolve_contacts
+from ffsm_mj.assembly.contact_start import overlapping
+from ffsm_mj.assembly.initial_state import initial_state
+from ffsm_mj.assembly.models import compile_scenario, model_files
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.invocation import command
 from ffsm_mj.scenario.loading import load_scenario
+from ffsm_mj.scenario.scenario import located
 from ffsm_mj.templates.robot_text import flow, word
 from ffsm_mj.templates.vendor import needed_strips
 
@@ -52,6 +56,8 @@ def write_scene(asked: SceneRequest) -> list[str]:
         moving = {name: each for name, each in files.items() if each.pose is None}
         strips = {name: found for name, each in moving.items() if (found := needed_strips(each))}
         path.write_text(_text(asked, strips), encoding="utf-8")
+        overlaps = _overlaps(path)
+        path.write_text(_text(asked, strips, overlaps), encoding="utf-8")
         prepared = prepare(path)
     except BaseException:
         path.unlink(missing_ok=True)
@@ -61,12 +67,25 @@ def write_scene(asked: SceneRequest) -> list[str]:
         f"files in {asked.out}: {path.name}",
         f"robot: {asked.robot}; objects: {objects}",
         f"removed: {'; '.join(f'{name}: {flow(words)}' for name, words in strips.items()) or 'nothing'}",
+        *([f"contacts ignored, as they overlap at the start: {len(overlaps)}"] if overlaps else []),
         f"next: {command('check', path)} && {command('run', path)}",
     ]
 
 
-def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]]) -> str:
-    """The scenario, commented; with elements removed from models by name."""
+def _overlaps(path: Path) -> list[tuple[str, str]]:
+    """Geoms that overlap at the start, as those of a file whose robot stands on its floor by its weight."""
+    scenario, source = load_scenario(path)
+    system = compile_scenario(scenario, source)[0]
+    try:
+        data = initial_state(scenario, system).data
+        contacts = resolve_contacts(scenario.contacts, system)
+    except ScenarioFaults as faulty:
+        raise located(faulty, source) from faulty
+    return [pair.geoms for pair, _ in overlapping(system, data, contacts)]
+
+
+def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]], overlaps: Sequence[tuple[str, str]] = ()) -> str:
+    """The scenario, commented; with elements removed from models by name, and contacts ignored that overlap."""
     file = Path(os.path.relpath(asked.scene, asked.out)).as_posix()
     robot = [f"robot: {{strip: {flow(strips['robot'])}}}"] if "robot" in strips else []
     others = [f"  {name}: {{strip: {flow(words)}}}" for name, words in strips.items() if name != "robot"]
@@ -91,6 +110,7 @@ def _text(asked: SceneRequest, strips: Mapping[str, Sequence[str]]) -> str:
         "  default: {restitution: 0.5}",
         "  ignored:",
         "    - {between: [robot, self], reason: links overlap at their joints}",
+        *(f"    - {{between: {flow(pair)}, reason: they overlap at the start}}" for pair in overlaps),
         "",
         "phases:",
         "  # Motors are off, and servos keep the pose of the start.",

@@ -389,7 +389,7 @@ def test_only_what_is_not_modelled_is_removed(vendor, capfd):
 
 def test_a_scene_in_one_file(vendor, capfd):
     """The file stays as it is, and the scenario runs; what is not modelled is removed from the model that has it."""
-    floor = '<geom name="floor" type="plane" size="1 1 1" pos="0 0 -2"/>'
+    floor = '<geom name="floor" type="plane" size="1 1 1" pos="0 0 -2"/><geom name="step" size="0.1" pos="3.1 0 0"/>'
     rock = '<body name="rock" pos="3 0 0"><freejoint/><geom name="rock" size="0.1"/><site name="eye"/></body></worldbody>'
     sensor = '<sensor><touch site="eye"/><user dim="1" objtype="body" objname="rock"/></sensor></mujoco>'
     text = ARM.replace("<worldbody>", f"<worldbody>{floor}").replace("</worldbody>", rock).replace("</mujoco>", sensor)
@@ -398,6 +398,8 @@ def test_a_scene_in_one_file(vendor, capfd):
     said = capfd.readouterr().out
     assert "robot: base; objects: rock, surroundings\n" in said
     assert "removed: rock: [sensors]\n" in said
+    assert "contacts ignored, as they overlap at the start: 1\n" in said
+    assert "[rock/rock, surroundings/step]" in Path("my.yaml").read_text()
     assert ffsm_mj.run("my.yaml").outcome == "completed"
     assert "allowed: base, rock" in refused(capfd, "it", "--scene", path, "--robot", "floor")
     assert "needs --robot BODY" in refused(capfd, "it", "--scene", path)

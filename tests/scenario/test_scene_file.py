@@ -129,6 +129,25 @@ def test_constraints_between_trees_hold(tmp_path):
     assert run.qpos[-1, 8:11] - run.qpos[-1, :3] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
 
 
+def test_what_names_a_part_of_another_tree_goes_with_it(tmp_path):
+    """Lights, cameras, pairs, sensors, and drives of the world: in one model they would name what it has not."""
+    more = {
+        '<light pos="0 0 3"/>': '<light pos="0 0 3" mode="targetbody" target="arm"/>',
+        '<site name="tip"': '<camera name="watch" mode="targetbody" target="stone"/><site name="tip"',
+        "<contact>": '<contact><pair geom1="floor" geom2="link"/><pair geom1="link" geom2="stone"/>',
+        "<sensor>": '<sensor><framepos objtype="site" objname="door" reftype="body" refname="link"/><clock name="time"/>',
+    }
+    text = FILE
+    for old, new in more.items():
+        text = text.replace(old, new)
+    system = prepare(room(tmp_path, text)).system
+    assert system.names("sensor") == ("robot/time", "robot/angle")
+    ends = zip(system.mj.pair_geom1.tolist(), system.mj.pair_geom2.tolist(), strict=True)
+    pairs = {frozenset(system.mj.geom(geom).name for geom in pair) for pair in ends}
+    assert pairs == {frozenset(("surroundings/floor", "robot/link")), frozenset(("robot/link", "stone/stone"))}
+    assert sum("left out: sensor" in note for note in system.notes) == 2
+
+
 def test_what_the_scenario_says_of_an_object_is_added(tmp_path):
     prepared = prepare(room(tmp_path, objects={"stone": None, "box_1": {"limits": "ignore"}}, robot={"strip": ["damping"]}))
     assert [each.name for each in prepared.system.models] == ["robot", "box_1", "surroundings"]
