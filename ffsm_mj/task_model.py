@@ -73,10 +73,10 @@ class JointModel:
         np.subtract(data.qfrc_passive, data.qfrc_bias, out=self._forces[-1])
         if pushed is not None:
             self._forces[-1] += pushed
-        held = self._constrained.respond(data, self._forces, self._answers)
+        self._constrained.respond(data, self._forces, self._answers)
         self.mobility, self.coasting = self._answers[:-1], self._answers[-1]
         if self._closed:
-            self.coasting = self.coasting + held
+            self.coasting = self.coasting + self._constrained.acceleration()
         self.qd = data.qvel[dofs]
         own = self.mobility[:, dofs]
         if self._closed and np.linalg.cond(own) > _SINGULAR:

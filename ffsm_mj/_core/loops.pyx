@@ -155,6 +155,11 @@ cdef class LoopStage:
         self.rows = self.J
         self.combine(np.empty((0, self.n)), np.empty((0, self.n)))
 
+    @property
+    def rates(self):
+        """Rates of the rows J at zero acceleration, (n,), at the state last evaluated."""
+        return np.asarray(self.all_gamma)
+
     def combine(self, T, others):
         """Use some combinations of the rows, (r, n), and others that vanish, (n - r, n)."""
         self.T, self.others, self.r, self.current, self.begun = T, others, len(T), False, False

@@ -21,6 +21,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.quadrature import hermite_midpoint
 from ffsm_mj.dynamics.joint_springs import JointSprings
+from ffsm_mj.dynamics.loops.equalities import ConstrainedModel
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import MODE_STEP
 
@@ -52,6 +53,7 @@ class SpringBalance:
         for row, tree in zip(self._trees, system.trees, strict=True):
             row[tree.dofs] = 1.0
         self._forces, self._answers = np.zeros((3, system.mj.nv)), np.zeros((3, system.mj.nv))
+        self._constrained = ConstrainedModel(system.mj)
         # Coordinates of hinges and slides; rates of other joints are no differences of coordinates.
         scalar = np.isin(system.mj.jnt_type, (_HINGE, _SLIDE))
         self._places, self._dofs = system.mj.jnt_qposadr[scalar], system.mj.jnt_dofadr[scalar]
@@ -122,7 +124,7 @@ class SpringBalance:
             forces[1] += (along * (rows @ v)) @ rows
         np.subtract(forces[1], forces[0], forces[2])
         forces[2] /= h
-        mujoco.mj_solveM(self._model, self._data, answers, forces)
+        self._constrained.respond(self._data, forces, answers)
         first, second, third = forces * answers
         moving = 0.5 * K * (answers[0] * answers[0] + answers[1] * answers[1])
         stretched = np.zeros(len(self._tendons.ids))

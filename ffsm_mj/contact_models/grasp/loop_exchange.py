@@ -15,6 +15,7 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.event import Scene
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs
 from ffsm_mj.contact_models.state_projection import sum_exchanges
+from ffsm_mj.dynamics.loops.couplings import JointCoupling
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.dynamics.motion import Motion
@@ -25,7 +26,7 @@ class LoopExchange:
 
     Attributes:
         outside: Whether latches join fixed bodies with the robot, and with objects, (2,).
-        crosses: Whether a latch joins bodies of different subsystems.
+        crosses: Whether rows join different subsystems.
         taken: Unit wrenches that fixed bodies take through latches, (k, 6): all six or none.
     """
 
@@ -45,8 +46,16 @@ class LoopExchange:
         self._places = [*latches]
         self.outside = np.any(self._signs[:, 1:] != 0.0, axis=0)
         self.taken = np.eye(6) if self.outside.any() else np.empty((0, 6))
-        self.crosses = bool(self._signs.any())
+        self._passes_power = bool(self._signs[:, 0].any()) or any(self._couples(each) for each in sources)
+        self.crosses = bool(self._signs.any()) or self._passes_power
         self.clear()
+
+    def _couples(self, source: RowSource) -> bool:
+        """Whether a coupling of joints passes power between the robot and objects: efforts at joints pass no momentum."""
+        if not isinstance(source, JointCoupling) or source.leader is None:
+            return False
+        robot = range(self._robot.start, self._robot.stop)
+        return len({self._motion.dofs[dof] in robot for dof in (source.follower, source.leader)}) > 1
 
     def _sign(self, latch: LatchedBodies, grasped: frozenset[int]) -> tuple[float, float, float]:
         """Signs with which a wrench on body b is one of the robot on objects, and of fixed bodies on robot and objects."""
@@ -96,5 +105,5 @@ class LoopExchange:
         on_objects, *outside = self._signs.T @ impulses
         own = float(weights @ [power for _, power in stages])
         # Fixed bodies take no power: what the robot gains, objects that move lose.
-        of_objects = 0.0 if self.outside.any() and not self._signs[:, 0].any() else -own
+        of_objects = 0.0 if self.outside.any() and not self._passes_power else -own
         return sum_exchanges(projected, Exchange(np.array((0.0, own, of_objects)), on_objects, np.array(outside)))

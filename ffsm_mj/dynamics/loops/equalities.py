@@ -10,13 +10,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.loops import LoopStage
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial, TendonCoupling
 from ffsm_mj.dynamics.loops.latch import LatchedBodies, stopped_along_axes
-from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
 from ffsm_mj.dynamics.loops.rows import RowSource
-from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.tolerances import MECHANISM_RANK
 
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -50,26 +48,39 @@ class ConstrainedModel:
     def __init__(self, model: Any) -> None:
         """Take the constraints of a model, which may have none."""
         self._model, self._sources = model, [each.source for each in equalities_of(model)]
-        self._loops: ClosedLoops | None = None
+        self._rows: LoopStage | None = None
         self._data: Any = None
 
-    def respond(self, data: Any, forces: FloatArray, answers: FloatArray) -> FloatArray | float:
-        """Write the accelerations by some generalised forces, and return the one that the rows ask for without any, (nv,).
+    def respond(self, data: Any, forces: FloatArray, answers: FloatArray) -> None:
+        """Write the accelerations by some generalised forces with the constraints, M^-1 f less what the rows hold.
 
         Args:
             data: State of the model, derived quantities current.
             forces: Generalised forces, (m, nv).
-            answers: Accelerations by each of them, M^-1 f less what the rows hold, (m, nv).
+            answers: Accelerations by each of them, (m, nv).
         """
+        mujoco.mj_solveM(self._model, data, answers, forces)
         if not self._sources:
-            mujoco.mj_solveM(self._model, data, answers, forces)
-            return 0.0
-        if self._loops is None or data is not self._data:
-            self._loops, self._data = ClosedLoops(self._model, data, self._sources, rank=MECHANISM_RANK), data
-        rows = self._loops.rows()
-        weighted = MassWeightedRows(mass_matrix(self._model, data), rows.J, MECHANISM_RANK)
-        mujoco.mj_solveM(self._model, data, answers, np.ascontiguousarray(weighted.projected(forces)))
-        return weighted.change(rows.gamma)
+            return
+        if self._rows is None or data is not self._data:
+            ids = range(self._model.nbody), range(self._model.nv)
+            bound = [each.bind(self._model, data, *ids) for each in self._sources]
+            self._rows, self._data = LoopStage(self._model, data, bound, data, MECHANISM_RANK), data
+        self._rows.evaluate()
+        J = self._rows.J
+        self._responses = np.empty_like(J)
+        mujoco.mj_solveM(self._model, data, self._responses, J)
+        values, vectors = np.linalg.eigh(J @ self._responses.T)
+        # Eigenvalues are squares of singular values.
+        kept = values > MECHANISM_RANK**2 * values[-1]
+        self._inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        answers -= (answers @ J.T) @ self._inverse @ self._responses
+
+    def acceleration(self) -> FloatArray:
+        """Acceleration that the rows ask for without any force, at the state of the last :meth:`respond`, (nv,)."""
+        if self._rows is None:
+            return np.zeros(self._model.nv)
+        return np.asarray(-(self._rows.rates @ self._inverse) @ self._responses)
 
 
 def _source(model: Any, e: int) -> RowSource:
