@@ -24,6 +24,7 @@ from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 from ffsm_mj.verification.closed_grasps import closed_grasps, stopped_rows
 
 _GAIN = 1e-3
@@ -124,6 +125,8 @@ class FrictionCheck:
         """The impact from its states and models; None without models, or if the states do not match them."""
         import mujoco
 
+        from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+        from ffsm_mj.dynamics.loops.equalities import equalities_of
         from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
         from ffsm_mj.dynamics.rigid_body import mass_matrix
 
@@ -151,8 +154,11 @@ class FrictionCheck:
             held = [stopped_rows(self._log, self._models, grasp) for grasp in closed_grasps(self._log, first)]
         except (LookupError, ValueError, TypeError):  # the scenario in the log has no such grasp
             return None
-        if held:  # latches stop relative motions of links and objects
-            J = MassWeightedRows(M, np.concatenate(held)).projected(J)
+        equalities = [each.source for each in equalities_of(system.mj)]
+        if equalities:
+            held.append(ClosedLoops(system.mj, data, equalities).rows().J)
+        if held:  # latches and equality constraints stop relative motions
+            J = MassWeightedRows(M, np.concatenate(held), MECHANISM_RANK if equalities else RANK).projected(J)
         return _CheckedImpact(np.linalg.solve(L, J.T).T, L.T @ rates[0], L.T @ rates[1], impulses, speeds)
 
 

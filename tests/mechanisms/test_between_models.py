@@ -14,11 +14,13 @@ from tests.mechanisms.test_motions import assert_sound, last
 ROOM = """<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody>
  <body name="post" pos="0 2 0"><geom name="post" type="box" size=".1 .1 .1"/></body>
  <body name="arm"><freejoint name="float"/><inertial pos="0 0 0" mass="20" diaginertia="2 2.2 2.4"/>
-  <body name="link" pos=".2 0 0"><joint name="elbow" axis="0 0 1"/><inertial pos=".2 0 0" mass="2" diaginertia=".01 .03 .03"/>
+  <body name="link" pos=".2 0 0"><joint name="elbow" axis="0 0 1"/>
+   <inertial pos=".2 0 0" mass="2" diaginertia=".01 .03 .03"/>
    <site name="tip" pos=".4 0 0"/></body></body>
  <body name="box" pos=".7 0 0"><freejoint name="box"/><inertial pos=".02 .01 0" mass="3" diaginertia=".03 .04 .05"/>
   <site name="face" pos="-.1 0 0"/>
-  <body name="lid" pos=".1 0 0"><joint name="lid" axis="0 0 1"/><inertial pos=".1 0 0" mass=".4" diaginertia=".001 .002 .002"/>
+  <body name="lid" pos=".1 0 0"><joint name="lid" axis="0 0 1"/>
+   <inertial pos=".1 0 0" mass=".4" diaginertia=".001 .002 .002"/>
   </body></body></worldbody>
 <equality>{equality}</equality><actuator><motor name="elbow" joint="elbow"/></actuator></mujoco>"""
 
