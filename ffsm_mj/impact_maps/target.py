@@ -130,6 +130,11 @@ def target_of(
     with Simulator(scenario, overrides, record=False) as simulator:
         simulator.reset()
         duration_s = simulator.assembly.scenario.duration_s
+        if place := next(iter(simulator.system.equalities.values()), ""):
+            raise InputError(
+                f"{place} constrains the joints: no map is made; maps are of arms whose joints are independent "
+                "(robot.strip: [equalities])"
+            )
         while simulator.ended is None:
             step = simulator.step(until="event")
             if report is not None:

@@ -49,6 +49,8 @@ def exact(prepared: PreparedRun, nominal: Run, of: Sequence[Outcome], wrt: Seque
     if any(of_capture) and not all(of_capture):
         raise InputError("exact: outcomes of an impact and of a capture; name those of one event")
     assembly = prepared.assemble()
+    if place := next(iter(assembly.system.equalities.values()), ""):
+        raise InputError(f"exact: {place} constrains the motion, of which there is no derivative here; use kind='secant'")
     event = _capture(prepared, nominal, assembly) if any(of_capture) else _impact(prepared, nominal, assembly)
     columns = [_column(prepared, nominal, assembly, event, of, parameter) for parameter in wrt]
     nothing = np.full((len(of), len(wrt)), np.nan)

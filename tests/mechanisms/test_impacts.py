@@ -167,3 +167,48 @@ def test_a_restitution_of_a_limit_that_is_never_reached_is_refused(tmp_path):
     text = geared('range="-9 9"').replace('name="A" axis="0 0 1"', 'name="A" axis="0 0 1" range="-1 1"')
     with pytest.raises(InputError, match=r"joint_limits\.B: the joint is coupled with others that reach their limits first"):
         prepare(mechanism(tmp_path, text, {}, {}, joint_limits={"B": {"restitution": 0.4}})).assemble()
+
+
+def test_maps_and_derivatives_of_mechanisms_are_refused(tmp_path):
+    """They would be those of the tree; secants are of whole runs."""
+    path = hit_wheel(tmp_path, 0.5)
+    with pytest.raises(InputError, match=r"robot\.xml:1: equality joint of 'B' and 'A' constrains the joints"):
+        ffsm_mj.impact_map(path)
+    run = ffsm_mj.run(path)
+    rate = {"initial.rates.rock/free.1": 1e-4}
+    with pytest.raises(InputError, match="use kind='secant'"):
+        ffsm_mj.sensitivity(run, ["impacts.0.impulse_N_s"], rate, kind="exact")
+    # The impulse is proportional to the speed of the ball.
+    found = ffsm_mj.sensitivity(run, ["impacts.0.impulse_N_s"], rate)
+    assert abs(found.derivative[0, 0]) == pytest.approx(0.464025122379, rel=1e-6)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_friction_at_an_impact_of_a_mechanism(tmp_path, e):
+    """Along the ball and across: the checks with friction know the coupling."""
+    path = hit_wheel(tmp_path, e, duration_s=0.3)
+    path.write_text(path.read_text().replace(f'"restitution": {e!r}', f'"restitution": {e!r}, "mu": 0.3'))
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    assert run.records["impacts"][0].mu == 0.3
+
+
+def test_a_limit_inside_a_closed_loop(tmp_path):
+    """An ordinary unilateral row: the rocker of a four-bar linkage bounces off its stop, and the crank turns back."""
+    text = four_bar().replace('name="rocker" axis="0 0 1"', 'name="rocker" axis="0 0 1" range="1.2 2.2"')
+    rates = {"crank": 4.0, "robot/base": [0.01, 0, 0, 0, 0, 0.1]}
+    for e in (0.0, 0.5, 1.0):
+        path = mechanism(
+            tmp_path,
+            text,
+            {"crank": math.pi / 3},
+            rates,
+            joint_limits={"rocker": {"restitution": e}},
+            duration_s=0.6,
+            control_period_s=0.01,
+        )
+        run = ffsm_mj.run(path)
+        assert_sound(run)
+        first = run.records["limit_impacts"][0]
+        assert first.separation_rate == pytest.approx(e * first.approach_rate, abs=1e-11)
+        assert abs(first.energy_change_J) < 1e-11 or e < 1.0  # of 3 J
