@@ -100,3 +100,20 @@ def _bounded(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, si
     bounds = low * sizes / scale, high * sizes / scale
     found = lsq_linear(compliant, -np.append(w, np.zeros(len(b))), bounds, method="bvls", tol=1e-15)
     return np.asarray(found.x) / sizes * scale
+
+
+def least_use(forces: FloatArray, idle: FloatArray, limits: FloatArray) -> FloatArray:
+    """Of forces with the same effect those whose largest share of their limits is least, (n,): a linear programme.
+
+    Args:
+        forces: Some of these forces, (n,).
+        idle: Forces without effect, (m, n).
+        limits: Their limits, (n,).
+    """
+    from scipy.optimize import linprog  # takes time to import: only joints whose rows depend on each other pay
+
+    shares, directions, ones = forces / limits, (idle / limits).T, np.ones((len(forces), 1))
+    bounds = np.block([[directions, -ones], [-directions, -ones]])
+    cost = np.append(np.zeros(len(idle)), 1.0)
+    found = linprog(cost, A_ub=bounds, b_ub=np.concatenate((-shares, shares)), bounds=(None, None), method="highs")
+    return forces + found.x[:-1] @ idle if found.status == 0 else forces

@@ -29,7 +29,7 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.crossing import just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
-from ffsm_mj.contact_models.joint_friction.box import bounded_forces
+from ffsm_mj.contact_models.joint_friction.box import bounded_forces, least_use
 from ffsm_mj.contact_models.joint_friction.coordinates import FrictionCoordinates
 from ffsm_mj.contact_models.joint_friction.record import HEAT_SIGNALS, STICK_SLIP, StickSlipRecord, friction_signals
 from ffsm_mj.contact_models.state_projection import sum_exchanges
@@ -231,7 +231,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         assert loops is not None
         self.add_forces(applied)
         loops.generalised(self._smooth.force(applied))
-        return loops.holds
+        return self._shared()
 
     def _decide(self) -> None:
         """Decide which joints slide at the state in ``data`` under its efforts, unless the last step has verified that."""
@@ -305,8 +305,21 @@ class JointFriction(EventSource, ForceSource, Replayable):
             rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
             turns = float((self.senses * self._rates())[slides].min()) + rounding
         if self.motion.loops is not None and not slides.all():
-            breaks = 1.0 + _BEYOND - float((np.abs(self.motion.loops.holds) / self._on.limits[~slides]).max())
+            breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[~slides]).max())
         return turns, breaks
+
+    def _shared(self) -> FloatArray:
+        """Friction on the joints that stick, at the state of the last evaluation.
+
+        Where rows depend on each other, as of two coupled joints that both stick, its shares are not determined: they are those
+        of least norm, or, where one of these exceeds its limit, those that use the limits least.
+        """
+        loops, limits = self.motion.loops, self._on.limits[self.senses == 0.0]
+        assert loops is not None
+        holds = loops.holds
+        if np.all(np.abs(holds) <= limits) or not (idle := loops.idle).any():
+            return holds
+        return least_use(holds, idle, limits)
 
     def _doubtful_times(self, duration_s: float) -> list[float]:
         """Times within the step at which a margin may be negative although it is positive at its end."""
@@ -356,6 +369,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         holds = np.zeros(len(before))
         if not before.all():
             holds[before == 0.0] = self._holds()
+        # Of coupled joints all that use as much of their limits as the first one break away with it.
         breaks = (before == 0.0) & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
         if not (stops.any() or breaks.any()):
             return None

@@ -203,6 +203,12 @@ class ClosedLoops:
         """Those of them that keep coordinates at rest, N or N m."""
         return self.forces[self.count :]
 
+    @property
+    def idle(self) -> FloatArray:
+        """Holds on coordinates at rest without any effect, (m, k): those of combinations of the rows that vanish."""
+        assert self._combinations is not None
+        return self._combinations[1][:, self.count :]
+
     def generalised(self, force: FloatArray) -> FloatArray:
         """Generalised forces of the rows, (nv,).
 
