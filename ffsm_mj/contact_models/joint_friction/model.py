@@ -28,7 +28,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.crossing import just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, Replayable, Scene
+from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.joint_friction.box import bounded_forces, least_use
 from ffsm_mj.contact_models.joint_friction.coordinates import FrictionCoordinates
 from ffsm_mj.contact_models.joint_friction.record import HEAT_SIGNALS, STICK_SLIP, StickSlipRecord, friction_signals
@@ -427,6 +427,11 @@ class JointFriction(EventSource, ForceSource, Replayable):
         return self._by_subsystem(np.array([gained[tree.dofs].sum() for tree in system.trees]))
 
     # ---- Replay
+
+    def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:  # noqa: ARG002
+        """Decide at the state in ``data``, from where the columns know in which sense joints begin to slide."""
+        self._verified = None
+        self._decide()
 
     def prepare_replay(self, records: Sequence[Any]) -> None:
         """Continue the numbers of events."""
