@@ -53,9 +53,10 @@ def contact_models_of(
     persistent = PersistentContactModel(scene, (*pairs, *limits), overlap, heat)
     impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
-    others = [each for each in (persistent, *declared) if isinstance(each, ForceSource)]
+    pushing = [each for each in declared if isinstance(each, ForceSource)]
+    others = [persistent, *pushing]
     on = friction_coordinates(scene.system)
-    friction = JointFriction(scene, on, others) if on is not None else None
+    friction = JointFriction(scene, on, persistent, pushing) if on is not None else None
     loops, grasps = grasp_models_of(scenario, scene, motion, held, others, friction)
     return tuple(each for each in (impacts, friction, loops, persistent, grasps, *declared) if each is not None)
 

@@ -10,7 +10,7 @@ from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
 from ffsm_mj.assembly.loop_notes import loop_lines, loop_notes
-from ffsm_mj.assembly.pair_notes import disarmed_pairs, refused_rest, unwatched_overlaps
+from ffsm_mj.assembly.pair_notes import disarmed_pairs, unwatched_overlaps
 from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
@@ -34,7 +34,6 @@ def notes(assembly: Assembly) -> list[str]:
         *initial_notes(assembly),
         *unstable_damping(assembly),
         *undriven_actuators(assembly.system, assembly.controller.phases),
-        *refused_rest(assembly),
         *disarmed_pairs(assembly),
         *loop_notes(assembly),
         *never_armed(assembly.scenario),

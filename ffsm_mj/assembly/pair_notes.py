@@ -1,4 +1,4 @@
-"""Notes on pairs of geoms of an assembled scenario: those that overlap, cannot meet, or end the run at rest."""
+"""Notes on pairs of geoms of an assembled scenario: those that overlap, or cannot meet."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.contact_models.grasp.model import GraspModel
-from ffsm_mj.contact_models.persistent.closure import refusal
 
 
 def unwatched_overlaps(assembly: Assembly) -> Iterator[tuple[str, str]]:
@@ -31,17 +30,3 @@ def disarmed_pairs(assembly: Assembly) -> Iterator[str]:
                     f"while {name!r} is closed, {len(pairs)} pairs of geoms are on one rigid body and cannot meet: "
                     f"{', '.join([*found, *([f'{others} without a contact rule'] if others else [])]) or 'none'}"
                 )
-
-
-def refused_rest(assembly: Assembly) -> Iterator[str]:
-    """Messages for pairs that end the run if they come to rest, with the reason; those of a rule together."""
-    found: dict[tuple[str, str], list[str]] = {}
-    for pair in assembly.pairs:
-        why = refusal(assembly.system.mj) if pair.restitution < 1.0 else ""
-        if why:
-            found.setdefault((pair.rule, why), []).append(pair.name)
-    for (rule, why), names in found.items():
-        which = (
-            f"pair {names[0]!r}" if len(names) == 1 else f"one of {len(names)} pairs of rule {rule!r}, such as {names[0]!r},"
-        )
-        yield f"the run ends where {which} comes to rest: {why}"

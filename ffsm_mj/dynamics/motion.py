@@ -44,12 +44,14 @@ class Motion:
         stiff: Stiffness of the actuators in implicit steps; None: steps are explicit unless contacts need implicit ones.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
         force_limits: Limits of their forces; None without servos.
+        rubs: Whether joints have dry friction, so that ``loops`` change as these come to rest and begin to slide.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
 
     grasp = ""
     grasps: tuple[str, ...] = ()
     grasped_object: Tree | None = None
+    rubs = False
     disabled: frozenset[frozenset[int]] = frozenset()
 
     def __init__(self, model: Any, data: Any, power: tuple[ActuatorPower, ForceLimits] | None = None) -> None:

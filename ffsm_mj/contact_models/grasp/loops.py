@@ -123,6 +123,7 @@ class LoopForces(ForceSource):
         motion.disabled = rigid_pairs(self.scene.system.mj, motion, latches)
         self.active, self._projected = bool(sources) or self._rubs, None
         self._exchanged.bind(motion, sources)
+        motion.rubs = self._rubs
         self._hold()
 
     def _hold(self) -> None:
@@ -141,12 +142,14 @@ class LoopForces(ForceSource):
                 resting=self._resting,
             )
 
-    def keep_at_rest(self, coordinates: Sequence[RowSource]) -> None:
-        """Keep some coordinates at rest, by their dry friction, and no others."""
-        if tuple(coordinates) != self._resting:
-            self._resting = tuple(coordinates)
-            if hasattr(self, "motion"):
-                self._hold()
+    def keep_at_rest(self, coordinates: Sequence[RowSource]) -> bool:
+        """Keep some coordinates at rest, by their dry friction, and no others; returns whether these have changed."""
+        if tuple(coordinates) == self._resting:
+            return False
+        self._resting = tuple(coordinates)
+        if hasattr(self, "motion"):
+            self._hold()
+        return True
 
     def close(self, name: str, latch: LatchedBodies) -> LoopClosing:
         """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.

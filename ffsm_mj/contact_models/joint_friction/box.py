@@ -71,7 +71,7 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
         forces[free] = _bounded(W[free], b[free], low[free], high[free], np.sqrt(masses[free]))
     accelerations = b + G @ forces
     terms = np.abs(b) + own * np.abs(forces)
-    at_low = forces - low <= _AT_BOUND * np.abs(low)
+    at_low = np.isfinite(low) & (forces <= (1.0 - _AT_BOUND) * low)
     at_high = np.isfinite(high) & (forces >= (1.0 - _AT_BOUND) * high)
     moves = np.where(at_high & (accelerations < -_MOVES * terms), -1.0, 0.0)
     moves = np.where(at_low & (accelerations > _MOVES * terms), 1.0, moves)

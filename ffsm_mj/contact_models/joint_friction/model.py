@@ -29,11 +29,13 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.crossing import just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
-from ffsm_mj.contact_models.joint_friction.box import bounded_forces, least_use
+from ffsm_mj.contact_models.joint_friction.box import least_use
 from ffsm_mj.contact_models.joint_friction.coordinates import FrictionCoordinates
+from ffsm_mj.contact_models.joint_friction.decision import RestRows, Senses, decided
 from ffsm_mj.contact_models.joint_friction.record import HEAT_SIGNALS, STICK_SLIP, StickSlipRecord, friction_signals
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.state_projection import sum_exchanges
-from ffsm_mj.dynamics.loops.couplings import RestingJoint
+from ffsm_mj.dynamics.loops.couplings import RestingCombination, RestingJoint
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
@@ -45,6 +47,8 @@ _ROUNDING = 1e-15
 """Rates within this share of (1 + the largest rate) are zero to rounding: where a joint sticks, or has just stopped."""
 _BEYOND = 1e-14
 """A friction that exceeds its limit by this share has reached it: some roundings."""
+_IDLE = 2.0
+"""State in the log of a joint that sticks and whose friction is idle, as contacts block it."""
 _NEAR_LIMIT = 1e-3
 """Where less than this share of a limit is left at the end of a step, its middle is looked at too: a load that swings with a
 frequency w exceeds that at both ends by (w h)^2 / 8 in between, 3e-4 for the fastest mode of a step."""
@@ -72,32 +76,39 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     @dataclass
     class State:
-        """Senses of the joints, and heat of (total, robot, objects) since t = 0, J."""
+        """Senses of the joints, what their frictions hold, whether a step has verified that, and heat since t = 0, J."""
 
         senses: FloatArray
+        held: FloatArray
+        verified: bool
         heat_J: FloatArray
 
-    def __init__(self, scene: Scene, coordinates: FrictionCoordinates, others: Sequence[ForceSource]) -> None:
+    def __init__(
+        self, scene: Scene, coordinates: FrictionCoordinates, contacts: PersistentContactModel, others: Sequence[ForceSource]
+    ) -> None:
         """Start with all joints at rest: which of them slide is decided when the first step begins.
 
         Args:
             scene: The logged system and its data.
             coordinates: The joints with friction.
+            contacts: Persistent contact.
             others: All other sources of forces.
         """
         super().__init__(scene)
-        self._on, self._others = coordinates, tuple(others)
+        self._on, self._others, self._contacts = coordinates, tuple(others), contacts
         self._resting = [RestingJoint(dof) for dof in coordinates.dofs.tolist()]
-        self.loops = LoopForces(scene, (*others, self), rubs=True)
+        self.loops = LoopForces(scene, (contacts, *others, self), rubs=True)
         count = len(coordinates.joints)
         self.senses, self._friction, self._heat = np.zeros(count), np.zeros(count), np.zeros(3)
+        self._rows_held, self._held = np.eye(count), np.ones(count, dtype=np.bool_)
+        self._shown, self._is_verified = np.zeros(count), False
         self._at_start: Exchange | None = None
         self._verified: object = None
         self._suspects: list[float] = []
         self._slides = False
         signals = [friction_signals(*each) for each in zip(coordinates.joints, coordinates.units, strict=True)]
         self.columns = (
-            Columns(tuple(one for one, _ in signals), live=self.senses, on_sample=self._sample, resume=self._resume),
+            Columns(tuple(one for one, _ in signals), live=self._shown, on_sample=self._sample, resume=self._resume),
             Columns(tuple(other for _, other in signals), live=self._friction),
             Columns(HEAT_SIGNALS, live=self._heat, resume=self._resume_heat),
         )
@@ -106,28 +117,41 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def get_state(self) -> State:
         """Senses and heat."""
-        return self.State(self.senses.copy(), self._heat.copy())
+        return self.State(self.senses.copy(), self._rows_held.copy(), self._verified is not None, self._heat.copy())
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; that of the motion is in its data."""
         told = entries(state, [each.name for each in fields(self.State)], "JointFriction")
         self._heat[:] = fitting(told["heat_J"], (3,), "JointFriction")
-        self._set_senses(fitting(told["senses"], self.senses.shape, "JointFriction"))
+        senses = fitting(told["senses"], self.senses.shape, "JointFriction")
+        self._set(Senses(senses, fitting(told["held"], (len(told["held"]), len(senses)), "JointFriction")))
+        self._is_verified = bool(told["verified"])
 
     def forget(self) -> None:
         """All joints are at rest, as before the first step."""
         self._heat.fill(0.0)
-        self._set_senses(np.zeros_like(self.senses))
+        self._resume(np.zeros_like(self.senses))
 
     def _resume(self, logged: FloatArray) -> None:
-        self._set_senses(np.sign(logged))
+        self._set(Senses.without_contacts(np.where(logged == _IDLE, 0.0, np.sign(logged))))
 
     def _resume_heat(self, logged: FloatArray) -> None:
         self._heat[:] = logged
 
-    def _set_senses(self, senses: FloatArray) -> None:
-        self.senses[:], self._verified, self._slides = senses, None, bool(np.any(senses))
-        self.loops.keep_at_rest([row for row, sense in zip(self._resting, senses.tolist(), strict=True) if not sense])
+    def _set(self, senses: Senses) -> None:
+        """Let joints slide, stick, and be left to the contacts that block them."""
+        self.senses[:], self._rows_held, self._verified = senses.slides, senses.held, None
+        self._slides, self._held = bool(np.any(senses.slides)), senses.held.any(axis=0)
+        self._shown[:] = np.where(senses.idle, _IDLE, senses.slides)
+        if self.loops.keep_at_rest([self._source(row) for row in senses.held]):
+            self._contacts.forget_rows()
+
+    def _source(self, held: FloatArray) -> RestingJoint | RestingCombination:
+        """The row of a joint that sticks, or of a combination of some."""
+        joints = np.flatnonzero(held).tolist()
+        if len(joints) == 1:
+            return self._resting[joints[0]]
+        return RestingCombination(tuple(self._on.dofs[joints].tolist()), tuple(held[joints].tolist()))
 
     def bind(self, motion: Motion) -> None:
         """Use another motion: joints slide or stick in it as before."""
@@ -139,8 +163,17 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._brief = _BRIEF_S * self._on.limits * motion.model.dof_invweight0[self._dofs]
 
     def restart(self) -> None:
-        """Decide anew: the state or the efforts changed discontinuously."""
-        self._verified = None
+        """Decide anew: the state or the efforts changed discontinuously.
+
+        Where a run goes on from the end of a step, that step has verified the present senses under the present efforts.
+        """
+        self._verified = self._smooth.state(self._other_forces()) if self._is_verified else None
+        self._is_verified = False
+
+    def on_records(self, records: Sequence[Any]) -> None:
+        """Forget in which sense joints at rest begin to slide: what an impact or a contact stops is decided on anew."""
+        if records and not isinstance(records[0], StickSlipRecord):
+            self._set(Senses.without_contacts(np.where(self._slow(), 0.0, self.senses)))
 
     def names(self) -> str:
         """The joints that stick, or all of them."""
@@ -180,10 +213,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores which joints slide."""
-        senses = self.senses.copy()
+        senses = Senses(self.senses.copy(), self._rows_held)
 
         def restore() -> None:
-            self._set_senses(senses)
+            self._set(senses)
 
         return restore
 
@@ -221,14 +254,19 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def _sample(self, _: float) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
         self._decide()
+        self._write_friction()
+
+    def _write_friction(self) -> None:
         self._friction[:] = -self._on.limits * self.senses
-        if not self.senses.all():
-            self._friction[self.senses == 0.0] = self._holds()
+        if self._held.any():
+            self._friction[self._held] = self._holds()
 
     def _holds(self) -> FloatArray:
         """Friction on the joints that stick, at the state in ``data`` under its efforts."""
         loops, applied = self.motion.loops, self._other_forces()
         assert loops is not None
+        if self._contacts.active:
+            self._contacts.add_forces(applied)
         self.add_forces(applied)
         loops.generalised(self._smooth.force(applied))
         return self._shared()
@@ -239,38 +277,36 @@ class JointFriction(EventSource, ForceSource, Replayable):
         state = self._smooth.state(others)
         if state is self._verified:
             return
-        self._set_senses(self._decided(others, self.senses))
+        self._set(self._decided(others, self.senses))
         self._verified = state
 
-    def _decided(self, others: FloatArray, before: FloatArray) -> FloatArray:
-        """Sense in which each joint slides from the state in ``data`` on, (k,).
+    def _decided(self, others: FloatArray, before: FloatArray) -> Senses:
+        """Which joints slide from the state in ``data`` on.
 
         Args:
-            others: Applied forces of other sources, (nv,).
+            others: Applied forces of other sources than contacts, (nv,).
             before: Senses in which joints that are at rest begin to slide; 0: it is to be found, (k,).
         """
-        slow = self._slow()
+        slow, motion = self._slow(), self.motion
         senses = np.where(slow, before, np.sign(self._rates()))
         if not slow.any():
-            return senses
-        motion, limits = self.motion, self._on.limits
-        M = mass_matrix(motion.model, motion.data)
-        factor = np.linalg.cholesky(M)
-        plain = np.linalg.solve(factor, self._rows.T)
-        W = np.linalg.solve(factor, motion.constrained(self._rows).T).T
-        free = self._rows @ self._free_acceleration(others)
-        starts = slow & (senses != 0.0)
-        while True:
-            still, slides = slow & ~starts, np.where(slow & ~starts, 0.0, senses)
-            b = free - W @ (W.T @ (limits * slides))
-            found = bounded_forces(W[still], b[still], -limits[still], limits[still], np.sum(plain**2, axis=0)[still])
-            slides[still] = found.moves
-            # A joint that breaks away accelerates from zero; where the load on it falls instead, it sticks after all.
-            a = b + W @ (W[still].T @ found.forces)
-            back = starts & (slides * a < -_REACHED * (np.abs(b) + np.sum(W**2, axis=1) * limits))
-            if not back.any():
-                return slides
-            starts &= ~back
+            return Senses.without_contacts(senses)
+        L = np.linalg.cholesky(mass_matrix(motion.model, motion.data))
+        contacts = self._contacts.closed_rows()
+        if contacts is not None:
+            others = others + contacts.friction
+        free, limits = self._free_acceleration(others), self._on.limits
+
+        def weighted(J: FloatArray, gamma: FloatArray, low: FloatArray, high: FloatArray) -> RestRows:
+            W = np.linalg.solve(L, motion.constrained(J).T).T
+            return RestRows(W, J @ free + gamma, low, high, np.sum(np.linalg.solve(L, J.T) ** 2, axis=0))
+
+        of_joints = weighted(self._rows, np.zeros(len(limits)), -limits, limits)
+        of_contacts = None
+        if contacts is not None:
+            endless = np.full(len(contacts.gamma), np.inf)
+            of_contacts = weighted(contacts.J, contacts.gamma, np.where(contacts.unilateral, 0.0, -endless), endless)
+        return decided(of_joints, of_contacts, slow, senses)
 
     def _free_acceleration(self, others: FloatArray) -> FloatArray:
         """Acceleration without dry friction, with the rows of loops held, (nv,)."""
@@ -290,7 +326,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         if min(self._margins()) >= 0.0:
             self._suspects = self._doubtful_times(float(self.motion.data.time) - float(self.motion.path.start[0]))
             if not self._suspects:
-                self._verified = self._smooth.state(self._other_forces())
+                self.after_replayed_step()
                 return True
         return False
 
@@ -304,22 +340,23 @@ class JointFriction(EventSource, ForceSource, Replayable):
         if self._slides:
             rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
             turns = float((self.senses * self._rates())[slides].min()) + rounding
-        if self.motion.loops is not None and not slides.all():
-            breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[~slides]).max())
+        if self._held.any():
+            breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[self._held]).max())
         return turns, breaks
 
     def _shared(self) -> FloatArray:
-        """Friction on the joints that stick, at the state of the last evaluation.
+        """Friction on the joints that stick by it, at the state of the last evaluation.
 
         Where rows depend on each other, as of two coupled joints that both stick, its shares are not determined: they are those
         of least norm, or, where one of these exceeds its limit, those that use the limits least.
         """
-        loops, limits = self.motion.loops, self._on.limits[self.senses == 0.0]
+        loops, limits = self.motion.loops, self._on.limits[self._held]
         assert loops is not None
-        holds = loops.holds
+        rows = self._rows_held[:, self._held]
+        holds = loops.holds @ rows
         if np.all(np.abs(holds) <= limits) or not (idle := loops.idle).any():
             return holds
-        return least_use(holds, idle, limits)
+        return least_use(holds, idle @ rows, limits)
 
     def _doubtful_times(self, duration_s: float) -> list[float]:
         """Times within the step at which a margin may be negative although it is positive at its end."""
@@ -367,19 +404,17 @@ class JointFriction(EventSource, ForceSource, Replayable):
             a = self._rows @ self.motion.data.qacc
             stops |= slow & (before * a < 0.0)
         holds = np.zeros(len(before))
-        if not before.all():
-            holds[before == 0.0] = self._holds()
+        if self._held.any():
+            holds[self._held] = self._holds()
         # Of coupled joints all that use as much of their limits as the first one break away with it.
-        breaks = (before == 0.0) & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
+        breaks = self._held & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
         if not (stops.any() or breaks.any()):
             return None
         exchange = self._stop(stops | (before == 0.0))
         self._heat -= exchange.energy_J
         forced = np.where(breaks, -np.sign(holds), np.where(stops, 0.0, before))
-        self._set_senses(self._decided(others, forced))
-        self._friction[:] = -self._on.limits * self.senses
-        if not self.senses.all():
-            self._friction[self.senses == 0.0] = self._holds()
+        self._set(self._decided(others, forced))
+        self._write_friction()
         changed = stops | breaks | (self.senses != before)
         event = self.scene.numbers.next_number()
         records = tuple(
@@ -427,6 +462,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
         return self._by_subsystem(np.array([gained[tree.dofs].sum() for tree in system.trees]))
 
     # ---- Replay
+
+    def after_replayed_step(self) -> None:
+        """Note that the senses are those at the state in ``data`` under its efforts."""
+        self._verified = self._smooth.state(self._other_forces())
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:  # noqa: ARG002
         """Decide at the state in ``data``, from where the columns know in which sense joints begin to slide."""

@@ -61,7 +61,7 @@ def friction_signals(joint: str, unit: str) -> tuple[Signal, Signal]:
             "contact",
             f"{name}_sliding",
             "",
-            f"dry friction of {joint} from this row on: 0 sticks, 1 slides up, -1 slides down",
+            f"dry friction of {joint} from this row on: 0 sticks, 1 slides up, -1 slides down, 2 sticks by contacts, idle",
             joint,
         ),
         Signal(

@@ -66,15 +66,20 @@ class ForceSolver:
         """Use another motion."""
         self._motion, self.smooth = motion, Smooth(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
+        self.forget_state()
+        self.forget_points()
+
+    def forget_state(self) -> None:
+        """Discard what is kept for the last state."""
         self.last_rows: tuple[Points, object, PointRows] | None = None
         self.last_evaluation: tuple[object, object, ContactEvaluation] | None = None
         self._decision: tuple[object, Decision] | None = None
-        self.forget_points()
+        self._stage_forces: StageForces | None = None
 
     def forget_points(self) -> None:
         """Discard what is kept for certain contact points."""
         self._evaluators.clear()
-        self._stage_forces: StageForces | None = None
+        self._stage_forces = None
 
     def place(self) -> object:
         """Token of the current positions and velocities."""
@@ -329,9 +334,9 @@ class ActiveContactSet:
 
     @property
     def may_be_steady(self) -> bool:
-        """Whether :attr:`steady` knows all that bounds a step: not tilts, joint limits and closed loops."""
+        """Whether :attr:`steady` knows all that bounds a step: not tilts, joint limits, closed loops and dry friction."""
         closed = all(contact_points and not isinstance(pair, JointLimit) for pair, contact_points in self.by_pair.items())
-        others = self.motion.loops is not None or self._tilts.bound_steps
+        others = self.motion.loops is not None or self.motion.rubs or self._tilts.bound_steps
         return closed and not others and self.pressing == self.contact_points != ()
 
     def begin_steady_step(self) -> None:

@@ -73,19 +73,7 @@ def refusal_in(motion: Motion, scene: Scene) -> str:
     """Why no pair of a scene can stay in contact in a motion; empty if all can."""
     if motion.data is not scene.data and not motion.grasp:
         return _OTHER_MODEL
-    return refusal(scene.system.mj)
-
-
-def refusal(model: Any) -> str:
-    """Why no pair of a model can stay in contact; empty if all can."""
-    forces = ", ".join(_soft_forces(model))
-    return f"persistent contact does not support {forces}, which MuJoCo models as soft constraints" if forces else ""
-
-
-def _soft_forces(model: Any) -> Iterator[str]:
-    """Soft constraints of MuJoCo in a model: their forces depend on the accelerations, which the contact problem needs."""
-    if np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss):
-        yield "friction loss"
+    return ""
 
 
 def points_at_rest(scene: Scene, pair: UnilateralConstraint, near: Proximity, still: float) -> tuple[ContactPoint, ...]:

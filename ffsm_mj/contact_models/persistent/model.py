@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -165,6 +165,22 @@ def _landing_time(active_set: ActiveContactSet, seen_s: float) -> float:
     # brentq needs a sign change. A point that rocks may have lifted off only after the start of the step.
     above = next((part * seen_s for part in (0.0, *_START_FRACTIONS) if gap(part * seen_s) > 0.0), seen_s)
     return just_after(gap, above, seen_s) if above < seen_s else seen_s
+
+
+class ContactRows(NamedTuple):
+    """Rows of closed contact points, in the coordinates of the motion.
+
+    Attributes:
+        J: Normals of all points, then tangents of those that stick, (n, nv).
+        gamma: Rates at zero generalised acceleration, (n,).
+        unilateral: Which rows are normals, along which forces push only, (n,).
+        friction: Generalised forces of points that slide, (nv,).
+    """
+
+    J: FloatArray
+    gamma: FloatArray
+    unilateral: BoolArray
+    friction: FloatArray
 
 
 class PersistentContactModel(EventSource, ForceSource, Replayable):
@@ -454,6 +470,29 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def force_check(self, layout: Layout) -> ForceCheck:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
         return ForceCheck(self.scene, self._pairs, self._active_set, layout)
+
+    def forget_rows(self) -> None:
+        """Discard what is kept for the state in ``data``: other loops are closed there."""
+        self._active_set.solver.forget_state()
+
+    def closed_rows(self) -> ContactRows | None:
+        """Rows of the closed contact points at the state in ``data`` without any force along them; None: there are none.
+
+        Friction of points that slide is that of the present decision.
+        """
+        closed = self._active_set
+        if not closed.contact_points:
+            return None
+        rows, modes = closed.solver.evaluator(closed.contact_points).rows(), closed.modes.of(closed.contact_points)
+        J, gamma = rows.J.reshape(len(closed.contact_points), 3, -1), rows.gamma.reshape(-1, 3)
+        friction = np.zeros(J.shape[2])
+        if modes.any_slides:
+            along = np.einsum("kij,kj->ki", rows.axes[:, 1:], closed.decide().friction)
+            friction += np.einsum("ki,kid->d", along[modes.slides], J[modes.slides, 1:])
+        sticks = modes.drifts
+        every = np.concatenate((J[:, 0], J[sticks, 1:].reshape(-1, J.shape[2])))
+        rates = np.concatenate((gamma[:, 0], gamma[sticks, 1:].ravel()))
+        return ContactRows(every, rates, np.arange(len(every)) < len(J), friction)
 
     def active_contacts(self) -> tuple[ActiveContact, ...]:
         """The closed pairs with their forces, for control laws."""

@@ -86,6 +86,43 @@ class RestingJoint:
 
 
 @dataclass(frozen=True)
+class RestingCombination:
+    """A combination of hinge and slide joints that is kept at rest, wherever they are: the row of its rate.
+
+    Attributes:
+        dofs: Degrees of freedom in the logged system.
+        weights: Their weights.
+    """
+
+    dofs: tuple[int, ...]
+    weights: tuple[float, ...]
+    count = 1
+
+    def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundRows:  # noqa: ARG002
+        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        row = np.zeros(model.nv)
+        row[[dofs[dof] for dof in self.dofs]] = self.weights
+        return _Constant(row)
+
+
+class _Constant:
+    """A row that is constant, without a place to keep."""
+
+    count = 1
+
+    def __init__(self, row: FloatArray) -> None:
+        self._row = row
+
+    def evaluate(self, J: FloatArray, gamma: FloatArray) -> None:
+        """Write the row and its rate, which is zero."""
+        J[0], gamma[0] = self._row, 0.0
+
+    def errors(self) -> FloatArray:
+        """Nothing that has a place, (1,)."""
+        return np.zeros(1)
+
+
+@dataclass(frozen=True)
 class TendonCoupling:
     """A tendon whose length follows that of another one, or is locked: one row.
 

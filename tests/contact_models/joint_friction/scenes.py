@@ -33,6 +33,30 @@ def arm(one=0.15, two=0.06, base='<freejoint name="free"/>'):
       <actuator><motor name="one" joint="one"/><motor name="two" joint="two"/></actuator></mujoco>"""
 
 
+def gear(a=0.2, b=0.03):
+    """Two balanced wheels on a base, of which the first turns at a quarter of the second."""
+    return f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="9" diaginertia="3 3 3"/><geom size="0.1" mass="0"/>
+      <body name="A"><joint name="a" axis="0 0 1" frictionloss="{a}"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.4 0.4 0.4"/></body>
+      <body name="B"><joint name="b" axis="0 0 1" frictionloss="{b}"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.05 0.05 0.05"/></body></body></worldbody>
+      <equality><joint joint1="a" joint2="b" polycoef="0 0.25 0 0 0"/></equality></mujoco>"""
+
+
+def grip(friction=0.5):
+    """A palm of 2 kg with two fingers of 0.1 kg that close along y, 50 mm apart."""
+
+    def finger(name, side):
+        return f"""<body name="{name}" pos="0 {side * 0.04} 0">
+          <joint name="{name}" type="slide" axis="0 {-side} 0" frictionloss="{friction}"/>
+          <inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/><geom name="{name}" size="0.01" mass="0"/></body>"""
+
+    return f"""<mujoco>{HEAD}<worldbody><body name="palm"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>{finger("left", 1)}{finger("right", -1)}</body></worldbody>
+      <actuator><motor name="left" joint="left"/><motor name="right" joint="right"/></actuator></mujoco>"""
+
+
 def rubbing(folder, robot, step_s=1e-3, objects=None, **scenario):
     """The path of a scene whose control period is its step."""
     return scene(folder, robot, objects or {}, **{"time_step_s": step_s, "control_period_s": step_s} | scenario)
