@@ -138,7 +138,7 @@ SCENES: dict[str, tuple[Any, dict[str, Any], float, dict[str, str]]] = {
         lambda folder: rubbing(folder, arm(), 0.02, duration_s=0.32, **SWUNG),
         {},
         -0.2,
-        {"JointFriction": "senses held heat_J"},
+        {"JointFriction": "senses heat_J"},
     ),
     "slides": (
         lambda _: "squeeze",

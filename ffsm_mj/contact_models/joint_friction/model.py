@@ -76,11 +76,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     @dataclass
     class State:
-        """Senses of the joints, what their frictions hold, whether a step has verified that, and heat since t = 0, J."""
+        """Senses of the joints, and heat of (total, robot, objects) since t = 0, J."""
 
         senses: FloatArray
-        held: FloatArray
-        verified: bool
         heat_J: FloatArray
 
     def __init__(
@@ -100,8 +98,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self.loops = LoopForces(scene, (contacts, *others, self), rubs=True)
         count = len(coordinates.joints)
         self.senses, self._friction, self._heat = np.zeros(count), np.zeros(count), np.zeros(3)
-        self._rows_held, self._held = np.eye(count), np.ones(count, dtype=np.bool_)
-        self._shown, self._is_verified = np.zeros(count), False
+        self._rows_held = np.eye(count)
+        self._held: BoolArray = np.ones(count, dtype=np.bool_)
+        self._shown = np.zeros(count)
         self._at_start: Exchange | None = None
         self._verified: object = None
         self._suspects: list[float] = []
@@ -117,15 +116,13 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def get_state(self) -> State:
         """Senses and heat."""
-        return self.State(self.senses.copy(), self._rows_held.copy(), self._verified is not None, self._heat.copy())
+        return self.State(self.senses.copy(), self._heat.copy())
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; that of the motion is in its data."""
         told = entries(state, [each.name for each in fields(self.State)], "JointFriction")
         self._heat[:] = fitting(told["heat_J"], (3,), "JointFriction")
-        senses = fitting(told["senses"], self.senses.shape, "JointFriction")
-        self._set(Senses(senses, fitting(told["held"], (len(told["held"]), len(senses)), "JointFriction")))
-        self._is_verified = bool(told["verified"])
+        self._set(Senses.without_contacts(fitting(told["senses"], self.senses.shape, "JointFriction")))
 
     def forget(self) -> None:
         """All joints are at rest, as before the first step."""
@@ -141,7 +138,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def _set(self, senses: Senses) -> None:
         """Let joints slide, stick, and be left to the contacts that block them."""
         self.senses[:], self._rows_held, self._verified = senses.slides, senses.held, None
-        self._slides, self._held = bool(np.any(senses.slides)), senses.held.any(axis=0)
+        self._slides, self._held = bool(np.any(senses.slides)), np.asarray(senses.held.any(axis=0))
         self._shown[:] = np.where(senses.idle, _IDLE, senses.slides)
         if self.loops.keep_at_rest([self._source(row) for row in senses.held]):
             self._contacts.forget_rows()
@@ -163,12 +160,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._brief = _BRIEF_S * self._on.limits * motion.model.dof_invweight0[self._dofs]
 
     def restart(self) -> None:
-        """Decide anew: the state or the efforts changed discontinuously.
-
-        Where a run goes on from the end of a step, that step has verified the present senses under the present efforts.
-        """
-        self._verified = self._smooth.state(self._other_forces()) if self._is_verified else None
-        self._is_verified = False
+        """Decide anew: the state or the efforts changed discontinuously."""
+        self._verified = None
 
     def on_records(self, records: Sequence[Any]) -> None:
         """Forget in which sense joints at rest begin to slide: what an impact or a contact stops is decided on anew."""
@@ -347,8 +340,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
     def _shared(self) -> FloatArray:
         """Friction on the joints that stick by it, at the state of the last evaluation.
 
-        Where rows depend on each other, as of two coupled joints that both stick, its shares are not determined: they are those
-        of least norm, or, where one of these exceeds its limit, those that use the limits least.
+        Where rows depend on each other, as of two coupled joints that both stick, its shares are not determined: they are
+        those of least norm, or, where one of these exceeds its limit, those that use the limits least.
         """
         loops, limits = self.motion.loops, self._on.limits[self._held]
         assert loops is not None
@@ -464,8 +457,11 @@ class JointFriction(EventSource, ForceSource, Replayable):
     # ---- Replay
 
     def after_replayed_step(self) -> None:
-        """Note that the senses are those at the state in ``data`` under its efforts."""
-        self._verified = self._smooth.state(self._other_forces())
+        """Note that the senses are those at the state in ``data`` under its efforts.
+
+        With closed contacts what these carry is found anew for every step: a contact that carried nothing may carry a load.
+        """
+        self._verified = None if self._contacts.active else self._smooth.state(self._other_forces())
 
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> None:  # noqa: ARG002
         """Decide at the state in ``data``, from where the columns know in which sense joints begin to slide."""

@@ -50,10 +50,12 @@ def grip(friction=0.5):
     def finger(name, side):
         return f"""<body name="{name}" pos="0 {side * 0.04} 0">
           <joint name="{name}" type="slide" axis="0 {-side} 0" frictionloss="{friction}"/>
-          <inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/><geom name="{name}" size="0.01" mass="0"/></body>"""
+          <inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/><geom name="{name}" size="0.01" mass="0"/>
+          </body>"""
 
     return f"""<mujoco>{HEAD}<worldbody><body name="palm"><freejoint name="free"/>
-      <inertial pos="0 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>{finger("left", 1)}{finger("right", -1)}</body></worldbody>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.02 0.02 0.02"/>{finger("left", 1)}
+      {finger("right", -1)}</body></worldbody>
       <actuator><motor name="left" joint="left"/><motor name="right" joint="right"/></actuator></mujoco>"""
 
 
