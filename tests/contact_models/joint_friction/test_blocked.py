@@ -46,7 +46,7 @@ def test_a_servo_leaves_an_error(tmp_path):
     assert heat(made)[-1] == pytest.approx(0.457945560183, abs=1e-10)
 
 
-@pytest.mark.parametrize("step_s", [1e-2, 1e-3])
+@pytest.mark.parametrize("step_s", [5e-3, 1e-3])
 def test_friction_is_idle_at_a_limit(tmp_path, step_s):
     """Pressed by 10 N sin 2t against a friction of 3 N: the limit carries all of it, then the friction what pulls."""
     robot = slider(3.0, 'range="-9 0.2" limited="true"')
