@@ -41,6 +41,7 @@ class Setpoints:
         """
         self.joints, self._system, self._model = joints, system, system.mj
         model, servos = system.mj, joints.actuators
+        _refuse_other_laws(joints, system)
         self._gain, self._bias = model.actuator_gainprm[servos, 0], model.actuator_biasprm[servos, :3]
         self._by_rate = (self._bias[:, 1] == 0.0) & (self._bias[:, 2] != 0.0)
         names = ", ".join(system.names("actuator")[i] for i in servos[self._by_rate].tolist())
@@ -99,3 +100,18 @@ class Setpoints:
                 )
         if faults:
             raise ScenarioFaults(faults)
+
+
+def _refuse_other_laws(joints: DrivenJoints, system: System) -> None:
+    """Refuse servos whose setpoint for a position does not follow from their law.
+
+    Raises:
+        ScenarioFaults: There is one.
+    """
+    model, gains = system.mj, mujoco.mjtGain
+    for i in joints.actuators.tolist():
+        affine = model.actuator_gaintype[i] in (int(gains.mjGAIN_FIXED), int(gains.mjGAIN_AFFINE))
+        if not affine or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_INTEGRATOR or model.actuator_gainprm[i, 0] == 0.0:
+            name = system.names("actuator")[i]
+            message = f"no setpoint of {name} is a position; drive it by 'playback' or a law of your own, or make it a motor"
+            raise ScenarioFaults([Fault(f"{message}: 'actuators: {{{name}: {{kind: torque}}}}'", ("joints",))])

@@ -7,8 +7,8 @@ cdef class Smooth:
     cdef object seen
     cdef const mjModel* m
     cdef mjData* d
-    cdef double[::1] qpos, qvel, ctrl, own_ctrl, passive, bias, actuator
-    cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes
+    cdef double[::1] qpos, qvel, ctrl, own_ctrl, act, passive, bias, actuator
+    cdef double[::1] last_qpos, last_qvel, last_ctrl, last_pushes, last_act
     cdef object last_place, last_load, last_state
     cdef bint follows
 

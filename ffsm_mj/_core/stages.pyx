@@ -48,10 +48,10 @@ cdef class Smooth:
         self.motion, self.m, self.d = motion, <const mjModel*>address(motion.model), <mjData*>address(data)
         self.qpos, self.qvel, self.ctrl, self.own_ctrl = data.qpos, data.qvel, seen.ctrl, data.ctrl
         self.passive, self.bias, self.actuator = data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator
-        self.follows = data is not seen
+        self.follows, self.act = data is not seen, data.act
         # No state is the last one yet: NaN has many bit patterns, and the efforts of a run are not this one.
-        self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes = (
-            np.full(len(each), np.nan) for each in (data.qpos, data.qvel, seen.ctrl, data.qvel)
+        self.last_qpos, self.last_qvel, self.last_ctrl, self.last_pushes, self.last_act = (
+            np.full(len(each), np.nan) for each in (data.qpos, data.qvel, seen.ctrl, data.qvel, data.act)
         )
         self.last_place, self.last_load = copied(self.qpos), copied(self.qvel)
 
@@ -63,8 +63,9 @@ cdef class Smooth:
         return self.last_place
 
     cpdef object load(self, double[::1] pushes):
-        """The same of the current efforts and of applied forces, (nv,)."""
+        """The same of the current efforts and activations, and of applied forces, (nv,)."""
         cdef bint stays = same(self.ctrl, self.last_ctrl)
+        stays = same(self.act, self.last_act) and stays
         if not same(pushes, self.last_pushes) or not stays:
             self.last_load = copied(pushes)
         return self.last_load

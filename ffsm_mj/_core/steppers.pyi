@@ -2,6 +2,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.activations import Activations
 from ffsm_mj.dynamics.force_limits import ForceLimits
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
@@ -39,6 +40,7 @@ class ForcedStepper(FreeStepper):
     rotations: Sequence[slice]
     power: ActuatorPower | None
     stiff: StiffActuators | None
+    activations: Activations | None
     def __init__(
         self,
         model: Any,

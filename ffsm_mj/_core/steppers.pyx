@@ -182,7 +182,7 @@ cdef class ForcedStepper(FreeStepper):
 
     cdef public bint inside, solved
     cdef public int repeats
-    cdef public object stage, stiff
+    cdef public object stage, stiff, activations
     cdef bint asked_implicit
     cdef readonly object start_rates, rotations
     cdef readonly ActuatorPower power
@@ -273,23 +273,34 @@ cdef class ForcedStepper(FreeStepper):
         if self.power is not None:
             self.power.clear()
             self.power.add(1.0 / 6.0)
+        if self.activations is not None:
+            self.activations.begin(h)
+            self.activations.add(1.0 / 6.0)
         self.data.time, self.inside = start_s + 0.5 * h, True
         try:
             self.evaluate(0.5 * h, slopes, slopes + 2 * n)
-            if self.power is not None:
-                self.power.add(1.0 / 3.0)
+            self.end_stage(1.0 / 3.0)
             self.evaluate(0.5 * h, slopes + 2 * n, slopes + 4 * n)
-            if self.power is not None:
-                self.power.add(1.0 / 3.0)
+            self.end_stage(1.0 / 3.0)
             self.data.time = start_s + h
             self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
+            self.end_stage(1.0 / 6.0)
             if self.power is not None:
-                self.power.add(1.0 / 6.0)
                 self.power.end(h)
+            if self.activations is not None:
+                self.activations.end(h)
         finally:
             self.inside = False
         WEIGHTS.dot(self.flat_slopes, self.flat_mean)  # its order of summation is not ours to know
         self.set_state(h, &self.mean[0])
+        return 0
+
+    cdef int end_stage(self, double weight) except -1:
+        """Add power and rates of activations of a stage with its weight."""
+        if self.power is not None:
+            self.power.add(weight)
+        if self.activations is not None:
+            self.activations.add(weight)
         return 0
 
     def move_by(self, const double[:, ::1] increment not None):
@@ -309,6 +320,8 @@ cdef class ForcedStepper(FreeStepper):
         cdef Py_ssize_t i, j, first, n = self.rates.shape[0]
         cdef double[3] turned
         self.set_state(after_s, slope)
+        if self.activations is not None:
+            self.activations.move_to(after_s)
         self.update()
         memcpy(found, &self.rates[0], n * sizeof(double))
         memcpy(found + n, &self.accelerations[0], n * sizeof(double))
@@ -325,4 +338,6 @@ cdef class ForcedStepper(FreeStepper):
         self.update_forces()
         self.integrate_step(duration_s)
         self.kinked = self.power is not None and self.power.kinked
+        if self.activations is not None and self.activations.kink_s < duration_s:
+            self.kinked = True
         return self.add(duration_s)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy.typing as npt
 from ffsm_mj._core.tick import Limits
 from ffsm_mj.actuation.config import AnyActuator
 from ffsm_mj.actuation.limits import limits_of
-from ffsm_mj.actuation.servos import ServoForces, rest_setpoints
+from ffsm_mj.actuation.servos import ServoForces, activation_columns, begin_at_rest, set_activations
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.controller_protocol import Command
 from ffsm_mj.errors import ControllerError
@@ -69,13 +70,20 @@ class Actuation(Stateful):
         valves: list[Any]
         valves_open: bool
 
-    def __init__(self, system: System, configs: Mapping[str, AnyActuator], data: Any) -> None:
+    def __init__(
+        self,
+        system: System,
+        configs: Mapping[str, AnyActuator],
+        data: Any,
+        activations: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
         """Resolve names and collect limits.
 
         Args:
             system: Robot and objects.
             configs: Limits in the scenario by name.
-            data: State of the system at the start, derived quantities current.
+            data: State of the system at the start, derived quantities current; receives the activations.
+            activations: Activations of servos at the start by name; others begin without force.
 
         Raises:
             ScenarioFaults: An unknown actuator, or a limit of motors for a servo.
@@ -86,7 +94,8 @@ class Actuation(Stateful):
         self._valves = [*valves.values()]
         self.table = np.zeros((len(self.names), len(_EFFORTS)))
         self._wanted, self.applied, self._lower, self._upper = self.table.T
-        self._wanted[:] = rest_setpoints(system.mj, data)
+        self._wanted[:] = begin_at_rest(system.mj, data)
+        set_activations(system, data, activations)
         self._counted = np.array([*valves], dtype=np.intp)
         self._gears = self.gear[self._counted]
         self._valves_open = False
@@ -102,6 +111,8 @@ class Actuation(Stateful):
         self.others = frozenset(self._counted.tolist())
         if self.servos.any():
             self.columns += (ServoForces(system, data).columns,)
+        if system.mj.na:
+            self.columns += (activation_columns(system, data),)
         self._data: Any = None
         self._command: Command | None = None
 

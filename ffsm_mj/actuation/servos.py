@@ -5,6 +5,7 @@ Their forces are evaluated by MuJoCo in every stage of a step, with the setpoint
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -12,6 +13,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.force_limits import without_force_limits
+from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation, unit_suffix
 from ffsm_mj.model.system import System
@@ -19,6 +21,9 @@ from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
 
 _JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
+_DYN = mujoco.mjtDyn
+_ACTIVATED = (int(_DYN.mjDYN_INTEGRATOR), int(_DYN.mjDYN_FILTER), int(_DYN.mjDYN_FILTEREXACT))
+"""Activations that take the place of the setpoint in the law."""
 
 
 class ServoForces:
@@ -62,17 +67,60 @@ class ServoForces:
         self._forces[:, 1] = np.clip(data.actuator_force[servos] * self._gear, self._low, self._high)
 
 
-def rest_setpoints(model: Any, data: Any) -> FloatArray:
-    """Setpoints at which servos exert no force at rest at the state in ``data``, zero for motors, (nu,).
+def begin_at_rest(model: Any, data: Any) -> FloatArray:
+    """Set activations at which servos exert no force at rest at the state in ``data``; returns such setpoints, (nu,).
 
-    A servo without a length in its law, such as one of velocity, has zero.
+    A servo without a length in its law, such as one of velocity, has zero, and so has a motor. An integrator has the
+    setpoint zero.
     """
     found = np.zeros(model.nu)
     for i in np.flatnonzero(servo_mask(model)).tolist():
-        length = float(data.actuator_length[i])
-        g0, g1 = model.actuator_gainprm[i, :2].tolist()
+        length, (gain, *_) = float(data.actuator_length[i]), model.actuator_gainprm[i].tolist()
         b0, b1 = model.actuator_biasprm[i, :2].tolist()
-        gain = g0 + g1 * length if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_AFFINE else g0
-        if b1 != 0.0 and gain != 0.0:
-            found[i] = -(b0 + b1 * length) / gain
+        rest, dynamics = 0.0, model.actuator_dyntype[i]
+        if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_AFFINE:
+            gain += model.actuator_gainprm[i, 1] * length
+        if model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE and b1 != 0.0 and gain != 0.0:
+            rest = -(b0 + b1 * length) / gain
+        if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_PID:
+            rest = length
+        found[i] = 0.0 if dynamics == mujoco.mjtDyn.mjDYN_INTEGRATOR else rest
+        if dynamics in _ACTIVATED:
+            data.act[model.actuator_actadr[i]] = rest
     return found
+
+
+def set_activations(system: System, data: Any, activations: Mapping[str, float]) -> None:
+    """Set activations of a scenario by actuator.
+
+    Raises:
+        ScenarioFaults: An unknown actuator, or one without an activation.
+    """
+    faults, model = [], system.mj
+    for name, value in activations.items():
+        path = ("initial", "activations", name)
+        try:
+            i = system.index("actuator", name)
+        except LookupError as error:
+            faults.append(Fault(str(error.args[0]), path))
+            continue
+        if model.actuator_actnum[i] != 1:
+            faults.append(Fault(f"{name} has {model.actuator_actnum[i] or 'no'} activations; one is needed here", path))
+        else:
+            data.act[model.actuator_actadr[i]] = value
+    if faults:
+        raise ScenarioFaults(faults)
+
+
+def activation_columns(system: System, data: Any) -> Columns:
+    """Columns of the activations; a log replay goes on from them."""
+    model, start, signals = system.mj, np.array(data.act), []
+    for i, name in enumerate(system.names("actuator")):
+        for k in range(int(model.actuator_actnum[i])):
+            field = f"{identifier(name)}_activation" + (f"_{k + 1}" if model.actuator_actnum[i] > 1 else "")
+            signals.append(Signal("actuators", field, "", f"activation {k + 1} of servo {name}", f"actuator {name}"))
+
+    def resume(values: FloatArray) -> None:
+        data.act[:] = values if values.any() else start
+
+    return Columns(tuple(signals), live=data.act, resume=resume)

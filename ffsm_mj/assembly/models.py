@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
 from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.model.actuators import motors_of
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
@@ -125,12 +126,13 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
     if faults:
         raise located(ScenarioFaults(faults), source)
     parts = {keys[-1]: part for keys, part in models.items()}
+    kinds = {name: config.kind for name, config in scenario.actuators.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
     files = {
         name: replace(
             read_files(),
             strip=to_strip(parts[name].strip, parts[name].limits),
-            motors=_motors(scenario, name),
+            motors=motors_of(name, kinds),
             pose=poses.get(name),
             body=parts[name].body or "",
         )
@@ -138,12 +140,6 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
     }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}
-
-
-def _motors(scenario: ScenarioConfig, model: str) -> tuple[str, ...]:
-    """Actuators of a model that the scenario makes motors, by their names in its file; others may be in another model."""
-    asked = [name for name, config in scenario.actuators.items() if config.kind == "torque"]
-    return tuple(name.removeprefix(f"{model}/") for name in asked)
 
 
 def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:

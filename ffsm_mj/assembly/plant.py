@@ -51,7 +51,7 @@ def build_plant(
         ScenarioFaults: A contact model or an actuator does not fit the system, or no accuracy can be measured.
     """
     scene, motion = Scene(system, data), Motion(system.mj, data, actuator_power(system, system.mj, data))
-    actuation = Actuation(system, scenario.actuators, data)
+    actuation = Actuation(system, scenario.actuators, data, scenario.initial.activations)
     control = _delayed_control(scenario, scene, actuation)
     models = contact_models_of(scenario, scene, motion, pairs, limits, held)
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)

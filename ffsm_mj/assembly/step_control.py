@@ -53,6 +53,8 @@ def step_control(
         if of_step > STIFF_STEP:
             motion.make_implicit()
             parts = max(parts, min(_MOST_IMPLICIT_PARTS, round(_TRANSIENT_PARTS * of_step)))
+        if motion.activations is not None:  # known functions of the time, or no part of Newton's matrix
+            of_step = max(of_step, scenario.time_step_s * motion.activations.fastest())
         # Where no balance can tell the error, steps are as long as the scenario says.
         if accuracy is None and of_step > RESOLVED_STEP and not system.faults:
             accuracy = _OF_SERVOS

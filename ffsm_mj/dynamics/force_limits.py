@@ -57,11 +57,12 @@ class ForceLimits:
         """Time in a step of the first kink of a force, or None; the path is left at its start.
 
         Args:
-            path: The step, at its end.
-            duration_s: Its duration, s.
+            path: The step.
+            duration_s: How much of it, s.
         """
         from scipy.optimize import brentq  # takes a second to import: only runs with kinks pay
 
+        path.move_to(duration_s)
         end = self._margins()
         path.move_to(0.0)
         start, until_s = self._margins(), duration_s

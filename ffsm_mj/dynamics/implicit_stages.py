@@ -84,48 +84,94 @@ def integrate_implicitly(stepper: ForcedStepper, data: Any, duration_s: float) -
     step = stepper.stage = ImplicitStep(duration_s, stepper.start_rates)
     start_s, nodes = data.time, len(_PLACES)
     slopes, change, solved = np.array((np.stack((data.qvel, data.qacc)),) * nodes), np.inf, True
-    power, stiff = stepper.power, stepper.stiff
-    acting = np.zeros((0, 0), dtype=np.bool_)
-    if stiff is not None:
-        stiff.update()
+    actuators = _Actuators(stepper, step, duration_s)
+    if stepper.stiff is not None:
         slopes[:, 1] = 0.0  # the accelerations at the start of a transient are none that last
-        acting = np.array((stiff.acting(),) * nodes)
     try:
         for again in range(_PASSES):
-            if power is not None:
-                power.begin()
+            actuators.begin_pass()
             before, increments = slopes, np.tensordot(step.weights, slopes, 1)
             slopes = np.empty_like(before)
             for step.node in range(nodes):
                 stepper.repeats = step.node - nodes if again else 0
                 data.time = start_s + duration_s * _PLACES[step.node]
                 stepper.move_by(increments[step.node])
+                actuators.move_to_node()
                 stepper.refresh()
                 slopes[step.node, 1] = data.qacc
-                if power is not None:
-                    power.add(IMPLICIT_WEIGHTS[step.node])
-                if stiff is not None:
-                    acting[step.node] = stiff.acting()
+                actuators.note_node()
             found = step.stiff.corrections(step, slopes[:, 1]) if step.stiff is not None else 0.0
             solved = found is not None
             if found is not None:
                 slopes[:, 1] += found
-            if stiff is not None:
-                slopes[:, 1] = before[:, 1] + stiff.correction(step.weights, slopes[:, 1] - before[:, 1], acting)
+            slopes[:, 1] = actuators.corrected(before[:, 1], slopes[:, 1])
             slopes[:, 0] = step.start_rates + step.weights.dot(slopes[:, 1])
             _turn_spins(stepper, slopes, increments)
             moved = np.tensordot(step.weights, slopes - before, 1)
             last, change = change, float(np.abs(moved).max() / (1.0 + np.abs(slopes[:, 0]).max()))
+            change = max(change, actuators.change)
             if change <= _SETTLED or (change <= _NEARLY and change >= 0.5 * last):  # rounding
                 break
         else:
             solved = False
     finally:
         stepper.stage, stepper.repeats = None, 0
-    if power is not None:
-        power.end(duration_s)
     stepper.move_by(np.tensordot(step.weights[-1], slopes, 1))
+    actuators.end()
     return solved
+
+
+class _Actuators:
+    """Actuators in the nodes of an implicit step: their work, activations and stiffness.
+
+    Attributes:
+        change: By how much increments of activations have changed in the last pass.
+    """
+
+    def __init__(self, stepper: ForcedStepper, step: ImplicitStep, duration_s: float) -> None:
+        """Begin a step."""
+        self._power, self._stiff, self._activations = stepper.power, stepper.stiff, stepper.activations
+        self._step, self._duration_s, self.change = step, duration_s, 0.0
+        if self._activations is not None:
+            self._activations.begin(duration_s, len(_PLACES))
+        if self._stiff is not None:
+            self._stiff.update()
+            self._acting = np.array((self._stiff.acting(),) * len(_PLACES))
+
+    def begin_pass(self) -> None:
+        """Begin a pass over the nodes."""
+        self.change = 0.0
+        if self._power is not None:
+            self._power.begin()
+
+    def move_to_node(self) -> None:
+        """Set the activations at the node."""
+        if self._activations is not None:
+            node = self._step.node
+            self._activations.move_to_node(self._duration_s * _PLACES[node], self._step.weights[node])
+
+    def note_node(self) -> None:
+        """Note power, rates of activations and limits at the node, forces current."""
+        node = self._step.node
+        if self._power is not None:
+            self._power.add(IMPLICIT_WEIGHTS[node])
+        if self._activations is not None:
+            self.change = max(self.change, self._duration_s * self._activations.set_node(node))
+        if self._stiff is not None:
+            self._acting[node] = self._stiff.acting()
+
+    def corrected(self, before: FloatArray, accelerations: FloatArray) -> FloatArray:
+        """Accelerations at the nodes after Newton's correction of those before, (3, nv)."""
+        if self._stiff is None:
+            return accelerations
+        return before + self._stiff.correction(self._step.weights, accelerations - before, self._acting)
+
+    def end(self) -> None:
+        """End the step."""
+        if self._power is not None:
+            self._power.end(self._duration_s)
+        if self._activations is not None:
+            self._activations.move_to_node(self._duration_s, self._step.weights[-1])
 
 
 def _turn_spins(stepper: ForcedStepper, slopes: FloatArray, increments: FloatArray) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.activations import Activations
 from ffsm_mj.dynamics.force_limits import ForceLimits
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
@@ -41,6 +42,7 @@ class Motion:
         grasped_object: The object that is a child of a link, as a tree of the logged system; None if there is none.
         loops: Closed loops: latches, and coordinates that dry friction keeps at rest, held by rows in this model; None
             without any.
+        activations: Activations of the actuators; None without any.
         stiff: Stiffness of the actuators in implicit steps; None: steps are explicit unless contacts need implicit ones.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
         force_limits: Limits of their forces; None without servos.
@@ -73,6 +75,7 @@ class Motion:
         self.power: ActuatorPower | None = power[0] if power is not None else None
         self.force_limits: ForceLimits | None = power[1] if power is not None else None
         self.stiff: StiffActuators | None = None
+        self.activations = Activations(model, data) if model.na else None
         self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self.forced: ForcedStepper | None = None
@@ -82,6 +85,7 @@ class Motion:
         if self.power is None:
             return FreeStepper(self.model, self.data, self.path.start, self.momentum)
         stepper = ForcedStepper(self.model, self.data, self.path.start, self.momentum, (), _nothing, self.power)
+        stepper.activations = self.activations
         self.path.integrate = stepper.integrate
         return stepper
 
@@ -114,7 +118,7 @@ class Motion:
         if every := (*pushes, *answers):
             follow = self.follow if of_system else _nothing
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
-            pushed.stiff = self.stiff
+            pushed.stiff, pushed.activations = self.stiff, self.activations
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:

@@ -20,12 +20,13 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.dynamics.force_limits import without_force_limits
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.actuators import servo_mask
 
-_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
-_AFFINE = int(mujoco.mjtGain.mjGAIN_AFFINE)
+_LENGTH, _RATE = 1e-4, 1e-4
+"""Steps of differences, m or rad and m/s or rad/s."""
 
 
 class StiffActuators:
@@ -42,7 +43,7 @@ class StiffActuators:
         """
         self._model, self._data, self._constrained = model, data, constrained
         self._servos: IntArray = np.flatnonzero(servo_mask(model))
-        self._springs = JointSprings(model)
+        self._springs, self._unlimited = JointSprings(model), without_force_limits(model)
         self._moments = np.zeros((model.nout, model.nv))
         limited = model.actuator_forcelimited[self._servos].astype(bool)
         self._low, self._high = np.where(limited[:, None], model.actuator_forcerange[self._servos], [-np.inf, np.inf]).T
@@ -58,7 +59,8 @@ class StiffActuators:
             self._moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
         )
         self._rows = self._moments[servos]
-        self._k, self._d = _slopes(model, data, servos)
+        self._k, self._d = _slopes(self._unlimited, data, servos)
+        mujoco.mj_fwdActuation(model, data)
         self._spring_K, self._spring_D = np.diag(springs.stiffness(data.qpos)), np.diag(springs.damping(data.qvel))
         if springs.tendons.elastic or springs.tendons.damped:
             tendons, rows = springs.tendons, springs.tendons.rows(data)
@@ -117,14 +119,18 @@ class StiffActuators:
 
 
 def _slopes(model: Any, data: Any, servos: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and damping of servos along their transmissions: -dp/dl and -dp/dl', (n,) each."""
-    controls = np.where(
-        model.actuator_ctrllimited[servos].astype(bool),
-        np.clip(data.ctrl[servos], *model.actuator_ctrlrange[servos].T),
-        data.ctrl[servos],
-    )
-    affine = model.actuator_gaintype[servos] == _AFFINE
-    gain, bias = model.actuator_gainprm[servos], model.actuator_biasprm[servos]
-    of_length = np.where(affine, gain[:, 1], 0.0) * controls + bias[:, 1]
-    of_rate = np.where(affine, gain[:, 2], 0.0) * controls + bias[:, 2]
-    return -of_length, -of_rate
+    """Stiffness and damping of servos along their transmissions: -dp/dl and -dp/dl', (n,) each.
+
+    By central differences of the force without limits, which are exact where the law is affine; servos do not act on each
+    other.
+    """
+    found = []
+    for values, step in ((data.actuator_length, _LENGTH), (data.actuator_velocity, _RATE)):
+        kept, forces = values[servos].copy(), []
+        for sign in (1.0, -1.0):
+            values[servos] = kept + sign * step
+            mujoco.mj_fwdActuation(model, data)
+            forces.append(data.actuator_force[servos].copy())
+        values[servos] = kept
+        found.append((forces[1] - forces[0]) / (2.0 * step))
+    return found[0], found[1]

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
+from ffsm_mj.model.actuators import motors_of
 from ffsm_mj.model.added_sensors import ADDED_KINDS, AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
@@ -195,7 +196,14 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
         model = logged_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
         changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
         body = scenario.bodies.get(name, "")
-        return replace(model, strip=scenario.strip[name], overrides=changed, pose=scenario.poses.get(name), body=body)
+        return replace(
+            model,
+            strip=scenario.strip[name],
+            motors=motors_of(name, scenario.kinds),
+            overrides=changed,
+            pose=scenario.poses.get(name),
+            body=body,
+        )
 
     try:
         return compile_system(

@@ -23,8 +23,9 @@ _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
 _TENDON, _IN_PARENT = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtTrn.mjTRN_JOINTINPARENT
 _ADHESION = mujoco.mjtTrn.mjTRN_BODY
 _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
-_AFFINE_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
-_AFFINE_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+_GAIN, _BIAS, _DYN = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn
+_UNKNOWN = (int(_GAIN.mjGAIN_USER), int(_GAIN.mjGAIN_SO3))
+_UNKNOWN_BIAS = (int(_BIAS.mjBIAS_USER), int(_BIAS.mjBIAS_SO3))
 _SERVOS = "use 'strip: [servos]' in the scenario"
 _INSTEAD = f"make a motor of it by 'kind: torque' under 'actuators' in the scenario, or {_SERVOS}"
 _OF_ADHESION = (
@@ -77,6 +78,16 @@ def without_servos(model: Any) -> Any:
     other.actuator_gaintype[servos], other.actuator_gainprm[servos] = int(mujoco.mjtGain.mjGAIN_FIXED), 0.0
     other.actuator_biastype[servos] = int(mujoco.mjtBias.mjBIAS_NONE)
     return other
+
+
+def motors_of(model: str, kinds: Mapping[str, str]) -> tuple[str, ...]:
+    """Actuators of a model that a scenario makes motors, by their names in its file; others may be in another model.
+
+    Args:
+        model: ``robot`` or the name of an object.
+        kinds: Kinds of actuators in the scenario, by their names there.
+    """
+    return tuple(name.removeprefix(f"{model}/") for name, kind in kinds.items() if kind == "torque")
 
 
 def make_motors(spec: Any, names: Iterable[str]) -> None:
@@ -138,10 +149,12 @@ def _servo_faults(model: Any, i: int) -> Iterator[str]:
         return
     if model.actuator_plugin[i] >= 0:
         yield f"is a plugin: its law is in no model file; write a servo of MuJoCo, or {_SERVOS}"
-    elif model.actuator_gaintype[i] not in _AFFINE_GAINS or model.actuator_biastype[i] not in _AFFINE_BIASES:
-        yield f"has a law that is not supported: no affine function of its setpoint, length and rate; {_INSTEAD}"
-    elif model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE:
-        yield f"has an activation, which is not supported; {_INSTEAD}"
+    elif (
+        model.actuator_gaintype[i] in _UNKNOWN
+        or model.actuator_biastype[i] in _UNKNOWN_BIAS
+        or model.actuator_dyntype[i] == _DYN.mjDYN_USER
+    ):
+        yield f"has a law that is not supported, of orientation or of a user; {_INSTEAD}"
     if not _acts_within(model, i):
         yield f"is a servo that acts on the base or its body from outside, which is not supported; {_INSTEAD}"
     yield from _damping_faults(model, i)

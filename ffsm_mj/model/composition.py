@@ -78,6 +78,7 @@ def compile_system(
         parts, faults = _attach(scene, files, grasp, vfs, warned, conservative=conservative)
         added = add_sensors(scene, sensors, grasped=grasp is not None)
         model = compile_scene(scene, files, vfs)
+    model.actuator_actearly[:] = 0  # a force follows from the activation of the same instant, which stages integrate
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files)
     limits, refused = effort_limits(model, scene, files)

@@ -402,7 +402,10 @@ class EventDrivenIntegrator:
         motion = self.motion
         if motion.force_limits is None or not motion.flight.kinked or motion.stiff is not None:
             return step_s, clear
-        at_s = motion.force_limits.first_kink(motion.path, step_s)
+        of_activation = motion.activations.kink_s if motion.activations is not None else math.inf
+        at_s = motion.force_limits.first_kink(motion.path, min(step_s, of_activation))
+        if at_s is None and of_activation < step_s:
+            at_s = of_activation
         if at_s is not None and at_s + shortest_s(float(motion.data.time)) < step_s:
             step_s = at_s
         clear, motion.path.at_s = motion.step(step_s), step_s

@@ -127,9 +127,14 @@ SERVOS: dict[str, dict[str, str]] = {
     "position": {"kp": "3"},
     "velocity": {"kv": "3"},
     "damper": {"kv": "3", "ctrlrange": "0 1"},
+    "intvelocity": {"kp": "3", "actrange": "-2 2"},
+    "cylinder": {"area": "1", "bias": "1 1 1"},
+    "muscle": {"lengthrange": "-9 9"},
+    "dcmotor": {"motorconst": "0.1", "resistance": "1"},
 }
 """Servos by their elements, with what each of them needs."""
 _IDLE = {"group": "3", "lengthrange": "-1 1", "user": "1 2"}
+_IDLE_MUSCLE = {"group": "3", "user": "1 2"}
 _WITHIN: dict[str, Any] = _MOTOR | dict.fromkeys(_IDLE, _IDLE) | {"site": _TRANSMISSIONS["refsite"]}
 """The same of servos, which act between two links."""
 _TENDON: dict[str, Any] = {
@@ -308,6 +313,50 @@ COMPARED: dict[str, Case] = {
     ),
     **_cases("actuator/motor", **_MOTOR),
     **_servo_cases("position", SERVOS["position"], **_WITHIN, kp="2", kv="1", dampratio="1"),
+    **_servo_cases("position", SERVOS["position"], timeconst="0.1"),
+    **_servo_cases(
+        "intvelocity",
+        SERVOS["intvelocity"],
+        **_WITHIN,
+        kp="2",
+        kv="1",
+        dampratio="1",
+        actrange="-1 1",
+        actlimited="true",
+    ),
+    "actuator/intvelocity@inheritrange": {
+        "body/joint": {"range": "-1 1"},
+        "in_actuator": '<intvelocity name="probe" joint="j1" kp="3" inheritrange="1"/>',
+    },
+    **_servo_cases("cylinder", SERVOS["cylinder"], **_WITHIN, area="2", bias="1 2 3", diameter="2", timeconst="2"),
+    **_servo_cases(
+        "muscle",
+        SERVOS["muscle"],
+        **{name: value for name, value in _WITHIN.items() if name not in ("site", "refsite", *_IDLE)},
+        group=_IDLE_MUSCLE,
+        user=_IDLE_MUSCLE,
+        **dict.fromkeys(("scale", "vmax", "fpmax", "fvmax", "lmax", "force"), "1.1"),
+        lmin="0.6",
+        lengthrange="-8 9",
+        range="0.7 1.1",
+        timeconst="0.02 0.05",
+        tausmooth="0.1",
+    ),
+    **_servo_cases(
+        "dcmotor",
+        SERVOS["dcmotor"],
+        **{name: value for name, value in _WITHIN.items() if name not in ("forcerange", "forcelimited")},
+        motorconst="0.2",
+        resistance="2",
+        cogging="0.1 6 0",
+        controller={"controller": "1 1 1", "input": "pos"},
+        inductance="0.01",
+        input="voltage",
+        lugre="1 1 1 1 1",
+        nominal={"motorconst": None, "resistance": None, "nominal": "12 1 100"},
+        saturation="1 1",
+        thermal="1 1 1 1 1 1",
+    ),
     "actuator/position@inheritrange": {
         "body/joint": {"range": "-1 1"},
         "in_actuator": '<position name="probe" joint="j1" kp="3" inheritrange="1"/>',
@@ -323,8 +372,10 @@ COMPARED: dict[str, Case] = {
         biasprm={"biastype": "affine", "biasprm": "1 2 3"},
         actdim="-1",
         actearly="true",
-        actlimited="false",
-        dynprm="2",
+        actlimited={"dyntype": "integrator", "actlimited": "true", "actrange": "-1 1"},
+        actrange={"dyntype": "integrator", "actrange": "-1 1"},
+        dyntype={"dyntype": "filter", "dynprm": "0.1"},
+        dynprm={"dyntype": "filter", "dynprm": "0.1"},
         ffrange="-1 1",
         inheritrange="0",
         input="pos",
@@ -437,20 +488,13 @@ MARKED: dict[str, Case] = {
             kind, own, damping="1", interp={"delay": "0.01", "nsample": "20", "interp": "linear"}
         ).items()
     },
-    **_servo_cases("position", SERVOS["position"], timeconst="0.1"),
     **_cases(
         "actuator/general",
-        actrange={"in_actuator": f'<general {_JOINT2} dyntype="integrator" actrange="-1 1"/>'},
-        dyntype={"in_actuator": f'<general {_JOINT2} dyntype="filter" dynprm="0.1"/>'},
         body={"in_actuator": '<general name="probe" body="l2" ctrlrange="0 1"/>'},
     ),
     **_servo("adhesion", 'name="probe" body="l2" ctrlrange="0 1"'),
-    **_servo("intvelocity", f'{_JOINT2} kp="3" actrange="-1 1"'),
     **_servo("orientation", 'name="probe" joint="jb" kp="3"'),
     **_servo("pid", f'{_JOINT2} kp="1" ki="1" kv="1"'),
-    **_servo("cylinder", f'{_JOINT2} area="1"'),
-    **_servo("muscle", f'{_JOINT2} lengthrange="0 1"'),
-    **_servo("dcmotor", f'{_JOINT2} motorconst="0.1" resistance="1"'),
     "sensor/rangefinder@camera": {
         "in_body": '<camera name="c" resolution="2 2"/>',
         "in_sensor": '<rangefinder camera="c"/>',

@@ -180,9 +180,13 @@ def differences(one, other):
 
 
 def alone(path):
-    """The file as MuJoCo itself compiles it, without contacts and limits, which contact models replace."""
+    """The file as MuJoCo itself compiles it, without contacts and limits, which contact models replace.
+
+    Forces follow from activations of the same instant: those of the next one are an artefact of its steps.
+    """
     model = mujoco.MjModel.from_xml_path(str(path))
     model.opt.disableflags |= DISABLED
+    model.actuator_actearly[:] = 0
     return model
 
 

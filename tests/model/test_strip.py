@@ -85,11 +85,10 @@ def test_springs_dampers_and_friction_of_joints_are_kept(tmp_path, left, attribu
     assert getattr(prepare(path, changes).system.mj, attribute).any()
 
 
-def test_servos_are_refused_with_a_remedy(tmp_path):
+def test_servos_are_kept(tmp_path):
+    """Unless they are stripped."""
     path, changes = moving(tmp_path, ALL[:-1])
-    with pytest.raises(InputError, match=r"strip: \[servos\]") as refused:
-        prepare(path, changes)
-    assert [line.partition(" has an activation")[0].rpartition("actuator ")[2] for line in refused.value.lines] == ["'lag'"]
+    assert {"robot/aim", "robot/lag"} <= set(prepare(path, changes).system.names("actuator"))
 
 
 def test_log_and_rerun_strip_alike(tmp_path, capfd):

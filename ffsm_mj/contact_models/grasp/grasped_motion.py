@@ -92,7 +92,7 @@ class GraspedMotion(Motion):
         free, data = self._free.data, self.data
         data.qpos[self._held_qpos] = free.qpos[self._qpos]
         data.qvel[:] = self.own_rates(free.qvel)
-        data.ctrl[:], data.time = free.ctrl, free.time
+        data.ctrl[:], data.act[:], data.time = free.ctrl, free.act, free.time
         self.joints.write_coordinates(free, data.qpos)
         self._refresh()
 
@@ -134,6 +134,7 @@ class GraspedMotion(Motion):
         self.copy_efforts()
         clear = super().step(duration_s)
         self.followed.step()
+        self._free.data.act[:] = self.data.act
         return clear
 
     def follow(self) -> None:
@@ -144,6 +145,7 @@ class GraspedMotion(Motion):
         """The same, with the accelerations under the forces of this motion."""
         self.followed.step()
         data, free = self.data, self._free.data
+        free.act[:] = data.act
         free.qacc[self._dofs] = data.qacc[self._held_dofs]
         self.placing.accelerations(self._acceleration_of_object())
 

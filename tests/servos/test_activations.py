@@ -1,0 +1,120 @@
+"""Servos with activations against closed forms, to order four of the step; what a log and a state have of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsm_mj
+from ffsm_mj.dynamics.activations import Activations
+from ffsm_mj.replay import replay_log
+from tests.scenario.test_scenario import faults
+from tests.servos.scenes import START, link_scene, steps
+from tests.servos.test_servos import ANGLE, RATE, passes
+from tests.simulation.restored import is_rest_of, rest, told
+
+ACTIVATION = "actuators.robot_servo_activation"
+MOTOR = 'joint="j" motorconst=".05" resistance="2" gear="20"'
+# Actuator, setpoint, activation at the start, duration, angle and rate at the end, activation there, error at 4 ms.
+CASES = {
+    "filter": (
+        '<position name="servo" joint="j" kp="8" kv=".6" timeconst=".03"/>',
+        (0.7, "_rad", 0.1, 1.0),
+        (0.875030111258, -0.956488314342, 0.7 - 0.6 * np.exp(-1.0 / 0.03)),
+        1e-8,
+    ),
+    "integrator": (
+        '<intvelocity name="servo" joint="j" kp="8" kv=".6" actrange="-9 9"/>',
+        (0.5, "_rad", 0.1, 1.0),
+        (0.614333122781, 0.832791296913, 0.6),
+        3e-9,
+    ),
+    "integrator to the end of its range, at .101 s": (
+        '<intvelocity name="servo" joint="j" kp="8" kv=".6" actrange="-1 .0505"/>',
+        (0.5, "_rad", 0.0, 1.0),
+        (0.053607439982, 0.332079510166, 0.0505),
+        3e-9,
+    ),
+    "motor without inductance": (
+        f'<dcmotor name="servo" {MOTOR}/>',
+        (12.0, "", None, 0.2),
+        (0.423399705423, 2.420750368222),
+        1e-10,
+    ),
+    "motor with inductance": (
+        f'<dcmotor name="servo" {MOTOR} inductance=".008"/>',
+        (12.0, "", 0.0, 0.2),
+        (0.413924798425, 2.384272537060, 4.832146490939),
+        1e-10,
+    ),
+    "muscle, from rest": (
+        '<muscle name="servo" joint="j" lengthrange="-3 3" timeconst=".01 .04"/>',
+        (0.8, "", 0.05, 0.02),
+        (None, None, 0.665660105663906),
+        1e-4,
+    ),
+}
+
+
+def run_of(folder, actuator, setpoint, unit, activation, duration_s, **scenario):
+    (folder / "setpoints.csv").write_text(f"time_s,actuators.robot_servo_applied{unit}\n0,{setpoint}\n9,{setpoint}\n")
+    initial = START | ({"activations": {"servo": activation}} if activation is not None else {})
+    law = {"kind": "playback", "file": "setpoints.csv"}
+    path = link_scene(folder, law, actuators=actuator, initial=initial, duration_s=duration_s, **scenario)
+    return ffsm_mj.run(path)
+
+
+@pytest.mark.parametrize("what", CASES)
+def test_an_activation_is_integrated_with_the_motion(tmp_path, what):
+    """To order four, also where the integrator of MuJoCo is of order one, and through the end of a range."""
+    actuator, given, expected, at_4_ms = CASES[what]
+    errors = []
+    for step_s in (4e-3, 2e-3):
+        run = run_of(tmp_path, actuator, *given, **steps(step_s))
+        columns = (ANGLE, RATE, ACTIVATION)[: len(expected)]
+        errors.append(
+            max(abs(run[key][-1] - value) for key, value in zip(columns, expected, strict=True) if value is not None)
+        )
+        assert passes(run)
+    assert errors[0] < at_4_ms
+    assert errors[1] < errors[0] / 10.0 + 2e-10  # steps that the control has divided are near rounding
+    again = replay_log(run.log)
+    assert again.agrees, again.worst
+
+
+def test_the_end_of_a_range_inside_a_step_spoils_the_order(tmp_path, monkeypatch):
+    """The control: the step does not end where the integrator does."""
+    begin = Activations.begin
+
+    def begun(self, *arguments):
+        begin(self, *arguments)
+        self.kink_s = np.inf
+
+    monkeypatch.setattr(Activations, "begin", begun)
+    actuator, given, expected, at_4_ms = CASES["integrator to the end of its range, at .101 s"]
+    run = run_of(tmp_path, actuator, *given, **steps(4e-3))
+    assert max(abs(run[ANGLE][-1] - expected[0]), abs(run[RATE][-1] - expected[1])) > 10.0 * at_4_ms
+
+
+def test_a_run_goes_on_from_its_activation(tmp_path):
+    actuator = CASES["filter"][0]
+    path = link_scene(tmp_path, {"kind": "hold", "positions": [0.7]}, actuators=actuator, duration_s=0.1)
+    with ffsm_mj.Simulator(path) as simulator:
+        simulator.reset()
+        while simulator.time_s < 0.05:
+            simulator.step()
+        state = simulator.get_state().to_bytes()
+        while not simulator.ended:
+            simulator.step()
+        whole = told(simulator.close())
+    assert is_rest_of(whole, rest(path, {}, state))
+
+
+def test_an_activation_begins_at_rest_unless_it_is_given(tmp_path):
+    at_rest = {"joints": {"j": 0.2}}
+    for name in ("filter", "integrator"):
+        run = ffsm_mj.run(link_scene(tmp_path, {"kind": "off"}, actuators=CASES[name][0], initial=at_rest, duration_s=0.1))
+        assert np.abs(run[RATE]).max() == 0.0
+        assert set(run[ACTIVATION]) == {0.2}
+    path = link_scene(tmp_path, {"kind": "off"}, initial=at_rest | {"activations": {"servo": 0.1}})
+    assert any("initial.activations.servo: servo has no activations" in line for line in faults(path=path))
