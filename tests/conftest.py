@@ -19,6 +19,7 @@ from ffsm_mj.records import kinds
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests import long_share
 from tests.collection import pytest_collection, pytest_make_collect_report  # noqa: F401 (found by pytest)
+from tests.contact_models.joint_friction.drive import Drive
 from tests.contact_models.spring import Spring
 from tests.contact_models.weld import Weld
 from tests.long_share import pytest_addoption, pytest_collection_modifyitems  # noqa: F401 (found by pytest)
@@ -85,7 +86,7 @@ def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
     monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))
     monkeypatch.setattr(kinds, "_KNOWN", dict(kinds._KNOWN))
-    for contact_model in (Spring, Weld):
+    for contact_model in (Drive, Spring, Weld):
         contact_models.register(contact_model)
 
 

@@ -148,7 +148,7 @@ def test_an_unknown_request_is_reported(tmp_path, monkeypatch):
     ("contact_models", "place", "what"),
     [
         ([{"kind": "sprang"}], "contact_models.0.kind", "unknown contact model 'sprang' (did you mean 'spring'?)"),
-        ([{"between": ["hand", "target/target"]}], "contact_models.0", "needs a 'kind'; allowed: spring, weld"),
+        ([{"between": ["hand", "target/target"]}], "contact_models.0", "needs a 'kind'; allowed: drive, spring, weld"),
         ([{"kind": "spring", "geoms": ["hand"], "stiffness_N_m": 1.0}], "contact_models.0.geoms", "at least 2 items"),
         ([{"kind": "spring", "geoms": ["hand", "no"], "stiffness_N_m": 1.0}], "contact_models.0", "unknown geom 'no'"),
     ],

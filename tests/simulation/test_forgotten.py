@@ -22,6 +22,8 @@ from tests.forgetting import classes_with_state, forgetting
 from tests.scenes import ball, scene, two_balls
 from tests.simulation.restored import is_rest_of, rest, told
 
+pytestmark = pytest.mark.usefixtures("example_contact_models")
+
 OFF = {"kind": "off"}
 UNTIL_IMPACT = [
     {"name": "before", "until": "impact", "controller": OFF},

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact_models.registry import register
 from ffsm_mj.replay import replay_log
-from tests.contact_models.joint_friction.drive import Drive
 from tests.scenes import HEAD, scene
-
-register(Drive)
 
 
 def slider(friction, joint="", *, hull=True):

@@ -10,6 +10,8 @@ from tests.scenes import box
 from tests.servos.scenes import START, link
 from tests.servos.test_servos import HOLD
 
+pytestmark = pytest.mark.usefixtures("example_contact_models")
+
 
 @pytest.mark.parametrize("step_s", [1e-2, 2e-3])
 def test_coupled_joints_stop_together(tmp_path, step_s):

@@ -12,6 +12,8 @@ import ffsm_mj
 from tests.contact_models.joint_friction.scenes import arm, changes, heat, rubbing, run
 from tests.simulation.restored import is_rest_of, rest, told
 
+pytestmark = pytest.mark.usefixtures("example_contact_models")
+
 INITIAL = {
     "joints": {"one": 0.4, "two": -0.7},
     "rates": {"free": [0.05, -0.02, 0, 0, 0, -0.3], "one": 1.5, "two": -2.2},

@@ -10,6 +10,8 @@ import pytest
 from tests.contact_models.joint_friction.scenes import changes, heat, run, slider
 from tests.scenes import ball
 
+pytestmark = pytest.mark.usefixtures("example_contact_models")
+
 REDUCED = 10.0 / 7.0
 ROUNDING = 2e-13
 """Events are located to 1e-13 s, and then rounded up until they are passed."""
