@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -22,15 +21,12 @@ from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.second_rate import SecondRate
 from ffsm_mj.dynamics.loops.couplings import TendonRow
 from ffsm_mj.dynamics.tendon_springs import tendon_rows
-from ffsm_mj.model.system import tendon_bodies
+from ffsm_mj.model.system import tendon_bodies, tendon_unit
 from ffsm_mj.tolerances import EPSILON
 
 _NOWHERE = np.zeros(3)
 _NOWHERE.flags.writeable = False
 _JOINT = int(mujoco.mjtWrap.mjWRAP_JOINT)
-_GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
-_DIFFERENCE_S = (1e-3, 5e-4, 2.5e-4)
-"""Steps of central differences: their errors of order two and four cancel, which leaves 6e-14 of the second rate."""
 
 
 class TendonLimit(JointLimit):
@@ -58,8 +54,7 @@ class TendonLimit(JointLimit):
         path = range(int(model.tendon_adr[tendon]), int(model.tendon_adr[tendon] + model.tendon_num[tendon]))
         self._parts = {int(model.wrap_objid[i]): float(model.wrap_prm[i]) for i in path if model.wrap_type[i] == _JOINT}
         self.moves = not self._parts
-        hinges = all(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE for joint in self._parts)
-        self.unit = "rad" if self._parts and hinges else "m"
+        self.unit = tendon_unit(model, tendon)
         self.limit, self.sign = (low, 1.0) if side == "lower" else (high, -1.0)
         bodies = tendon_bodies(model, tendon)
         self.body_a, self.body_b = bodies[0], bodies[-1]
@@ -67,8 +62,7 @@ class TendonLimit(JointLimit):
         self.size = min(0.5 * (high - low), MOST_TRAVEL)
         self.feature = LimitFeature(self)
         self._model, self.tendon = model, tendon
-        wraps = any(model.wrap_type[i] in _GEOMS for i in path)
-        self._scratch: Any = mujoco.MjData(model) if wraps else None
+        self._of_length: TendonRow | None = None
 
     def value(self, data: Any) -> float:
         """Length of the tendon, rad or m."""
@@ -85,27 +79,11 @@ class TendonLimit(JointLimit):
 
     def bend(self, data: Any) -> float:
         """Second rate of the gap at zero generalised acceleration."""
-        if self._scratch is not None:
-            return self._bend_of_wraps(data)
-        return self.sign * TendonRow(self._model, data, self.joint).row()[1] if self.moves else 0.0
-
-    def _bend_of_wraps(self, data: Any) -> float:
-        """The same by central differences of the row along the motion, for paths around geoms.
-
-        With Richardson's extrapolation over three steps the error is of rounding, but where a wrap begins or ends: there the
-        row has a kink, and the second rate jumps.
-        """
-        model, scratch, found = self._model, self._scratch, []
-        for step in _DIFFERENCE_S:
-            ends = []
-            for time_s in (step, -step):
-                scratch.qpos[:] = data.qpos
-                mujoco.mj_integratePos(model, scratch.qpos, data.qvel, time_s)
-                mujoco.mj_fwdPosition(model, scratch)
-                ends.append(float(self.row(model, scratch) @ data.qvel))
-            found.append((ends[0] - ends[1]) / (2.0 * step))
-        first, second = ((4.0 * finer - coarse) / 3.0 for coarse, finer in pairwise(found))
-        return (16.0 * second - first) / 15.0
+        if not self.moves:
+            return 0.0
+        if self._of_length is None or self._of_length.data is not data:
+            self._of_length = TendonRow(self._model, data, self.joint)
+        return self.sign * self._of_length.row()[1]
 
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing rate for the velocities in ``data``, rad/s or m/s."""

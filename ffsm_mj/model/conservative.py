@@ -1,6 +1,6 @@
 """Detection of elements that break the conservation of energy or momentum, each with its name, file and line.
 
-Springs, dampers and dry friction of joints act between two links, and enter the balance. Refused are those of the base's
+Springs, dampers and dry friction of joints and tendons act between links, and enter the balance. Refused are those of the base's
 joints, which act on the world, dampers that drive, springs that yield, and, whether the scenario is conservative or not, dry
 friction of ball joints and of those of the base.
 
@@ -21,7 +21,7 @@ from ffsm_mj.model.coefficients import damping_coefficients, sign_preserving, st
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors
-from ffsm_mj.model.tendons import tendon_springs_faults
+from ffsm_mj.model.tendons import acts_on_world, tendon_springs_faults
 
 _OPTIONS = (
     *("timestep", "impratio", "tolerance", "ls_tolerance", "noslip_tolerance", "ccd_tolerance", "sleep_tolerance"),
@@ -111,7 +111,7 @@ def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> lis
 
 
 def friction_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
-    """Dry friction that is not that of a hinge or slide between two links, each with the file and line of its model."""
+    """Dry friction that is not that of a hinge, slide or tendon between links, each with the file and line of its model."""
     places = Places(scene, files)
     for j in sorted({*model.dof_jntid[model.dof_frictionloss > 0.0].tolist()}):
         if model.body_parentid[model.jnt_bodyid[j]] == 0:
@@ -122,6 +122,10 @@ def friction_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> 
             continue
         name, loss = model.joint(j).name, model.dof_frictionloss[model.jnt_dofadr[j]]
         yield f"{places.of('joint', name)} has frictionloss {loss:g} {where}; hinges and slides between links may have it"
+    for t in np.flatnonzero(model.tendon_frictionloss > 0.0).tolist():
+        if acts_on_world(model, t):
+            place, loss = places.of("tendon", model.tendon(t).name), model.tendon_frictionloss[t]
+            yield f"{place} has frictionloss {loss:g} and acts on the world; tendons between links may have it"
 
 
 def _has_limited_gravcomp(model: Any, body: int) -> bool:
@@ -158,8 +162,6 @@ def _elements(model: Any) -> Iterator[tuple[str, str, str]]:
     for j in range(model.njnt):
         joint = model.joint(j)
         yield from (("joint", joint.name, what) for what in _spring_faults(model, j, joint.dofadr[0]))
-    for t in np.flatnonzero(model.tendon_frictionloss).tolist():
-        yield "tendon", model.tendon(t).name, "frictionloss"
     yield from (("tendon", name, what) for name, what in tendon_springs_faults(model))
     for b in np.flatnonzero(model.body_gravcomp).tolist() if np.any(model.opt.gravity) else ():
         if _has_limited_gravcomp(model, b):

@@ -35,8 +35,8 @@ _DISABLED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("damper", lambda spec: _any(spec.joints, "damping"), "remove the damping of the joints, or use 'strip: [damping]'"),
     (
         "frictionloss",
-        lambda spec: any(joint.frictionloss for joint in spec.joints),
-        "remove the frictionloss of the joints, or use 'strip: [frictionloss]'",
+        lambda spec: any(each.frictionloss for each in (*spec.joints, *spec.tendons)),
+        "remove the frictionloss of joints and tendons, or use 'strip: [frictionloss]'",
     ),
     (
         "equality",

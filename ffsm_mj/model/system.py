@@ -51,6 +51,15 @@ def is_fixed_tendon(model: Any, tendon: int) -> bool:
     return int(model.wrap_type[model.tendon_adr[tendon]]) == _JOINT
 
 
+def tendon_unit(model: Any, tendon: int) -> str:
+    """Unit of its length: ``rad`` for a combination of hinges alone, else ``m``."""
+    path = range(int(model.tendon_adr[tendon]), int(model.tendon_adr[tendon] + model.tendon_num[tendon]))
+    hinges = all(
+        model.wrap_type[i] == _JOINT and model.jnt_type[model.wrap_objid[i]] == mujoco.mjtJoint.mjJNT_HINGE for i in path
+    )
+    return "rad" if hinges else "m"
+
+
 def tendon_bodies(model: Any, tendon: int) -> list[int]:
     """Bodies that a tendon is attached to: those of its joints, of its sites and of the geoms that it wraps."""
     first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])

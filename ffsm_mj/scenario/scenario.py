@@ -112,9 +112,9 @@ class ScenarioConfig(StrictModel):
     control_period_s: PositiveFloat = 0.001
     """Control period, a multiple of the time step, s."""
     conservative: bool = True
-    """A vacuum without gravity, whatever the models say of them; dry friction of joints and tendon springs are refused. If
-    false, gravity enters the balance; with fluids or any of the others energy and momenta are not checked. Springs and
-    dampers of joints always enter the balance."""
+    """A vacuum without gravity, whatever the models say of them; what breaks the balances, as dampers that drive, is
+    refused. If false, gravity enters the balance; with fluids or any of the others energy and momenta are not checked.
+    Springs, dampers and dry friction of joints and tendons always enter the balance."""
     stop_on_impact: bool = False
     """End the run right after the first impact."""
     scene: SceneConfig | None = None

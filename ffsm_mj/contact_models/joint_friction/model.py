@@ -1,6 +1,6 @@
-"""Dry friction of joints: Coulomb's law in one coordinate, exact, integrated event by event.
+"""Dry friction of joints and tendons: Coulomb's law in one coordinate, exact, integrated event by event.
 
-A joint slides, with a friction of constant size against its rate, or sticks, with whatever friction within its limit keeps
+What is said of joints is said of the lengths of tendons, too, whose rows may depend on the configuration. A joint slides, with a friction of constant size against its rate, or sticks, with whatever friction within its limit keeps
 its acceleration at zero. Which of the two is fixed within a step, so that each step integrates a smooth ODE at the full
 order of RK4. A sliding joint exerts a constant force on a line, which no step size makes unstable; a sticking one is a row
 that is held in the stages (:mod:`ffsm_mj.dynamics.loops.closed_loops`) after all other forces are known.
@@ -30,18 +30,17 @@ from ffsm_mj.contact_models.crossing import just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.joint_friction.box import least_use
-from ffsm_mj.contact_models.joint_friction.coordinates import FrictionCoordinates
+from ffsm_mj.contact_models.joint_friction.coordinates import CoordinatesOfMotion, FrictionCoordinates
 from ffsm_mj.contact_models.joint_friction.decision import RestRows, Senses, decided
 from ffsm_mj.contact_models.joint_friction.record import HEAT_SIGNALS, STICK_SLIP, StickSlipRecord, friction_signals
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.state_projection import sum_exchanges
-from ffsm_mj.dynamics.loops.couplings import RestingCombination, RestingJoint
 from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.state import entries, fitting
-from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S, INSTANT_S, RATE
+from ffsm_mj.tolerances import CLOSED_RATE, EVENT_TIME, EVENT_TIME_S, INSTANT_S, RATE
 
 _ROUNDING = 1e-15
 """Rates within this share of (1 + the largest rate) are zero to rounding: where a joint sticks, or has just stopped."""
@@ -60,7 +59,7 @@ _REACHED = 1e-10
 
 
 class JointFriction(EventSource, ForceSource, Replayable):
-    """Dry friction of all joints of a scene; see :class:`~ffsm_mj.contact_models.interface.EventSource`.
+    """Dry friction of all joints and tendons of a scene; see :class:`~ffsm_mj.contact_models.interface.EventSource`.
 
     It must stand before its ``loops`` among the sources, which then hold the joints that it has found to stick.
 
@@ -88,15 +87,14 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
         Args:
             scene: The logged system and its data.
-            coordinates: The joints with friction.
+            coordinates: The joints and tendons with friction.
             contacts: Persistent contact.
             others: All other sources of forces.
         """
         super().__init__(scene)
         self._on, self._others, self._contacts = coordinates, tuple(others), contacts
-        self._resting = [RestingJoint(dof) for dof in coordinates.dofs.tolist()]
         self.loops = LoopForces(scene, (contacts, *others, self), rubs=True)
-        count = len(coordinates.joints)
+        count = len(coordinates.names)
         self.senses, self._friction, self._heat = np.zeros(count), np.zeros(count), np.zeros(3)
         self._rows_held = np.eye(count)
         self._held: BoolArray = np.ones(count, dtype=np.bool_)
@@ -105,7 +103,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._verified: object = None
         self._suspects: list[float] = []
         self._slides = False
-        signals = [friction_signals(*each) for each in zip(coordinates.joints, coordinates.units, strict=True)]
+        signals = [friction_signals(*each) for each in zip(coordinates.names, coordinates.units, strict=True)]
         self.columns = (
             Columns(tuple(one for one, _ in signals), live=self._shown, on_sample=self._sample, resume=self._resume),
             Columns(tuple(other for _, other in signals), live=self._friction),
@@ -140,24 +138,15 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self.senses[:], self._rows_held, self._verified = senses.slides, senses.held, None
         self._slides, self._held = bool(np.any(senses.slides)), np.asarray(senses.held.any(axis=0))
         self._shown[:] = np.where(senses.idle, _IDLE, senses.slides)
-        if self.loops.keep_at_rest([self._source(row) for row in senses.held]):
+        if self.loops.keep_at_rest([self._on.at_rest(row) for row in senses.held]):
             self._contacts.forget_rows()
-
-    def _source(self, held: FloatArray) -> RestingJoint | RestingCombination:
-        """The row of a joint that sticks, or of a combination of some."""
-        joints = np.flatnonzero(held).tolist()
-        if len(joints) == 1:
-            return self._resting[joints[0]]
-        return RestingCombination(tuple(self._on.dofs[joints].tolist()), tuple(held[joints].tolist()))
 
     def bind(self, motion: Motion) -> None:
         """Use another motion: joints slide or stick in it as before."""
         super().bind(motion)
         self._smooth, self._verified = Smooth(motion, self.scene.data), None
-        self._dofs = np.array([motion.dofs[dof] for dof in self._on.dofs], dtype=np.intp)
-        self._places = motion.model.jnt_qposadr[motion.model.dof_jntid[self._dofs]].astype(np.intp)
-        self._rows = np.eye(motion.model.nv)[self._dofs]
-        self._brief = _BRIEF_S * self._on.limits * motion.model.dof_invweight0[self._dofs]
+        self._moved = CoordinatesOfMotion(self._on, motion)
+        self._brief = _BRIEF_S * self._on.limits * self._moved.mobilities
 
     def restart(self) -> None:
         """Decide anew: the state or the efforts changed discontinuously."""
@@ -170,19 +159,20 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def names(self) -> str:
         """The joints that stick, or all of them."""
-        stuck = [joint for joint, sense in zip(self._on.joints, self.senses, strict=True) if not sense]
-        return f"dry friction of {', '.join(stuck or self._on.joints)}"
+        stuck = [joint for joint, sense in zip(self._on.names, self.senses, strict=True) if not sense]
+        return f"dry friction of {', '.join(stuck or self._on.names)}"
 
     # ---- Forces
 
     def push(self, data: Any) -> None:
         """Add the friction of the joints that slide; that of the others is held by ``loops``."""
         self.add_forces(data.qfrc_applied)
+        self._moved.add_stage()
 
     def add_forces(self, applied: FloatArray) -> None:
         """Add the same to generalised forces, (nv,) of the motion."""
         if self._slides:
-            applied[self._dofs] -= self._on.limits * self.senses
+            self._moved.add(applied, -self._on.limits * self.senses)
 
     def _other_forces(self) -> FloatArray:
         """Applied generalised forces of other sources at the state and efforts in ``data``, (nv,)."""
@@ -196,13 +186,15 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """Decide which joints stick, and stop those exactly."""
         self._decide()
         self._at_start = None
-        rates = self._rates()[self.senses == 0.0]
+        rates = self._moved.rates()[self.senses == 0.0]
         if rates.any() and np.abs(rates).max() > _ROUNDING * (1.0 + np.abs(self.motion.data.qvel).max()):
             self._at_start = self._stop(self.senses == 0.0)
+        self._moved.begin_step()
 
     def continue_step(self) -> None:
         """Go on with the joints that slide and stick."""
         self._at_start = None
+        self._moved.begin_step()
 
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores which joints slide."""
@@ -219,11 +211,9 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._heat -= done.energy_J
         return done
 
-    def exchanged(self, duration_s: float) -> Exchange:  # noqa: ARG002
+    def exchanged(self, duration_s: float) -> Exchange:
         """Heat of the step: friction times the way, which is exact, as the rate has one sign and the friction one size."""
-        # The path begins after projections, whose displacement does no work.
-        start = self.motion.path.start[1 + self._places]
-        heat = self._on.limits * self.senses * (self.motion.data.qpos[self._places] - start)
+        heat = self._on.limits * self.senses * self._moved.ways(duration_s) if self._slides else np.zeros(len(self.senses))
         return sum_exchanges(self._at_start, self._by_subsystem(self._on.of_trees @ -heat))
 
     def _by_subsystem(self, of_trees: FloatArray) -> Exchange:
@@ -235,14 +225,15 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     # ---- Decisions
 
-    def _rates(self) -> FloatArray:
-        rates: FloatArray = self.motion.data.qvel[self._dofs]
-        return rates
-
     def _slow(self) -> BoolArray:
-        """Joints whose rate is zero to rounding, or that their friction stops within an instant, (k,)."""
-        rounding = RATE * (1.0 + np.abs(self.motion.data.qvel).max())
-        return np.asarray(np.abs(self._rates()) <= rounding + self._brief)
+        """Joints whose rate is zero to rounding, or that their friction stops within an instant, (k,).
+
+        The row of a spatial tendon that sticks changes within a step: its rate drifts by the truncation of the stages, until
+        the next step begins.
+        """
+        scale = 1.0 + np.abs(self.motion.data.qvel).max()
+        drifts = np.where(self._moved.moving & (self.senses == 0.0), CLOSED_RATE, RATE)
+        return np.asarray(np.abs(self._moved.rates()) <= drifts * scale + self._brief)
 
     def _sample(self, _: float) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
@@ -281,7 +272,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
             before: Senses in which joints that are at rest begin to slide; 0: it is to be found, (k,).
         """
         slow, motion = self._slow(), self.motion
-        senses = np.where(slow, before, np.sign(self._rates()))
+        senses = np.where(slow, before, np.sign(self._moved.rates()))
         if not slow.any():
             return Senses.without_contacts(senses)
         L = np.linalg.cholesky(mass_matrix(motion.model, motion.data))
@@ -294,7 +285,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
             W = np.linalg.solve(L, motion.constrained(J).T).T
             return RestRows(W, J @ free + gamma, low, high, np.sum(np.linalg.solve(L, J.T) ** 2, axis=0))
 
-        of_joints = weighted(self._rows, np.zeros(len(limits)), -limits, limits)
+        of_joints = weighted(self._moved.rows(), self._moved.second_rates(), -limits, limits)
         of_contacts = None
         if contacts is not None:
             endless = np.full(len(contacts.gamma), np.inf)
@@ -332,7 +323,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         turns, breaks, slides = math.inf, math.inf, self.senses != 0.0
         if self._slides:
             rounding = _ROUNDING * (1.0 + float(np.abs(self.motion.data.qvel).max()))
-            turns = float((self.senses * self._rates())[slides].min()) + rounding
+            turns = float((self.senses * self._moved.rates())[slides].min()) + rounding
         if self._held.any():
             breaks = 1.0 + _BEYOND - float((np.abs(self._shared()) / self._on.limits[self._held]).max())
         return turns, breaks
@@ -353,13 +344,12 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def _doubtful_times(self, duration_s: float) -> list[float]:
         """Times within the step at which a margin may be negative although it is positive at its end."""
-        times, path = [], self.motion.path
+        times = []
         if self._slides:
             # The parabola through the rates at both ends with the way between them is as good as the step; where its vertex
             # is below zero inside, the joint may have stopped and gone on.
-            u0 = self.senses * path.start[1 + self.motion.model.nq + self._dofs]
-            u1 = self.senses * self._rates()
-            way = self.senses * (self.motion.data.qpos[self._places] - path.start[1 + self._places]) / duration_s
+            u0, u1 = self.senses * self._moved.start_rates, self.senses * self._moved.rates()
+            way = self.senses * self._moved.ways(duration_s) / duration_s
             bend, slope = 3.0 * (u0 + u1 - 2.0 * way), 6.0 * way - 4.0 * u0 - 2.0 * u1
             inside = (slope < 0.0) & (slope + 2.0 * bend > 0.0)
             vertex = -0.5 * slope / np.where(inside, bend, 1.0)
@@ -391,10 +381,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """Stop joints that come to rest, let those slide whose limit is reached, and decide on all that are at rest."""
         system, data, before = self.scene.system, self.scene.data, self.senses.copy()
         qvel_before, slow, others = system.by_joint(data.qvel), self._slow(), self._other_forces()
-        stops = (before != 0.0) & (before * self._rates() <= 0.0)
+        stops = (before != 0.0) & (before * self._moved.rates() <= 0.0)
         if slow.any() and (before[slow] != 0.0).any():
             # Joints that are alike come to rest together, to rounding.
-            a = self._rows @ self.motion.data.qacc
+            a = self._moved.rows() @ self.motion.data.qacc + self._moved.second_rates()
             stops |= slow & (before * a < 0.0)
         holds = np.zeros(len(before))
         if self._held.any():
@@ -409,15 +399,15 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._set(self._decided(others, forced))
         self._write_friction()
         changed = stops | breaks | (self.senses != before)
-        event = self.scene.numbers.next_number()
+        event, values = self.scene.numbers.next_number(), self._moved.values()
         records = tuple(
             StickSlipRecord(
                 event=event,
                 time_s=instant.time_s,
                 step=instant.step,
-                joint=self._on.joints[i],
+                joint=self._on.names[i],
                 unit=self._on.units[i],
-                value=float(data.qpos[self._on.places[i]]),
+                value=float(values[i]),
                 sense_before=int(before[i]),
                 sense_after=int(self.senses[i]),
                 friction_after=float(self._friction[i]),
@@ -438,14 +428,14 @@ class JointFriction(EventSource, ForceSource, Replayable):
         Returns:
             The energy that this takes, which is heat: the root of a rate is found to the rounding of the time alone.
         """
-        motion, dofs, system = self.motion, self._dofs[which], self.scene.system
+        motion, system = self.motion, self.scene.system
         before = self.scene.data.qvel.copy()
-        rows = self._rows[which]
+        rows = self._moved.rows()[which]
         if motion.loops is not None and motion.loops.sources:
             rows = np.concatenate((motion.loops.rows().J, rows))
         held = MassWeightedRows(mass_matrix(motion.model, motion.data), rows)
         motion.data.qvel[:] += held.change(rows @ motion.data.qvel)
-        motion.data.qvel[dofs] = 0.0  # what is left of them is rounding
+        self._moved.stop(which)
         mujoco.mj_forward(motion.model, motion.data)
         motion.path.on_event_located()
         motion.flight.account(0.0)
@@ -473,5 +463,5 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self.scene.numbers.continue_from(records[0].event)
 
     def record_fault(self, records: Sequence[Any]) -> str:
-        """Whether a record names a joint without dry friction."""
-        return "" if all(each.joint in self._on.joints for each in records) else "joint"
+        """Whether a record names a joint or tendon without dry friction."""
+        return "" if all(each.joint in self._on.names for each in records) else "joint"

@@ -22,7 +22,8 @@ _CLOSED_WITH_FORCE = 2.0
 def forces_known(scene: LoggedScene) -> bool:
     """Whether all forces but those of contacts, limits and grasps are known from models and efforts."""
     model = scene.model
-    return not scene.scenario.get("contact_models") and model.neq == 0 and not np.any(model.dof_frictionloss)
+    rubs = np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss)
+    return not scene.scenario.get("contact_models") and model.neq == 0 and not rubs
 
 
 def is_out_of_contact(scene: LoggedScene, row: Array) -> bool:
