@@ -1,8 +1,8 @@
 """Detection of elements that break the conservation of energy or momentum, each with its name, file and line.
 
-Springs, dampers and dry friction of joints and tendons act between links, and enter the balance. Refused are those of the base's
-joints, which act on the world, dampers that drive, springs that yield, and, whether the scenario is conservative or not, dry
-friction of ball joints and of those of the base.
+Springs, dampers and dry friction of joints and tendons act between links, and enter the balance. Refused are those of the
+base's joints, which act on the world, dampers that drive, springs that yield, and, whether the scenario is conservative or
+not, dry friction of ball joints, of those of the base, and of tendons that act on the world.
 
 A conservative scenario is in a vacuum without gravity, whatever its model files say of them. In other scenarios gravity and
 its compensation (``gravcomp``) are external forces that enter the balance, and no fault; fluid forces are one.
@@ -30,6 +30,7 @@ _OPTIONS = (
     *("disableflags", "enableflags", "disableactuator", "sdf_initpoints", "sdf_iterations"),
 )
 """Fields of mjOption in its order, which is that of the bits of ``MjSpec.authored.option``."""
+_MAY_HAVE_IT = "hinges and slides between links may have it"
 FLUID = ("wind", "density", "viscosity")
 """Options of the medium around the bodies."""
 
@@ -113,19 +114,23 @@ def model_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> lis
 def friction_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> Iterator[str]:
     """Dry friction that is not that of a hinge, slide or tendon between links, each with the file and line of its model."""
     places = Places(scene, files)
-    for j in sorted({*model.dof_jntid[model.dof_frictionloss > 0.0].tolist()}):
+    for j in sorted({*model.dof_jntid[model.dof_frictionloss != 0.0].tolist()}):
+        name, loss = model.joint(j).name, model.dof_frictionloss[model.jnt_dofadr[j]]
         if model.body_parentid[model.jnt_bodyid[j]] == 0:
-            where = "on a joint of the base, which acts on the world"
+            where = f"on a joint of the base, which acts on the world; {_MAY_HAVE_IT}"
         elif model.jnt_type[j] == mujoco.mjtJoint.mjJNT_BALL:
-            where = "on a ball joint, where limits by axis would depend on the frame"
+            where = f"on a ball joint, where limits by axis would depend on the frame; {_MAY_HAVE_IT}"
+        elif loss < 0.0:
+            where = "below zero, which would drive the joint"
         else:
             continue
-        name, loss = model.joint(j).name, model.dof_frictionloss[model.jnt_dofadr[j]]
-        yield f"{places.of('joint', name)} has frictionloss {loss:g} {where}; hinges and slides between links may have it"
-    for t in np.flatnonzero(model.tendon_frictionloss > 0.0).tolist():
+        yield f"{places.of('joint', name)} has frictionloss {loss:g} {where}"
+    for t in np.flatnonzero(model.tendon_frictionloss).tolist():
+        place, loss = places.of("tendon", model.tendon(t).name), model.tendon_frictionloss[t]
         if acts_on_world(model, t):
-            place, loss = places.of("tendon", model.tendon(t).name), model.tendon_frictionloss[t]
             yield f"{place} has frictionloss {loss:g} and acts on the world; tendons between links may have it"
+        elif loss < 0.0:
+            yield f"{place} has frictionloss {loss:g} below zero, which would drive the tendon"
 
 
 def _has_limited_gravcomp(model: Any, body: int) -> bool:

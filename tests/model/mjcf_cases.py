@@ -143,6 +143,7 @@ _TENDON: dict[str, Any] = {
     "damping": "0.4 0.1",
     "springlength": {"stiffness": "3", "springlength": "0.1 0.2"},
     "actuatorfrclimited": "false",
+    "frictionloss": "1",
     "range": "-9 9",
     "limited": {"limited": "true", "range": "-9 9"},
     "margin": "0.1",
@@ -400,7 +401,7 @@ LEFT_OUT = {
 WITHOUT_FORCE = {
     *(f"compiler@{each}" for each in ("alignfree", "autolimits", "coordinate", "discardvisual")),
     *("option@magnetic", "option/flag@gravity", "body@fuse", "body/freejoint@align"),
-    *(f"tendon/{kind}@{each}" for kind in ("fixed", "spatial") for each in ("range", "limited")),
+    *(f"tendon/{kind}@{each}" for kind in ("fixed", "spatial") for each in ("range", "limited", "frictionloss")),
     *("body/joint@range", "body/joint@limited", "body/joint@frictionloss", "body/geom@contype", "body/geom@conaffinity"),
     *(f"body/site@{each}" for each in ("size", "type", "mesh")),
     *(f"contact/{each}" for each in ("exclude@body1", "exclude@body2", "pair@geom1", "pair@geom2")),
@@ -410,10 +411,7 @@ WITHOUT_FORCE = {
 _FLEX = '<flexcomp name="f" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" mass="1" rigid="true"/>'
 _PLUGIN = '<plugin plugin="x"/>'
 _JOINT2 = 'name="probe" joint="j2"'
-_TENDON_FORCES: dict[str, Any] = {
-    "frictionloss": "1",
-    "springyield": {"stiffness": "1", "springyield": "0.1"},
-}
+_TENDON_FORCES: dict[str, Any] = {"springyield": {"stiffness": "1", "springyield": "0.1"}}
 
 
 def _sensor(kind: str, attributes: str) -> dict[str, Case]:

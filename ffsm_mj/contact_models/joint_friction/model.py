@@ -1,9 +1,11 @@
 """Dry friction of joints and tendons: Coulomb's law in one coordinate, exact, integrated event by event.
 
-What is said of joints is said of the lengths of tendons, too, whose rows may depend on the configuration. A joint slides, with a friction of constant size against its rate, or sticks, with whatever friction within its limit keeps
+A joint slides, with a friction of constant size against its rate, or sticks, with whatever friction within its limit keeps
 its acceleration at zero. Which of the two is fixed within a step, so that each step integrates a smooth ODE at the full
 order of RK4. A sliding joint exerts a constant force on a line, which no step size makes unstable; a sticking one is a row
 that is held in the stages (:mod:`ffsm_mj.dynamics.loops.closed_loops`) after all other forces are known.
+
+What is said of joints here is true of tendons, whose coordinate is the length: its row may depend on the configuration.
 
 A step ends where a joint that slides comes to rest, or where the friction that holds one reaches its limit. There the
 accelerations of those at rest follow from a problem with one solution (:mod:`.box`), as they do where efforts change. Where

@@ -1,4 +1,4 @@
-"""Event record of dry friction: a joint comes to rest, begins to slide, or turns back; and its columns."""
+"""Event record of dry friction: a joint or tendon comes to rest, begins to slide, or turns back; and its columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SENSES = {-1: "slides down", 0: "sticks", 1: "slides up"}
 
 @record
 class StickSlipRecord:
-    """A joint with dry friction comes to rest, begins to slide, or turns back."""
+    """A joint or tendon with dry friction comes to rest, begins to slide, or turns back."""
 
     event: int = declared(
         "Event number, counted with those of persistent contacts and grasps; joints that change together share it.",
@@ -22,19 +22,22 @@ class StickSlipRecord:
     )
     time_s: float = declared("Simulation time.")
     step: int = declared(STEP)
-    joint: str = declared("Full name of the joint.")
+    joint: str = declared("Full name of the joint or tendon.")
     unit: str = declared(
         "Unit of the coordinate: ``rad`` (friction in N m) or ``m`` (in N).",
-        column="unit of the joint's coordinate, rad or m: the friction is in N m or N",
+        column="unit of the coordinate or length, rad or m: the friction is in N m or N",
     )
-    value: float = declared("Coordinate of the joint at the event.", column="coordinate at the event, rad or m")
+    value: float = declared(
+        "Coordinate of the joint, or length of the tendon, at the event.",
+        column="coordinate or length at the event, rad or m",
+    )
     sense_before: int = declared(
         "Sense in which it slides before, -1 or 1; 0: it sticks.", column="sense in which it slides before; 0: it sticks"
     )
     sense_after: int = declared("The same after.", column="sense in which it slides after; 0: it sticks")
     friction_after: float = declared(
-        "Friction on the joint just after, under the efforts up to the event, N m or N.",
-        column="friction on the joint just after, N m or N",
+        "Friction on it just after, under the efforts up to the event, N m or N.",
+        column="friction on it just after, N m or N",
     )
     qpos: Values = declared(QPOS)
     qvel_before: ByName = declared(QVEL_BEFORE)
@@ -46,15 +49,15 @@ STICK_SLIP = RecordKind(
     record=StickSlipRecord,
     name="stick_slip",
     plural="stick_slips",
-    when="when a joint with dry friction comes to rest, begins to slide or turns back",
+    when="when a joint or tendon with dry friction comes to rest, begins to slide or turns back",
     time=lambda record: record.time_s,
-    sentence=lambda record: f"joint {record.joint} {_SENSES[record.sense_after]} at {record.value:.5g} {record.unit}",
+    sentence=lambda record: f"{record.joint} {_SENSES[record.sense_after]} at {record.value:.5g} {record.unit}",
     summarised=False,
 )
 
 
 def friction_signals(joint: str, unit: str) -> tuple[Signal, Signal]:
-    """Columns of one joint: its sense, and the friction on it."""
+    """Columns of one joint or tendon: its sense, and the friction on it."""
     name, size, units = identifier(joint), *(("torque", "N_m") if unit == "rad" else ("force", "N"))
     return (
         Signal(
@@ -75,6 +78,11 @@ def friction_signals(joint: str, unit: str) -> tuple[Signal, Signal]:
 
 
 HEAT_SIGNALS = tuple(
-    Signal("balance", JOINT_FRICTION_HEAT.format(subsystem), "J", f"heat of dry friction of joints since t = 0, {subsystem}")
+    Signal(
+        "balance",
+        JOINT_FRICTION_HEAT.format(subsystem),
+        "J",
+        f"heat of dry friction of joints and tendons since t = 0, {subsystem}",
+    )
     for subsystem in SUBSYSTEMS
 )
