@@ -45,6 +45,7 @@ cdef class Latch:
     cdef Py_ssize_t first, second, start, count
     cdef bint together, about_axis
     cdef double[::1] on_first, on_second, point_in_first, point_in_second
+    cdef Py_ssize_t[::1] of_first, of_second, dofs  # degrees of freedom that move each body, and both relative to each other
     cdef double[:, ::1] components  # linear rows, then angular ones, along axes of the first body
     cdef double[:, ::1] axes_in_first, axes_in_second  # by row
 
@@ -54,7 +55,9 @@ cdef class Latch:
         self.start, self.count = start, latch.count
         self.together = model.body_rootid[self.first] == model.body_rootid[self.second]
         self.about_axis = not latch.stopped[:, 5].any() and latch.stopped[:, 3].any()
-        self.on_first, self.on_second = chain(model, self.first), chain(model, self.second)
+        self.on_first, self.on_second = first, second = chain(model, self.first), chain(model, self.second)
+        moves = (first != second) | ((second != 0.0) & (not self.together))
+        self.of_first, self.of_second, self.dofs = (np.flatnonzero(each) for each in (first, second, moves))
         self.point_in_first, self.point_in_second = latch.point_in_first.copy(), latch.point_in_second.copy()
         stopped = np.concatenate((latch.stopped[:, :3], LENGTH_M * latch.stopped[:, 3:]))
         self.components = np.ascontiguousarray(stopped @ latch.axes_in_first.T)
@@ -125,25 +128,33 @@ cdef class LoopStage:
     cdef bint current, begun
     cdef double[:, ::1] cdof, cdof_dot, cvel, centres, xpos, xmat
     cdef int[::1] roots
+    cdef Py_ssize_t[::1] columns  # degrees of freedom that take part in any row
     cdef double[::1] qpos, qvel, passive, bias, actuator, applied, ctrl, seen_ctrl
-    cdef double[::1] last_qpos, last_qvel, all_gamma, force, own_gamma, own_y
+    cdef double[::1] last_qpos, last_qvel, all_gamma, every_error, force, own_gamma, own_y
     cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor, start_response, turn
     cdef double vanishes
 
     def __init__(self, model, data, bound, seen, rank):
         """Take the rows of bound sources; ``rank`` is the share of the largest singular value below which others vanish."""
+        cdef Latch latch
         self.model, self.data, self.seen = model, data, seen
         self.m, self.d, self.nv = <const mjModel*>address(model), <mjData*>address(data), model.nv
         self.places, self.n, self.vanishes = [], 0, VANISHES * rank
+        columns = set()
         for each in bound:
             if isinstance(each, BoundLatch):
-                self.places.append(Latch(model, each, self.n))
+                latch = Latch(model, each, self.n)
+                self.places.append(latch)
+                columns.update(latch.dofs)
             elif isinstance(each, JointRow):
                 (<JointRow>each).start = self.n
                 self.places.append(each)
+                columns.update(dof for dof in ((<JointRow>each).follower, (<JointRow>each).leader) if dof >= 0)
             else:
                 self.places.append((each, self.n))
+                columns.update(range(self.nv))
             self.n += each.count
+        self.columns = np.array(sorted(columns), dtype=np.intp)
         self.cdof, self.cdof_dot, self.cvel = data.cdof, data.cdof_dot, data.cvel
         self.centres, self.xpos, self.xmat = data.subtree_com, data.xpos, data.xmat
         self.roots = np.array(model.body_rootid, dtype=np.intc)
@@ -152,6 +163,7 @@ cdef class LoopStage:
         self.ctrl, self.seen_ctrl = data.ctrl, seen.ctrl
         self.last_qpos, self.last_qvel = np.empty(model.nq), np.empty(model.nv)
         self.J, self.force, self.all_gamma = np.zeros((self.n, self.nv)), np.empty(self.nv), np.empty(self.n)
+        self.every_error = np.empty(self.n)
         self.rows = self.J
         self.combine(np.empty((0, self.n)), np.empty((0, self.n)))
 
@@ -169,21 +181,21 @@ cdef class LoopStage:
         self.own_gamma, self.own_y = self.gamma, self.y
         self.start_response, self.turn = np.zeros((self.r, self.nv)), np.zeros((self.r, self.r))
 
-    cdef void body(self, Py_ssize_t number, const double[::1] moves, Body* found) noexcept:
+    cdef void body(self, Py_ssize_t number, const Py_ssize_t[::1] moves, Body* found) noexcept:
         cdef const double* velocity = &self.cvel[number, 0]
         cdef const double* centre = &self.centres[self.roots[number], 0]
-        cdef Py_ssize_t dof
+        cdef Py_ssize_t k, dof
         cdef int i
         cdef double rate
         for i in range(3):
             found.centre[i], found.omega[i], found.velocity[i] = centre[i], velocity[i], velocity[3 + i]
             found.alpha[i], found.acceleration[i] = 0.0, 0.0
-        for dof in range(self.nv):
-            rate = moves[dof] * self.qvel[dof]
-            if rate != 0.0:
-                for i in range(3):
-                    found.alpha[i] += rate * self.cdof_dot[dof, i]
-                    found.acceleration[i] += rate * self.cdof_dot[dof, 3 + i]
+        for k in range(moves.shape[0]):
+            dof = moves[k]
+            rate = self.qvel[dof]
+            for i in range(3):
+                found.alpha[i] += rate * self.cdof_dot[dof, i]
+                found.acceleration[i] += rate * self.cdof_dot[dof, 3 + i]
 
     cdef void point(self, Latch latch, double* found) noexcept:
         """The point of the second body, world axes."""
@@ -196,11 +208,11 @@ cdef class LoopStage:
         """Rows of a latch, and their rates at zero acceleration."""
         cdef Body a, b
         cdef double[3] place, arm_a, arm_b, own, other, along, turning, linear, angular, moment, here
-        cdef Py_ssize_t i, dof, k, n = latch.count
+        cdef Py_ssize_t i, j, dof, k, n = latch.count
         cdef int c
-        cdef double total, on_a, on_b
-        self.body(latch.first, latch.on_first, &a)
-        self.body(latch.second, latch.on_second, &b)
+        cdef double total
+        self.body(latch.first, latch.of_first, &a)
+        self.body(latch.second, latch.of_second, &b)
         self.point(latch, place)
         for c in range(3):
             arm_a[c], arm_b[c] = place[c] - a.centre[c], place[c] - b.centre[c]
@@ -234,15 +246,14 @@ cdef class LoopStage:
             self.all_gamma[k] = total
             cross(arm_a, linear, moment)
             cross(arm_b, linear, here)
-            for dof in range(self.nv):
-                on_a, on_b, total = latch.on_first[dof], latch.on_second[dof], 0.0
-                if on_b != on_a or (on_b != 0.0 and not latch.together):
-                    if on_b != 0.0:
-                        for c in range(3):
-                            total += (angular[c] + here[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
-                    if on_a != 0.0:
-                        for c in range(3):
-                            total -= (angular[c] + moment[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
+            for j in range(latch.dofs.shape[0]):
+                dof, total = latch.dofs[j], 0.0
+                if latch.on_second[dof] != 0.0:
+                    for c in range(3):
+                        total += (angular[c] + here[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
+                if latch.on_first[dof] != 0.0:
+                    for c in range(3):
+                        total -= (angular[c] + moment[c]) * self.cdof[dof, c] + linear[c] * self.cdof[dof, 3 + c]
                 self.rows[k, dof] = total
 
     cpdef int evaluate(self) except -1:
@@ -271,11 +282,7 @@ cdef class LoopStage:
             for k in range(self.n):
                 total += self.T[i, k] * self.all_gamma[k]
             self.own_gamma[i] = total
-            for j in range(self.nv):
-                total = 0.0
-                for k in range(self.n):
-                    total += self.T[i, k] * self.rows[k, j]
-                self.own_R[i, j] = total
+            self.combined_row(&self.T[i, 0], &self.own_R[i, 0])
         if self.r:
             mj.solveM(self.m, self.d, &self.own_response[0, 0], &self.own_R[0, 0], <int>self.r)
             self.factorise()
@@ -284,15 +291,34 @@ cdef class LoopStage:
         self.current = True
         return 0
 
+    cdef void combined_row(self, const double* share, double* row) noexcept:
+        """Write a combination of the rows; elements that are zero in all of them are left as they are."""
+        cdef Py_ssize_t i, k, column, columns = self.columns.shape[0]
+        cdef const double* own
+        for i in range(columns):
+            row[self.columns[i]] = 0.0
+        for k in range(self.n):
+            if share[k] != 0.0:
+                own = &self.rows[k, 0]
+                for i in range(columns):
+                    column = self.columns[i]
+                    row[column] += share[k] * own[column]
+
+    cdef double product(self, const double* full, const double* row) noexcept:
+        """Product of a vector and a row or a combination of rows."""
+        cdef Py_ssize_t i
+        cdef double total = 0.0
+        for i in range(self.columns.shape[0]):
+            total += full[self.columns[i]] * row[self.columns[i]]
+        return total
+
     cdef int factorise(self) except -1:
         """Cholesky factor of R M^-1 R^T."""
         cdef Py_ssize_t i, j, k
         cdef double total
         for i in range(self.r):
             for j in range(i + 1):
-                total = 0.0
-                for k in range(self.nv):
-                    total += self.own_response[i, k] * self.own_R[j, k]
+                total = self.product(&self.own_response[i, 0], &self.own_R[j, 0])
                 for k in range(j):
                     total -= self.own_factor[i, k] * self.own_factor[j, k]
                 if i > j:
@@ -305,20 +331,20 @@ cdef class LoopStage:
 
     def fits(self):
         """Whether the combinations T are independent here, and the others vanish."""
-        cdef Py_ssize_t i, j, k
+        cdef Py_ssize_t i, j, k, column
         cdef double total, most = 0.0, left = 0.0
         self.evaluate()
         for i in range(self.r):
             if self.own_factor[i, i] < LEAST_PIVOT or self.own_factor[i, i] > LARGEST_PIVOT:
                 return False
-        for k in range(self.n):
-            for j in range(self.nv):
-                most = max(most, fabs(self.rows[k, j]))
-        for i in range(self.others.shape[0]):
-            for j in range(self.nv):
+        for j in range(self.columns.shape[0]):
+            column = self.columns[j]
+            for k in range(self.n):
+                most = max(most, fabs(self.rows[k, column]))
+            for i in range(self.others.shape[0]):
                 total = 0.0
                 for k in range(self.n):
-                    total += self.others[i, k] * self.rows[k, j]
+                    total += self.others[i, k] * self.rows[k, column]
                 left = max(left, fabs(total))
         return left <= self.vanishes * most
 
@@ -342,10 +368,7 @@ cdef class LoopStage:
         self.evaluate()
         for i in range(self.r):
             for j in range(self.r):
-                total = 0.0
-                for k in range(self.nv):
-                    total += self.start_response[i, k] * self.own_R[j, k]
-                self.turn[i, j] = total
+                self.turn[i, j] = self.product(&self.start_response[i, 0], &self.own_R[j, 0])
         for i in range(self.r):  # Gaussian elimination
             best = i
             for k in range(i + 1, self.r):
@@ -368,19 +391,36 @@ cdef class LoopStage:
 
     def errors(self):
         """Errors in position of the rows R, (r,)."""
+        cdef Py_ssize_t i
+        found = np.empty(self.r)
+        cdef double[::1] own = found
+        self.write_errors()
+        for i in range(self.r):
+            own[i] = self.error(i)
+        return found
+
+    cdef double error(self, Py_ssize_t i) noexcept:
+        """Error in position of a row of R, after :meth:`write_errors`."""
+        cdef Py_ssize_t k
+        cdef double total = 0.0
+        for k in range(self.n):
+            total += self.T[i, k] * self.every_error[k]
+        return total
+
+    cdef int write_errors(self) except -1:
+        """Write the errors in position of all rows."""
         cdef double[3] place, offset, rotation, one, other, part, row
         cdef Py_ssize_t i, k, n
         cdef int c
         cdef Latch latch
-        found, own = np.empty(self.n), np.zeros(self.r)
-        cdef double[::1] every = found, combined = own
+        cdef double[::1] every = self.every_error
         for each in self.places:
             if isinstance(each, JointRow):
                 every[(<JointRow>each).start] = (<JointRow>each).error()
                 continue
             if not isinstance(each, Latch):
                 of_source, k = each
-                found[k : k + of_source.count] = of_source.errors()
+                every.base[k : k + of_source.count] = of_source.errors()
                 continue
             latch = <Latch>each
             n = latch.count
@@ -400,22 +440,17 @@ cdef class LoopStage:
                 every[latch.start + i] = row[0] * offset[0] + row[1] * offset[1] + row[2] * offset[2]
                 turned(&self.xmat[latch.first, 0], &latch.components[n + i, 0], row)
                 every[latch.start + i] += row[0] * rotation[0] + row[1] * rotation[1] + row[2] * rotation[2]
-        for i in range(self.r):
-            for k in range(self.n):
-                combined[i] += self.T[i, k] * every[k]
-        return own
+        return 0
 
     def drift(self):
         """Largest error in position, and largest velocity, of the rows R."""
-        cdef const double[::1] errors = self.errors()
-        cdef Py_ssize_t i, j
-        cdef double total, gap = 0.0, rate = 0.0
+        cdef Py_ssize_t i
+        cdef double gap = 0.0, rate = 0.0
+        self.write_errors()
         self.evaluate()
         for i in range(self.r):
-            total = 0.0
-            for j in range(self.nv):
-                total += self.own_R[i, j] * self.qvel[j]
-            gap, rate = max(gap, fabs(errors[i])), max(rate, fabs(total))
+            rate = max(rate, fabs(self.product(&self.qvel[0], &self.own_R[i, 0])))
+            gap = max(gap, fabs(self.error(i)))
         return gap, rate
 
     cdef int solve(self, const double* force) except -1:
@@ -442,8 +477,8 @@ cdef class LoopStage:
     cdef void add_to(self, double* generalised) noexcept:
         cdef Py_ssize_t i, j
         for i in range(self.r):
-            for j in range(self.nv):
-                generalised[j] += self.own_y[i] * self.own_R[i, j]
+            for j in range(self.columns.shape[0]):
+                generalised[self.columns[j]] += self.own_y[i] * self.own_R[i, self.columns[j]]
 
     def generalised(self, force):
         """Generalised forces of the rows under all other forces, (nv,)."""

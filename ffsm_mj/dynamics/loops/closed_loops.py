@@ -189,7 +189,12 @@ class ClosedLoops:
 
     def push(self) -> None:
         """Add the generalised forces of the rows to ``data.qfrc_applied``, which holds all other applied forces."""
-        self._evaluated().push()
+        if self._combinations is None:
+            self.choose()
+        try:
+            self._stage.push()
+        except np.linalg.LinAlgError:
+            raise self._singular() from None
 
     @property
     def forces(self) -> FloatArray:
