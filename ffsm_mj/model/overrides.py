@@ -1,4 +1,4 @@
-"""Properties of bodies and geoms given in a scenario: written to a specification and read back from the compiled scene.
+"""Properties of bodies, geoms and joints given in a scenario: written to a specification, read back from the scene.
 
 MuJoCo ignores a mass in a file if something else determines it: geoms of a body without inertial, ``inertiafromgeom``,
 ``boundmass`` or ``balanceinertia``. Therefore the model is compiled alone, its bodies get the result as explicit inertials,
@@ -28,6 +28,7 @@ from ffsm_mj.model.properties import (
     Value,
     geom_size,
     inertial_value,
+    joint_friction,
     kind_of_geom,
     property_value,
     value_text,
@@ -36,6 +37,7 @@ from ffsm_mj.model.source import REFUSALS
 
 _ROUNDING = 1e-9
 _FREE, _ALIGNED = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtAlignFree.mjALIGNFREE_TRUE
+_SCALAR = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _LEFT_OPEN = mujoco.mjtAlignFree.mjALIGNFREE_AUTO
 _WORLD = "world"
 
@@ -92,7 +94,7 @@ class ModelOverrides:
 
 
 def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverrides:
-    """Change properties of bodies and geoms of a specification before it is attached.
+    """Change properties of bodies, geoms and joints of a specification before it is attached.
 
     Args:
         spec: Specification of the model; all its elements have names.
@@ -102,7 +104,7 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
 
     Raises:
         InputError: The model does not compile alone.
-        ScenarioFaults: A body or geom does not exist, or cannot have the property.
+        ScenarioFaults: A body, geom or joint does not exist, or cannot have the property.
     """
     own = compiled_alone(files, vfs)
     done = ModelOverrides(name, files.overrides[-1].key, own.warnings)
@@ -119,6 +121,7 @@ def override(spec: Any, name: str, files: ModelFiles, vfs: Any) -> ModelOverride
             raise ScenarioFaults(faults)
         _resize(spec, alone, compiled, layer, done)
         _set_inertials(alone, layer, done, vfs)
+        _set_friction(spec, compiled, layer, done)
     for body, inertial in done.inertials.items():
         inertial.write(spec.body(body))
     return done
@@ -141,6 +144,15 @@ def _resize(spec: Any, alone: Any, compiled: Any, layer: Overrides, done: ModelO
             for each in (spec, alone):
                 if each is not None:
                     _put_size(each.geom(name), given.size_m)
+
+
+def _set_friction(spec: Any, compiled: Any, layer: Overrides, done: ModelOverrides) -> None:
+    """Set the dry friction of joints."""
+    for body, asked in layer.bodies.items():
+        for name, given in asked.joints.items():
+            before = joint_friction(compiled, compiled.joint(name).id)
+            done.add((layer.key, done.name, body, "joints", name, "frictionloss"), before, given.frictionloss)
+            spec.joint(name).frictionloss = given.frictionloss
 
 
 def _put_size(geom: Any, size: tuple[float, ...]) -> None:
@@ -220,6 +232,15 @@ def _faults(
             yield unknown_name("geom of the body", geom, geoms), ("geoms", geom)
         elif fault := _fault_of_size(spec.geom(geom), given.size_m):
             yield fault, ("geoms", geom, "size_m")
+    joints = [joint.name for joint in body.joints]
+    for joint in asked.joints:
+        if joint not in joints:
+            yield unknown_name("joint of the body", joint, joints), ("joints", joint)
+        elif spec.joint(joint).type not in _SCALAR or body.parent.name == _WORLD:
+            yield (
+                "dry friction is that of hinges and slides between links, not of ball joints and joints of a base",
+                ("joints", joint),
+            )
 
 
 def _is_aligned(body: Any) -> bool:

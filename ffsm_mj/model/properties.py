@@ -1,4 +1,4 @@
-"""Properties of models that a scenario may give: mass, inertia, centre of mass, sizes of geoms, pose of a fixed object."""
+"""Properties of models that a scenario may give: masses, sizes of geoms, friction of joints, pose of a fixed object."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ INERTIAL = ("mass_kg", "inertia_kg_m2", "centre_of_mass_m")
 _Length = Annotated[float, Field(gt=0.0, le=MOST_LENGTH)]
 _Coordinate = Annotated[float, Field(ge=-MOST_LENGTH, le=MOST_LENGTH)]
 _UNIT_LENGTH = 1e-3
+_Friction = Annotated[float, Field(ge=0.0, le=1e12)]
 _Moment = Annotated[float, Field(ge=-MOST_MASS, le=MOST_MASS)]
 _Name = Annotated[str, Field(min_length=1)]
 Value = float | tuple[float, ...]
@@ -34,6 +35,13 @@ class GeomProperties(StrictModel):
     size_m: Annotated[tuple[_Length, ...], Field(min_length=1, max_length=3)]
     """MuJoCo's size: radius of a sphere, radius and half length of a capsule or cylinder, half lengths of a box, half axes
     of an ellipsoid, m. The inertial of the body is kept unless ``mass_from_geoms`` is set."""
+
+
+class JointProperties(StrictModel):
+    """Properties of a joint."""
+
+    frictionloss: _Friction
+    """Greatest dry friction of a hinge in N m, or of a slide in N."""
 
 
 class BodyProperties(StrictModel):
@@ -49,6 +57,8 @@ class BodyProperties(StrictModel):
     """Compute mass, inertia and centre of mass from sizes and densities of the geoms; the keys above apply on top."""
     geoms: dict[_Name, GeomProperties] = {}
     """Properties of its geoms, by their names in the model."""
+    joints: dict[_Name, JointProperties] = {}
+    """Properties of its joints, by their names in the model."""
 
     @field_validator("inertia_kg_m2")
     @classmethod
@@ -136,7 +146,7 @@ def property_value(model: Any, path: str | tuple[str, ...]) -> Value:
         One number or several; an inertia as xx, yy, zz, xy, xz, yz.
 
     Raises:
-        LookupError: No such body, geom or property; the message lists the valid names.
+        LookupError: No such body, geom, joint or property; the message lists the valid names.
     """
     keys = tuple(path.split(".")) if isinstance(path, str) else path
     if len(keys) < 4:
@@ -147,11 +157,14 @@ def property_value(model: Any, path: str | tuple[str, ...]) -> Value:
         return inertial_value(Inertial.of(model, b), rest[0])
     if len(rest) == 3 and (rest[0], rest[2]) == ("geoms", "size_m"):
         return geom_size(model, _index(model, "geom", tree, rest[1]))
-    raise LookupError(unknown_name("property", ".".join(rest), (*INERTIAL, "geoms.<geom>.size_m")))
+    if len(rest) == 3 and (rest[0], rest[2]) == ("joints", "frictionloss"):
+        return joint_friction(model, _index(model, "joint", tree, rest[1]))
+    others = ("geoms.<geom>.size_m", "joints.<joint>.frictionloss")
+    raise LookupError(unknown_name("property", ".".join(rest), (*INERTIAL, *others)))
 
 
 def _index(model: Any, kind: str, tree: str, name: str) -> int:
-    count = {"body": model.nbody, "geom": model.ngeom}[kind]
+    count = {"body": model.nbody, "geom": model.ngeom, "joint": model.njnt}[kind]
     names = [getattr(model, kind)(i).name for i in range(count)]
     full = f"{tree}/{name}"
     if full not in names:
@@ -170,6 +183,11 @@ def geom_size(model: Any, geom: int) -> tuple[float, ...]:
     """Size of a geom of a compiled model, with the number of values of its kind; all three values of other kinds."""
     kind = kind_of_geom(model.geom_type[geom])
     return tuple(np.asarray(model.geom_size[geom], dtype=np.float64)[: SIZES.get(kind, 3)].tolist())
+
+
+def joint_friction(model: Any, joint: int) -> float:
+    """Dry friction of a joint of a compiled model, N m or N."""
+    return float(model.dof_frictionloss[model.jnt_dofadr[joint]])
 
 
 def kind_of_geom(code: int) -> str:

@@ -123,7 +123,7 @@ class ScenarioConfig(StrictModel):
     objects: dict[Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$")], Model] = {}
     """Floating and fixed objects by name; the name is the prefix of all elements of the object's model."""
     model: Trees = {}
-    """Properties of bodies and their geoms, by ``robot`` or the object's name, then by body; files are not changed."""
+    """Properties of bodies, their geoms and joints: by ``robot`` or an object, then by body; files are not changed."""
     controller_model: Trees = {}
     """Further changes, on top of ``model``, in the models that the control laws use; default: the true models."""
     controller_joints: Literal["rigid", "flexible"] = "rigid"

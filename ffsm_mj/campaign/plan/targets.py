@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.prepare import PreparedRun
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.model.properties import property_value
+from ffsm_mj.model.properties import joint_friction, property_value
 
 WILDCARD = "*"
 _STATE = {"joints": "qpos", "rates": "qvel"}
@@ -72,7 +72,7 @@ class Targets:
 
     def _in_models(self, parts: tuple[str, ...]) -> Iterator[Target]:
         """Properties of bodies in the plant or in the controller model."""
-        size = 6 if parts[3:4] == ("geoms",) else 4
+        size = 6 if parts[3:4] in (("geoms",), ("joints",)) else 4
         if len(parts) < size:
             raise LookupError(f"{'.'.join(parts)} is not a property; write {parts[0]}.TREE.BODY.PROPERTY")
         model = self._models[parts[0]].mj
@@ -128,11 +128,18 @@ class Targets:
 
 
 def _properties(model: Any, wanted: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Paths of the properties that match a path with wildcards."""
-    geoms = len(wanted) == 6
-    for i in range(model.ngeom if geoms else model.nbody):
-        tree, _, body = model.body(model.geom_bodyid[i] if geoms else i).name.partition("/")
-        inside = ("geoms", model.geom(i).name.partition("/")[2]) if geoms else ()
+    """Paths of the properties that match a path with wildcards; of joints those that have dry friction."""
+    inside_of = wanted[3] if len(wanted) == 6 else ""
+    if inside_of == "geoms":
+        bodies = [(int(body), model.geom(i).name) for i, body in enumerate(model.geom_bodyid)]
+    elif inside_of == "joints":
+        rubs = [j for j in range(model.njnt) if joint_friction(model, j)]
+        bodies = [(int(model.jnt_bodyid[j]), model.joint(j).name) for j in rubs]
+    else:
+        bodies = [(i, "") for i in range(model.nbody)]
+    for i, name in bodies:
+        tree, _, body = model.body(i).name.partition("/")
+        inside = (inside_of, name.partition("/")[2]) if inside_of else ()
         path = (wanted[0], tree, body, *inside, wanted[-1])
         if tree != "world" and all(part in (WILDCARD, there) for part, there in zip(wanted, path, strict=True)):
             yield path
