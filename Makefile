@@ -1,4 +1,4 @@
-.PHONY: engines sync format lint type contracts schema figures campaign study screenshots browser-pictures docs reader reference reproduce validate test test-fast build check all
+.PHONY: engines sync format lint type contracts schema figures campaign study screenshots browser-pictures docs reader reference validate test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -29,9 +29,7 @@ figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact
 	uv run python docs/friction_energy.py
 	uv run python docs/grip_figure.py
 	uv run python benchmarks/grip.py
-reproduce:   ## regenerate the reproduction report
-	uv run ffsm reproduce --out docs
-validate:    ## regenerate the validation page
+validate:    ## regenerate the pages of validation, the seed paper's included: some minutes
 	uv run ffsm validate --page docs
 engines:     ## docs/engines.md from runs of other engines, in an environment of their own (1.5 GB); half an hour
 	UV_PROJECT_ENVIRONMENT=build/engines uv run --no-dev --group engines python benchmarks/engines.py

@@ -28,13 +28,14 @@ COMMANDS = {
     "sensitivity": "print what uncertain numbers of a scenario change in its outcomes",
     "campaign": "run a scenario many times with dispersed parameters, and report the results",
     "study": "run variants of a scenario with the same dispersed parameters, and compare them run by run",
-    "reproduce": "run the paper's case study and compare every printed number with ours",
     "validate": "compute published cases and closed forms and compare every number with ours",
     "schema": "print the JSON Schema of scenario, campaign or study files",
     "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
     "new-law": "generate a Python package with a control law of your own",
     "completion": "print a shell completion script for commands, options, scenarios and their keys",
 }
+_SUCCESSORS = {"reproduce": ("validate", "seed-paper")}
+"""Commands of earlier versions, and what does their work."""
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
     "csv": "export a table as CSV, with units in the column names",
@@ -66,6 +67,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         InputError: An unknown command or option, an invalid value, or an option that has no effect here.
         HelpRequest: Help was requested.
     """
+    if arguments and arguments[0] in _SUCCESSORS:
+        raise InputError(f"ffsm: unknown command {arguments[0]!r}; use '{command(*_SUCCESSORS[arguments[0]])}'")
     if arguments and not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise InputError(f"ffsm: {unknown_name('command', arguments[0], COMMANDS)}")
     options, extra = parser().parse_known_args(arguments)
@@ -118,24 +121,7 @@ def parser() -> argparse.ArgumentParser:
         "name", help="kind of the law, also name of the folder and module: lower-case letters, digits, underscores"
     )
     law.add_argument("--out", metavar="DIR", default=".", help="parent folder of the package (default: current folder)")
-    again = parsers["reproduce"]
-    again.add_argument(
-        "--out", metavar="DIR", help="folder of the report pages (default: logs/reproduction; with --check: docs)"
-    )
-    again.add_argument(
-        "--check", action="store_true", help="write nothing; run each scenario once and exit 1 if the pages in DIR are stale"
-    )
-    again.add_argument(
-        "--long", action="store_true", help="with --check: all runs of the report, including step-size studies and long runs"
-    )
-    validate = parsers["validate"]
-    validate.add_argument("cases", nargs="*", metavar="CASE", help="names of cases (default: all; the page lists them)")
-    validate.add_argument(
-        "--page", metavar="DIR", nargs="?", const="docs", help="write validation.md with all cases to DIR (default: docs)"
-    )
-    validate.add_argument(
-        "--check", metavar="DIR", nargs="?", const="docs", help="exit 1 if validation.md in DIR (default: docs) is stale"
-    )
+    _describe_validate(parsers["validate"])
     files = parsers["schema"].add_mutually_exclusive_group()
     files.add_argument("--campaign", action="store_true", help="print the schema of campaign files")
     files.add_argument("--study", action="store_true", help="print the schema of study files")
@@ -266,6 +252,28 @@ def _describe_view(view: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         default="127.0.0.1",
         help="address on which the viewer accepts data of other programs (default: 127.0.0.1, this machine only)",
+    )
+
+
+def _describe_validate(validate: argparse.ArgumentParser) -> None:
+    validate.add_argument(
+        "cases", nargs="*", metavar="CASE", help="names of cases, or 'seed-paper' (default: all; the page lists them)"
+    )
+    pages = validate.add_mutually_exclusive_group()
+    pages.add_argument(
+        "--page",
+        metavar="DIR",
+        nargs="?",
+        const="docs",
+        help="write the pages of all cases, or of 'seed-paper', to DIR (default: docs)",
+    )
+    pages.add_argument(
+        "--check", metavar="DIR", nargs="?", const="docs", help="exit 1 if the pages in DIR (default: docs) are stale"
+    )
+    validate.add_argument(
+        "--long",
+        action="store_true",
+        help="with --check: all runs of the seed paper's page, including step-size studies and long runs",
     )
 
 

@@ -26,8 +26,7 @@ _OF_COMMANDS = {
     "export": {DAMAGED: f"{_INCOMPLETE}; what it has is exported"},
     "view": {RUN_FAILED: "the viewer did not open, or there is no display"},
     "sensitivity": {RUN_FAILED: "the run failed, or output was lost (full disk)"},
-    "reproduce": {CHECK_FAILED: "a page is stale (--check)"},
-    "validate": {CHECK_FAILED: "a number differs without a stated reason, or the page is stale (--check)"},
+    "validate": {CHECK_FAILED: "a number differs without a stated reason, or a page is stale (--check)"},
 }
 """Meanings that are not general, by command."""
 

@@ -10,6 +10,7 @@ from ffsm_mj.errors import InputError
 _WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
     "run": {"--viewer": ("--live",), "--force": ("--out",)},
     "export": {"--table": ("--csv", "--parquet"), "--fps": ("--gif", "--mp4"), "--speed": ("--gif", "--mp4")},
+    "validate": {"--long": ("--check",)},
 }
 """Options by command and option of which at least one must be given for the option to have an effect."""
 

@@ -119,8 +119,6 @@ def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output
             from ffsm_mj.cli.campaign import campaign as perform
         case "study":
             from ffsm_mj.cli.study import study as perform
-        case "reproduce":
-            from ffsm_mj.cli.reproduce import reproduce as perform
         case "validate":
             from ffsm_mj.cli.validate import validate as perform
         case "schema":

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ffsm_mj.all_cores import on_all_cores
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, OK
 from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
-from ffsm_mj.comparison import Verdict
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.text_table import table, wrapped
-from ffsm_mj.validation.case import ComparedCase, ValidationCase, compared_case
-from ffsm_mj.validation.cases import CASES, LONGEST, case_names, values_of
+from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compared_case
+from ffsm_mj.validation.cases import CASES, LONGEST, case_names, seed_paper, values_of
+from ffsm_mj.validation.cases.seed_paper import page as paper
+from ffsm_mj.validation.cases.seed_paper.runs import THRESHOLD, PaperRun, Result, all_runs, perform
 from ffsm_mj.validation.page import (
     HEAD,
     PAGE,
@@ -23,48 +24,71 @@ from ffsm_mj.validation.page import (
     reasons,
     rows,
     stale_cases,
-    stale_page,
+    stale_lines,
     total,
     validation_page,
 )
 
 
 def validate(options: argparse.Namespace, output: Output) -> int:
-    """Compute the cases and print them, write their page or check it; returns the exit code.
+    """Compute the cases and print them, write their pages or check them; returns the exit code.
 
     Raises:
         InputError: A case is unknown, the folder cannot be used, or has no page to check.
     """
-    cases = _chosen(options.cases)
-    if options.page is not None:
-        if options.cases:
-            raise InputError("ffsm validate: --page writes all cases; leave out their names")
-        usable_folder(Path(options.page))
-    committed = committed_page(Path(options.check)) if options.check is not None else ""
-    compared = _computed(cases)
-    for case in compared if options.cases else ():
-        output.say(_shown(case))
-    if not options.cases:
-        output.say(_summary(compared))
+    names, folder = options.cases, Path(options.page or options.check or ".")
+    cases, of_paper = _chosen(names), not names or seed_paper.GROUP in names
+    _refuse(options, of_paper=of_paper)
+    pages = (*(() if names == [seed_paper.GROUP] else (PAGE,)), *(paper.PAGES if of_paper else ()))
+    committed = {page: committed_page(folder, page) for page in pages if options.check is not None}
+    every = options.page is not None or options.long
+    results = _performed(cases, all_runs() if every else (THRESHOLD,) if committed and of_paper else ())
+    compared = [compared_case(case, results[_task(case.name)].values) for case in cases]
+    output.say("\n".join(map(_shown, compared)) if names else _summary(compared))
     output.say(wrapped(total(compared)))
+    fresh = {} if names else {PAGE: validation_page(compared)}
+    if of_paper and (every or committed):
+        fresh |= paper.pages(results, committed.get(seed_paper.PAGE, ""))
     if options.page is not None:
-        path = Path(options.page) / PAGE
-        with new_file(path) as temporary:
-            temporary.write_text(validation_page(compared), encoding="utf-8")
-        output.say(f"\nwritten: {path}")
-    stale = (stale_cases if options.cases else stale_page)(committed, compared) if committed else []
-    for line in stale:
-        complain(f"{Path(options.check) / PAGE}: {line}")
-    differs = any(case.verdict is Verdict.DIFFERS for case in compared)
-    return CHECK_FAILED if stale or differs else OK
+        _write(folder, fresh)
+        figures = paper.save_figures(folder, results)
+        output.say(f"\nwritten: {', '.join(str(path) for path in (*(folder / page for page in fresh), figures))}")
+    stale = [(page, line) for page in committed if page in fresh for line in stale_lines(committed[page], fresh[page])]
+    if PAGE in committed and PAGE not in fresh:
+        stale += [(PAGE, line) for line in stale_cases(committed[PAGE], compared)]
+    for page, line in stale:
+        complain(f"{folder / page}: {line}")
+    if committed:
+        output.say(f"\n{folder}: {f'{len(stale)} lines are not current' if stale else 'current'}")
+    return CHECK_FAILED if stale or any(case.verdict is Verdict.DIFFERS for case in compared) else OK
+
+
+def _refuse(options: argparse.Namespace, *, of_paper: bool) -> None:
+    """Refuse options that do not go together, and a folder that cannot be used.
+
+    Raises:
+        InputError: One of these.
+    """
+    if options.long and not of_paper:
+        raise InputError(f"ffsm validate: --long has no effect without {seed_paper.GROUP}")
+    if options.page is not None:
+        if options.cases not in ([], [seed_paper.GROUP]):
+            raise InputError(f"ffsm validate: --page writes the pages of all cases, or of {seed_paper.GROUP}")
+        usable_folder(Path(options.page))
+
+
+def _write(folder: Path, pages: Mapping[str, str]) -> None:
+    for name, text in pages.items():
+        with new_file(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
 
 def _shown(case: ComparedCase) -> str:
     """Everything about one case."""
     texts = (case.case.title, f"Source: {case.case.source}.", case.case.setting, case.case.explanation)
     head = "\n".join(wrapped(text, 2) for text in texts if text)
-    lines = "".join(f"  {wrapped(line, 4)}\n" for line in reasons(case))
-    return f"{head}\n\n{table(HEAD, rows(case), spare=('tolerance',))}\n{lines}"
+    lines = "".join(f"  {wrapped(line, 4)}\n" for line in reasons(case.numbers))
+    return f"{head}\n\n{table(HEAD, rows(case.numbers), spare=('tolerance',))}\n{lines}"
 
 
 def _summary(compared: Sequence[ComparedCase]) -> str:
@@ -74,18 +98,27 @@ def _summary(compared: Sequence[ComparedCase]) -> str:
 
 
 def _chosen(names: Sequence[str]) -> Sequence[ValidationCase]:
-    """Cases of these names, all if there are none."""
-    known = case_names()
+    """Cases of these names or groups, all if there are none."""
+    known = (seed_paper.GROUP, *case_names())
     for name in names:
         if name not in known:
             raise InputError(unknown_name("case", name, known))
-    return [case for case in CASES if case.name in names] if names else CASES
+    grouped = seed_paper.CASES if seed_paper.GROUP in names else ()
+    return [case for case in CASES if case.name in names or case in grouped] if names else CASES
 
 
-def _computed(cases: Sequence[ValidationCase]) -> list[ComparedCase]:
-    """Cases with what they compute, on all cores."""
-    names = sorted((case.name for case in cases), key=lambda name: name != LONGEST)
+def _task(name: str) -> str | PaperRun:
+    """What computes a case: its name, or a run that the page of the seed paper also needs."""
+    return seed_paper.RUNS.get(name, name)
+
+
+def _performed(cases: Sequence[ValidationCase], runs: Sequence[PaperRun]) -> dict[str | PaperRun, Result]:
+    """Results of cases, and of runs of the seed paper, on all cores."""
+    tasks = sorted(dict.fromkeys((*runs, *(_task(case.name) for case in cases))), key=lambda task: task != LONGEST)
     with progress() as shown:
-        report = shown.stage("validate", "cases", len(cases))
-        values = dict(zip(names, on_all_cores(values_of, names, report), strict=True))
-    return [compared_case(case, values[case.name]) for case in cases]
+        report = shown.stage("validate", "cases", len(tasks))
+        return dict(zip(tasks, on_all_cores(_perform, tasks, report), strict=True))
+
+
+def _perform(task: str | PaperRun) -> Result:
+    return Result(values_of(task)) if isinstance(task, str) else perform(task)

@@ -20,7 +20,7 @@ def codes(capsys, *words):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_the_exit_codes_of_a_command(command, capsys):
-    more = {"run": {1, 5}, "analyze": {1, 4, 5}, "export": {4}, "reproduce": {1}, "validate": {1}}
+    more = {"run": {1, 5}, "analyze": {1, 4, 5}, "export": {4}, "validate": {1}}
     assert codes(capsys, command) == OF_EVERY_COMMAND | more.get(command, set())
 
 

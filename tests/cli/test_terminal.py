@@ -116,41 +116,36 @@ def test_what_is_printed_goes_to_stdout_not_to_the_terminal_of_the_line(runs, tm
     assert (tmp_path / "report").read_text().endswith("2 of 2 runs verified\n")
 
 
-REPRODUCE = """
+VALIDATE = """
 import sys, time
-from ffsm_mj.reproduction import Reproduction, cases, judged, page, printed
-import ffsm_mj.reproduction as reproduction
-
-def run_case(case):
-    time.sleep(float(case.scenario))
-
-cases.run_case = run_case
-content = page.Report((judged.StudiedNumber(printed.PRINTED[0], 7.77),), {}, {}, (), {})
-
-def reproduce(report):
-    cases.run_cases([cases.Case(wait) for wait in ("2.0", "0.8", "1.4")], report)
-    return Reproduction(content, {"reproduction.md": "1.2224\\n", "appendix-a.md": "A\\n"}, 3, 1.6)
-
-reproduction.reproduce = reproduce
+from ffsm_mj.cli import validate
 from ffsm_mj.cli.main import main
-sys.exit(main(["reproduce", "--check", "--long", "--out", sys.argv[1]]))
+from ffsm_mj.validation.cases.seed_paper.printed import PRINTED
+from ffsm_mj.validation.cases.seed_paper.runs import SCENARIOS, Result
+
+def perform(run):
+    time.sleep(0.6 if run.threshold else 1.2 + 0.6 * SCENARIOS.index(run.scenario))  # none end together
+    return Result({number.key: number.value for number in PRINTED})
+
+validate.perform = perform
+validate.paper.pages = lambda *_: {"reproduction.md": "1.2224\\n", "appendix-a.md": "A\\n"}
+sys.exit(main(["validate", "seed-paper", "--check", sys.argv[1]]))
 """
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("columns", [20, 200])
-def test_reproduce_counts_its_runs(tmp_path, columns):
+def test_validate_counts_its_runs(tmp_path, columns):
     """The whole command but for its runs, which only wait: known from the start how many, and each that ends is seen."""
     for name, text in (("reproduction.md", "1.2229\n"), ("appendix-a.md", "A\n")):
         (tmp_path / name).write_text(text)
-    shown = on_terminal([sys.executable, "-c", REPRODUCE, str(tmp_path)], columns=columns)
+    shown = on_terminal([sys.executable, "-c", VALIDATE, str(tmp_path)], columns=columns)
     assert shown.code == 1, shown.written
     assert "Traceback" not in shown.written
     assert squeezed("".join(shown.screen)).endswith("1linesarenotcurrent")
     assert "line1:committed'1.2229',now'1.2224'" in squeezed("".join(shown.screen))
-    assert "?" not in shown.written.replace("\x1b[?", "")
-    for done in range(3):
-        assert (f"{done} of 3 runs" if columns == 200 else f"{100 * done / 3:.0f} %  reproduce") in shown.written
+    for done in range(5):
+        assert (f"{done} of 5 cases" if columns == 200 else f"{100 * done / 5:.0f} %  validate") in shown.written
 
 
 def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):

@@ -1,6 +1,6 @@
 """Series of possibly hostile files (logs, run folders with links, robot files, campaign folders) for every command.
 
-Unknown words on the command line, and folders for ``reproduce`` and ``new-law``, are cases of this series too.
+Unknown words on the command line, and folders for ``validate`` and ``new-law``, are cases of this series too.
 """
 
 from __future__ import annotations
@@ -211,13 +211,13 @@ _WORDS = ("", "-", "--", "-x", "--help", "\x1b[31m", "a\nb", "\u202e", "bash", "
 
 def _words_case(rng: Random, _: Any) -> Case:
     """Words that mean nothing, places that cannot be."""
-    name = rng.choice((*["schema", "completion", "new-law", "reproduce", "view", "campaign", "export", "new", EVIL[:9]], ""))
+    name = rng.choice((*["schema", "completion", "new-law", "validate", "view", "campaign", "export", "new", EVIL[:9]], ""))
     rest = tuple(rng.choice(_WORDS) for _ in range(rng.choice((0, 1, 1, 2, 3))))
     if name == "new-law":
         names = ("my_law", "My", "", "osdre", "a b", "../x", "class", "\x1b[2J", "x" * 300, "_", "1a", "off")
         rest = (rng.choice(names), *rng.choice(((), ("--out", rng.choice(("o", "file", "", "/proc", "link"))))))
-    if name == "reproduce":  # its runs take minutes: pages that are not there end it before them
-        rest = ("--check", "--out", rng.choice(("folder", "file", "", "nothing", "/proc", "link")))
+    if name == "validate":  # its runs take minutes: pages that are not there end it before them
+        rest = ("--check", rng.choice(("folder", "file", "", "nothing", "/proc", "link")))
     links = (("link", "../outside/folder"),) if "link" not in rest else (("link", "nowhere"),)
     return Case("words", {"file": b"x"}, ((name, *rest) if name else rest,), ("folder", "D"), links)
 

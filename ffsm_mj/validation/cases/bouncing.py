@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, ground, model, run_scene, slide, states, text_of, times
 
 _GRAVITY = (0.0, 0.0, -9.81)

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, constant, final, growing, model, run_scene, slide, text_of, times
 
 _PRESS_N, _PLATE_KG, _FOOT_KG = 1.0, 3.0, 1.0

@@ -6,8 +6,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import final, model, run_scene, text_of, times
 
 _LATCHES = {"rigid": 6, "ball": 3, "hinge": 5, "cylindrical": 4}

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import model, run_scene, slide, times
 
 _HIP_KG, _LEG_KG, _ABOVE_FOOT_M, _BELOW_HIP_M, _G = 10.0, 5.0, 0.5, 0.5, 9.81

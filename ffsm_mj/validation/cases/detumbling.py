@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import model, run_scene, slide, text_of, times
 
 _CONTACTS = ((1000, 8), (1000, 20), (9000, 8), (9000, 20))

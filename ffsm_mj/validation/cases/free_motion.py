@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import final, model, run_scene, states, text_of, times
 
 _INERTIA = (2.0, 3.0, 1.5)

@@ -6,8 +6,7 @@ import math
 from typing import Any
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, constant, final, ground, model, run_scene, slide, text_of, times
 
 _UNIT_GRAVITY = (0.0, 0.0, -1.0)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import constant, final, growing, model, run_scene, slide, text_of, times
 
 _TIPS = {"ball": ('type="sphere" size="0.02"', 0.02), "plate": ('type="box" size="0.04 0.01 0.04"', 0.01)}

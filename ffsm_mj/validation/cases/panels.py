@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, final, model, run_scene, times
 
 _HUB_KG, _PANEL_KG, _ARM_M, _HINGE_M, _STIFFNESS = 750.0, 100.0, 1.5, 0.5, 100.0

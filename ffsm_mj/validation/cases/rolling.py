@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, constant, ground, model, run_scene, slide, states, text_of, times
 
 _BOX_KG, _BALL_KG, _SIDE, _MU_GROUND, _MU_BALL, _PUSH_N, _G = 10.0, 1.0, 5, 0.4, 0.8, 150.0, 9.81

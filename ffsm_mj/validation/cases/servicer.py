@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.free_bodies import FreeBodies
 from ffsm_mj.validation.scene import model, run_scene, text_of, times
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.comparison import Number
-from ffsm_mj.validation.case import Origin, Topic, ValidationCase, Values
+from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
 from ffsm_mj.validation.scene import ball, box, final, ground, model, run_scene, slide, text_of, times
 
 _ROUNDING = "rounding of velocities of 1 m/s"

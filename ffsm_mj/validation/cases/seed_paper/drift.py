@@ -16,7 +16,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import logged_task
-from ffsm_mj.reproduction.measure import state_at
+from ffsm_mj.validation.cases.seed_paper.measure import state_at
 
 _EVERY = 50  # rows
 
@@ -32,7 +32,6 @@ class DriftExperiment:
         momentum_N_s: Linear momentum of the robot at the end, magnitude.
         mass_kg: Mass of the robot.
         rate_m_s: Speed of the mass centre over the last phase, by a straight line through its positions.
-        reach_m: Largest distance that the tip can have from the mass centre.
         lost_s: When the bound leaves zero for good; infinite where it does not, at this momentum.
     """
 
@@ -42,12 +41,11 @@ class DriftExperiment:
     momentum_N_s: float
     mass_kg: float
     rate_m_s: float
-    reach_m: float
     lost_s: float
 
 
 def drift(run: Run, system: System) -> DriftExperiment:
-    """Look at a run from the robot's mass centre."""
+    """A run, with a system of its models, seen from the robot's mass centre."""
     model, root = system.mj, system.robot.root
     centres = _mass_centres(run, system)
     task = logged_task(run.log.header.metadata)
@@ -56,10 +54,10 @@ def drift(run: Run, system: System) -> DriftExperiment:
     last = time >= run.phases[-1].start_s
     line = np.polyfit(time[last] - time[last][0], centres[last], 1)
     momentum = np.array([run[f"momentum.robot_P_{axis}_N_s"][-1] for axis in "xyz"])
-    reach = _reach(system)
-    bound = np.maximum(np.linalg.norm(centres - goal, axis=1) - reach, 0.0)
+    farthest = reach(system)
+    bound = np.maximum(np.linalg.norm(centres - goal, axis=1) - farthest, 0.0)
     mass = float(model.body_subtreemass[root])
-    lost = _lost(centres[last][0] - goal, momentum / mass, reach)
+    lost = _lost(centres[last][0] - goal, momentum / mass, farthest)
     return DriftExperiment(
         time,
         run.tip_error()[::_EVERY],
@@ -67,7 +65,6 @@ def drift(run: Run, system: System) -> DriftExperiment:
         float(np.linalg.norm(momentum)),
         mass,
         float(np.linalg.norm(line[0])),
-        reach,
         float(time[last][0]) + lost,
     )
 
@@ -83,8 +80,8 @@ def _mass_centres(run: Run, system: System) -> FloatArray:
     return np.array(centres)
 
 
-def _reach(system: System) -> float:
-    """Largest distance of the tip from the robot's mass centre: all links in line with the arm's mount.
+def reach(system: System) -> float:
+    """Largest distance of the tip from the robot's mass centre, m: all links in line with the arm's mount.
 
     The distance is the length of a sum of the segments with positive weights, so it is largest where they are parallel.
     """

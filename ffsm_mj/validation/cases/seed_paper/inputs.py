@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.reproduction.measure import tip_state
+from ffsm_mj.validation.cases.seed_paper.measure import tip_state
 
 
 def stated_inputs() -> list[tuple[str, str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ffsm_mj.comparison import ComparedNumber, Number, Verdict, verdicts_in_words
+from ffsm_mj.validation.case import ComparedNumber, Number, Verdict, verdicts_in_words
 
 
 @pytest.mark.parametrize(
@@ -33,16 +33,16 @@ def test_a_number_agrees_within_its_tolerance(number, value, verdict):
 
 
 @pytest.mark.parametrize(
-    ("number", "ours", "spread", "verdict"),
+    ("number", "ours", "verdict"),
     [
-        (Number("x", "", "1.23"), 1.2351, 0.0002, Verdict.AGREES),
-        (Number("x", "", "2.3", at_most=True), 2.301, 0.002, Verdict.AGREES),
-        (Number("x", "", "2.3", at_most=True), 2.303, 0.002, Verdict.DIFFERS),
-        (Number("x", "", "1.23"), float("nan"), float("nan"), Verdict.DIFFERS),
+        (Number("x", "", "1.23", spread=0.0002), 1.2351, Verdict.AGREES),
+        (Number("x", "", "2.3", at_most=True, spread=0.002), 2.301, Verdict.AGREES),
+        (Number("x", "", "2.3", at_most=True, spread=0.002), 2.303, Verdict.DIFFERS),
+        (Number("x", "", "1.23", spread=float("nan")), float("nan"), Verdict.DIFFERS),
     ],
 )
-def test_the_spread_of_ours_widens_the_tolerance(number, ours, spread, verdict):
-    assert ComparedNumber(number, ours, spread).verdict is verdict
+def test_the_spread_of_ours_widens_the_tolerance(number, ours, verdict):
+    assert ComparedNumber(number, ours).verdict is verdict
 
 
 @pytest.mark.parametrize(

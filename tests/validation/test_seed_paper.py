@@ -1,4 +1,4 @@
-"""The reproduction report: verdicts, pages that stay current, and the committed pages themselves."""
+"""The seed paper: verdicts, pages that stay current, and the committed pages themselves."""
 
 from __future__ import annotations
 
@@ -13,21 +13,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ffsm_mj.cli import validate
 from ffsm_mj.cli.main import main
-from ffsm_mj.reproduction import Reproduction
-from ffsm_mj.reproduction.appendix import PRINTED_TERMS, energy_terms, momentum_row, solve_printed
-from ffsm_mj.reproduction.appendix_page import appendix_page
-from ffsm_mj.reproduction.cases import SCENARIOS, Case, Result, run_cases
-from ffsm_mj.reproduction.current import stale_lines
-from ffsm_mj.reproduction.drift import drift
-from ffsm_mj.reproduction.inputs import stated_inputs
-from ffsm_mj.reproduction.judged import StudiedNumber
-from ffsm_mj.reproduction.markdown import fixed, small
-from ffsm_mj.reproduction.measure import measure, slope
-from ffsm_mj.reproduction.once import refreshed
-from ffsm_mj.reproduction.page import Report
-from ffsm_mj.reproduction.printed import PRINTED
 from ffsm_mj.scenario.shipped import scenario_names
+from ffsm_mj.validation.cases import seed_paper
+from ffsm_mj.validation.cases.seed_paper import page as paper
+from ffsm_mj.validation.cases.seed_paper.appendix import (
+    PRINTED_TERMS,
+    appendix_page,
+    energy_terms,
+    momentum_row,
+    solve_printed,
+)
+from ffsm_mj.validation.cases.seed_paper.drift import drift, reach
+from ffsm_mj.validation.cases.seed_paper.inputs import stated_inputs
+from ffsm_mj.validation.cases.seed_paper.measure import measure, slope
+from ffsm_mj.validation.cases.seed_paper.printed import PRINTED
+from ffsm_mj.validation.cases.seed_paper.runs import SCENARIOS, THRESHOLD, Result, all_runs, paper_run
+from ffsm_mj.validation.page import fixed, small, stale_lines
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "reproduction.md").read_text()
@@ -52,6 +55,7 @@ def test_printed_numbers_are_of_shipped_scenarios():
         ("5e-5 + 1e-4", "5e-5 + 2e-4", False),
         ("5e-5 + 1e-4", "5e-5 + 1e-3", True),
         ("< 1e-9", "0.2", True),
+        ("36 agree", "37 agree", True),
         ("Fig. 5a", "Fig. 5b", True),
     ],
 )
@@ -116,127 +120,134 @@ def test_every_printed_number_is_on_the_page():
     [
         (
             ["--check"],
-            "docs/reproduction.md: cannot be read (No such file or directory); 'ffsm reproduce --out docs' writes it",
+            "docs/reproduction.md: cannot be read (No such file or directory); 'ffsm validate --page docs' writes it",
         ),
-        (["--out", "file"], "file: cannot be used as a folder to write to (File exists)"),
-        (["--out", "file/docs"], "file/docs: cannot be used as a folder to write to (Not a directory)"),
-        (["--out", "x" * 300], f"{'x' * 300}: cannot be used as a folder to write to (File name too long)"),
+        (["--page", "file"], "file: cannot be used as a folder to write to (File exists)"),
+        (["--page", "file/docs"], "file/docs: cannot be used as a folder to write to (Not a directory)"),
+        (["--page", "x" * 300], f"{'x' * 300}: cannot be used as a folder to write to (File name too long)"),
     ],
 )
 def test_a_place_that_cannot_be_used_is_refused_before_the_runs(arguments, message, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
-    monkeypatch.setattr("ffsm_mj.cli.reproduce.reproduced", lambda _: pytest.fail("it ran"))
-    assert main(["reproduce", *arguments]) == 2
+    monkeypatch.setattr(validate, "_performed", lambda *_: pytest.fail("it ran"))
+    assert main(["validate", "seed-paper", *arguments]) == 2
     assert capsys.readouterr().err.strip() == message
-
-
-def test_progress_counts_the_runs_from_the_first(monkeypatch):
-    """Known from the start how many there are; each that ends is told, in whatever order they end."""
-    told = []
-    cases = [Case("coasting", (f"duration_s={duration}",)) for duration in (2.0, 0.1)]
-    monkeypatch.setattr("ffsm_mj.reproduction.cases.run_case", _no_run)
-    results = run_cases(cases, lambda done, of: told.append((done, of)))
-    assert told == [(0, 2), (1, 2), (2, 2)]
-    assert [results[case].values for case in cases] == [{"duration": 2.0}, {"duration": 0.1}]
-
-
-def _no_run(case):
-    return Result({"duration": float(case.overrides[0].partition("=")[2])}, None)
-
-
-def test_pages_are_written_and_checked(tmp_path, capsys, monkeypatch):
-    """The command around the runs; what is written is current, what is changed is named, what is missing is said."""
-    pages = {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"}
-    report = Report((StudiedNumber(PRINTED[0], PRINTED[0].value),), {}, {}, (), {})
-    monkeypatch.setattr("ffsm_mj.cli.reproduce.reproduced", lambda _: Reproduction(report, pages, 1, 0.1))
-    arguments = ["reproduce", "--check", "--long", "--out", str(tmp_path)]
-    for name, text in pages.items():
-        (tmp_path / name).write_text(text)
-    assert main(arguments) == 0
-    assert "every page is current" in capsys.readouterr().out
-    (tmp_path / "reproduction.md").write_text("impulse 1.2229\n")
-    assert main(arguments) == 1
-    expected = f"{tmp_path}/reproduction.md: line 1: committed 'impulse 1.2229', now 'impulse 1.2224'"
-    assert capsys.readouterr().err.strip() == expected
 
 
 def as_committed():
     """Results that say what the page says: a number, or its difference where that is given to more digits."""
     values = {name: {} for name in SCENARIOS}
+    declared = {}
     for printed in PRINTED:
-        cells = row_of(printed).split("|")
-        ours, difference = cells[3].strip(), cells[-4].strip()
+        cells = [cell.strip() for cell in row_of(printed).strip("|").split("|")]
+        ours, difference = cells[2], cells[-3]
         exact = printed.value + (0.0 if "<" in difference else float(difference))
         same = abs(exact - float(ours)) < 0.6 * 10.0 ** -len(ours.partition(".")[2])
         values[printed.scenario][printed.key] = exact if same else float(ours)
-    return values
+        declared |= {printed.key: float(cells[3])} if len(cells) == 7 and cells[3] else {}
+    return {paper_run(name): Result(found) for name, found in values.items()} | {THRESHOLD: Result(declared)}
 
 
+@pytest.fixture
+def performed(monkeypatch):
+    """The command does not run anything, but has the results of the committed page; the runs that it wanted."""
+    wanted = []
+
+    def performed(cases, runs):
+        wanted.extend([*(case.name for case in cases), *runs])
+        return as_committed()
+
+    monkeypatch.setattr(validate, "_performed", performed)
+    monkeypatch.setattr(paper, "appendix_page", (DOCS / "appendix-a.md").read_text)
+    return wanted
+
+
+def stale(committed, results):
+    return stale_lines(committed, paper.pages(results, committed)[seed_paper.PAGE])
+
+
+@pytest.mark.usefixtures("performed")
 def test_the_page_is_current_when_each_scenario_says_so_once():
     """Differences and verdicts follow from our numbers; what only other runs tell is left as it stands."""
-    assert stale_lines(PAGE, refreshed(PAGE, as_committed())) == []
-    values = as_committed()
-    values["baseline"]["impulse"] += 0.01
-    stale = stale_lines(PAGE, refreshed(PAGE, values))
-    assert len(stale) == 1
-    assert "impulse" in stale[0]
-    assert "**differs, explained**" in stale[0].partition("now")[2]
+    assert stale(PAGE, as_committed()) == []
+    results = as_committed()
+    results[paper_run("baseline")].values["impulse"] += 0.01
+    lines = stale(PAGE, results)
+    assert len(lines) == 1
+    assert "impulse" in lines[0]
+    assert "**differs, explained**" in lines[0].partition("now")[2]
 
 
+@pytest.mark.usefixtures("performed")
 @pytest.mark.parametrize(
     ("old", "new"),
     [
         ("| mass of load, kg | 1 | 1 |", "| mass of load, kg | 1 | 2 |"),
         ("No tolerance is set to pass.", ""),
         ("| smallest tip error, m |", "| some tip error, m |"),
+        ("0.005 + 0.002", "0.005 + 0.004"),
+        ("with the arm straight, 4.41 m", "with the arm straight, 4.43 m"),
     ],
 )
 def test_a_page_that_was_changed_by_hand_is_stale(old, new):
     assert old in PAGE
     changed = PAGE.replace(old, new)
-    assert stale_lines(changed, refreshed(changed, as_committed()))
+    assert stale(changed, as_committed())
 
 
-def test_check_runs_each_scenario_once(tmp_path, capsys, monkeypatch):
+def test_check_runs_each_scenario_once(performed, tmp_path, capsys):
     """The pages as committed are current; one changed number is named with its line, exit 1."""
-    made = []
-
-    def once(cases, _):
-        made.extend(cases)
-        return {case: Result(as_committed()[case.scenario], None) for case in cases}
-
-    monkeypatch.setattr("ffsm_mj.reproduction.once.run_cases", once)
-    monkeypatch.setattr("ffsm_mj.reproduction.appendix_page", (DOCS / "appendix-a.md").read_text)
-    assert main(["reproduce", "--check", "--out", str(DOCS)]) == 0
-    assert "every page is current" in capsys.readouterr().out
-    assert sorted(case.scenario for case in made) == sorted(SCENARIOS)
-    for name in ("reproduction.md", "appendix-a.md"):
+    assert main(["validate", "seed-paper", "--check", str(DOCS)]) == 0
+    assert capsys.readouterr().out.endswith(f"\n{DOCS}: current\n")
+    assert performed == [*seed_paper.RUNS, THRESHOLD]
+    for name in paper.PAGES:
         (tmp_path / name).write_text((DOCS / name).read_text())
     row = row_of(next(p for p in PRINTED if p.key == "impulse"))
-    (tmp_path / "reproduction.md").write_text(PAGE.replace(row, row.replace("1.222", "1.333", 1)))
-    assert main(["reproduce", "--check", "--out", str(tmp_path)]) == 1
+    (tmp_path / seed_paper.PAGE).write_text(PAGE.replace(row, row.replace("1.222", "1.333", 1)))
+    assert main(["validate", "seed-paper", "--check", str(tmp_path)]) == 1
     assert re.fullmatch(rf"{tmp_path}/reproduction.md: line \d+: committed .*1\.333.*\n", capsys.readouterr().err)
 
 
+def test_pages_are_written_from_every_run(performed, tmp_path, capsys, monkeypatch):
+    """``--page``, and ``--check --long``, which names what differs."""
+    monkeypatch.setattr(paper, "pages", lambda *_: {"reproduction.md": "impulse 1.2224\n", "appendix-a.md": "A\n"})
+    monkeypatch.setattr(paper, "save_figures", lambda folder, _: folder / "figures")
+    arguments = ["validate", "seed-paper", "--check", str(tmp_path), "--long"]
+    assert main(["validate", "seed-paper", "--page", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.endswith(f"written: {', '.join(f'{tmp_path}/{n}' for n in (*paper.PAGES, 'figures'))}\n")
+    assert main(arguments) == 0
+    assert performed == 2 * [*seed_paper.RUNS, *all_runs()]
+    (tmp_path / "reproduction.md").write_text("impulse 1.2229\n")
+    assert main(arguments) == 1
+    expected = f"{tmp_path}/reproduction.md: line 1: committed 'impulse 1.2229', now 'impulse 1.2224'"
+    assert capsys.readouterr().err.strip() == expected
+
+
+def test_the_command_of_earlier_versions_names_the_present_one(capsys):
+    assert main(["reproduce", "--check"]) == 2
+    assert capsys.readouterr().err == "ffsm: unknown command 'reproduce'; use 'ffsm validate seed-paper'\n"
+
+
 INTERRUPTED = """
-import os, sys, time
+import os, sys
+from ffsm_mj.cli import validate
 from ffsm_mj.cli.main import main
-from ffsm_mj.reproduction import cases
-original = cases.run_case
+from ffsm_mj.validation.cases.seed_paper import runs
+original = validate._perform
 
-def run_case(case):
+def perform(task):
     os.write(1, b"%d\\n" % os.getpid())  # one write: two workers begin at once
-    return original(cases.LONG_BASELINE)
+    return original(runs.LONG_RUNS["baseline, no thrusters"])
 
-cases.run_case = run_case
-run_case.__module__, run_case.__qualname__ = "ffsm_mj.reproduction.cases", "run_case"
-sys.exit(main(["reproduce", "--out", sys.argv[1]]))
+validate._perform = perform
+perform.__module__, perform.__qualname__ = "ffsm_mj.cli.validate", "_perform"
+sys.exit(main(["validate", "seed-paper", "--page", sys.argv[1]]))
 """
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_an_interrupted_reproduction_leaves_no_worker_behind(tmp_path, number):
+def test_an_interrupted_page_leaves_no_worker_behind(tmp_path, number):
     process = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED, str(tmp_path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -252,7 +263,7 @@ def test_an_interrupted_reproduction_leaves_no_worker_behind(tmp_path, number):
 
 @pytest.mark.slow
 def test_committed_page_tells_of_the_baseline(baseline, case_study):
-    """The whole page is checked by ``ffsm reproduce --check`` in CI; here the baseline's column, from its log."""
+    """The whole page is checked by ``ffsm validate --check`` in CI; here the baseline's column, from its log."""
     values = measure(baseline, case_study)
     for printed in PRINTED:
         if printed.scenario == "baseline":
@@ -267,5 +278,6 @@ def test_mass_centre_moves_at_p_over_m(baseline, case_study):
     assert seen.mass_kg == pytest.approx(12.0, abs=1e-8)
     assert seen.rate_m_s == pytest.approx(seen.momentum_N_s / seen.mass_kg, abs=1e-10)
     assert np.all(seen.error_m >= seen.bound_m)
+    assert reach(case_study) == pytest.approx(4.41, abs=0.01)
     assert seen.lost_s == pytest.approx(22.6, abs=0.1)
     assert seen.bound_m[-1] > 0.7
