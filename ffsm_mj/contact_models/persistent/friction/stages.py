@@ -195,7 +195,8 @@ class ImplicitSlips:
         # Slip at the start of a slide is rounding without direction; that of its start is the estimate.
         directions[self._free] = (at_start if known is None else known.directions)[self._free]
         stage, generalised = stage_of(here, directions)
-        self._nodes[node] = _Node(here, directions, stage.along.reshape(-1, 3))
+        if len(self._free):
+            self._nodes[node] = _Node(here, directions, stage.along.reshape(-1, 3))
         return stage, generalised
 
     def corrections(self, step: ImplicitStep, accelerations: FloatArray) -> FloatArray | None:
