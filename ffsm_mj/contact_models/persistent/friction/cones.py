@@ -38,6 +38,8 @@ _CAP = 10.0
 
 def solved(system: FloatArray, right: FloatArray) -> FloatArray:
     """Solution of linear equations; large where they are singular, as at the limit of Painleve's paradox."""
+    if not len(system):  # nothing is held: bilateral rows hold every point already
+        return right.copy()
     solution: FloatArray
     _, _, solution, singular = _lapack().dgesv(system, right)
     if singular:
