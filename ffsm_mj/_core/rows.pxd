@@ -18,6 +18,8 @@ cdef class RowMemory:
     cdef double* qvel
     cdef double* G
     cdef bint has_G
+    # Responses before closed loops take what they hold, (m, nv): what cancels there is known to its rounding. None: no loops
+    cdef public object unclosed
 
     cdef bint moves(self, Py_ssize_t i) noexcept
     cdef void renew(self) noexcept

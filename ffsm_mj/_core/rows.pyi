@@ -8,6 +8,7 @@ from ffsm_mj.contact_models.persistent.point_rows import PointRows
 from ffsm_mj.dynamics.motion import Motion
 
 class RowMemory:
+    unclosed: FloatArray | None
     def array(self, name: str) -> FloatArray: ...
     def resultants(self, forces: FloatArray) -> FloatArray: ...
 

@@ -210,13 +210,18 @@ cdef int write_scales(list groups, double* scales) except -1:
 cdef int write_rounding(list groups, RowMemory own, const double* force, double* found) except -1:
     """Write the rounding of the accelerations of each point under a generalised force, m/s^2."""
     cdef Py_ssize_t p, j, d, nv = own.nv
+    cdef const double* responses = own.response
     cdef const double* response
+    cdef const double[:, ::1] unclosed
     cdef double most
+    if own.unclosed is not None and own.rows and nv:
+        unclosed = own.unclosed
+        responses = &unclosed[0, 0]
     write_scales(groups, found)
     for p in range(own.points):
         most = found[p]
         for j in range(3 * p, 3 * p + (3 if own.rubs[p] else 1)):
-            most, response = max(most, fabs(own.gamma[j])), own.response + j * nv
+            most, response = max(most, fabs(own.gamma[j])), responses + j * nv
             for d in range(nv):
                 most = max(most, fabs(response[d] * force[d]))
         found[p] = _ACCELERATION_M_S2 + _ACCELERATION * most

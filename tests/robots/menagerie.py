@@ -298,9 +298,14 @@ def write_throw(main: Path, strip: Iterable[str] = ()) -> Path:
 
 
 def _pose(system: System) -> dict[str, Any]:
-    """Coordinates of the joints at the first keyframe; without one, of those that the file leaves past a limit."""
+    """Coordinates of the joints at the first keyframe; without one, of those that the file leaves past a limit.
+
+    Joints that follow others are left to these: keyframes contradict the couplings of their files.
+    """
     model, pose = system.mj, {}
-    for joint in system.robot.joints:
+    followers = model.eq_obj1id[(model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id >= 0) & model.eq_active0]
+    follows = {model.joint(j).name for j in followers.tolist()}
+    for joint in [each for each in system.robot.joints if each.name not in follows]:
         given = (model.key_qpos[0] if model.nkey else model.qpos0)[joint.qpos]
         j = model.joint(joint.name).id
         limited = model.jnt_limited[j] and joint.kind in ("hinge", "slide")

@@ -8,7 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly import step_control
 from tests.replays import assert_replayed
-from tests.servos.scenes import INERTIA, link_scene, steps
+from tests.servos.scenes import INERTIA, link, link_scene, steps
 from tests.servos.test_servos import ANGLE, HOLD, RATE, passes
 
 KP, KV = 4.0e4, 8.0e3  # rates 5 and 2e4 1/s: RK4 diverges from steps of 0.14 ms on
@@ -53,5 +53,22 @@ def test_setpoints_that_move_start_transients(tmp_path):
     )
     run = ffsm_mj.run(scenario)
     assert run["controller.path_error_rad"].max() < 0.94 * 5e-3 / 1.9  # the setpoint is that of the start of a tick
+    assert passes(run)
+    assert_replayed(run)
+
+
+def test_a_stiff_servo_presses_on_a_limit(tmp_path):
+    """The joint stays there under the servo's whole force kp (u - q), which the limit takes."""
+    model = link(STIFF, joint='range="-28.64788975654116 28.64788975654116" limited="true"')  # 0.5 rad
+    (tmp_path / "setpoints.csv").write_text("time_s,actuators.robot_servo_applied_rad\n0,0.7\n1,0.7\n")
+    push = {"kind": "playback", "file": "setpoints.csv"}
+    run = ffsm_mj.run(link_scene(tmp_path, push, model=model, duration_s=0.4, **steps(2e-3)))
+    slow = np.min(-np.roots([INERTIA, KV, KP]).real)
+    hit = run.records["limit_impacts"][0].time_s
+    # From q = 0.2 on its slow part alone: the fast one is over after 1 ms, and shifts the start by 0.3 / 2e4 rad.
+    assert hit == pytest.approx(np.log(0.5 / 0.2) / slow, abs=1e-4)
+    rests = run["state.time_s"] > hit
+    assert np.abs(run[ANGLE][rests] - 0.5).max() < 1e-9
+    np.testing.assert_allclose(run["contact.robot_j_limit_torque_N_m"][rests], -KP * 0.2, rtol=1e-8)
     assert passes(run)
     assert_replayed(run)

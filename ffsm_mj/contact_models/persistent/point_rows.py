@@ -77,6 +77,7 @@ class PointRows:
 
     def close_loops(self, loops: ClosedLoops) -> None:
         """Take the accelerations of the points with closed loops; called before anything else is computed from the rows."""
+        self.memory.unclosed = self.response.copy()
         self.response[:] = loops.response(self.J)
         self.loop_rates = self.J.dot(loops.acceleration())
         self.gamma[:] += self.loop_rates

@@ -48,6 +48,18 @@ def test_a_servo_leaves_an_error(tmp_path):
     assert heat(made)[-1] == pytest.approx(0.457945560183, abs=1e-10)
 
 
+@pytest.mark.parametrize("load", [0.0, -0.05, 0.05])
+def test_light_coupled_joints_stick_at_their_limit(tmp_path, load):
+    """Their rows of the limit are held by friction and coupling: of 1e8 (kg m^2)^-1 rounding is left, which is no motion."""
+    model = gear().replace('axis="0 0 1"', 'axis="0 0 1" range="0 90" limited="true"')
+    for inertia in ("0.4 0.4 0.4", "0.05 0.05 0.05"):
+        model = model.replace(inertia, "1e-8 2e-8 1e-8")
+    push = [{"kind": "drive", "joint": "b", "amplitude": load, "rate_rad_s": 9.0}]
+    made = run(tmp_path, model, 1e-2, duration_s=0.2, contact_models=push)
+    assert np.abs(made["state.q_robot_b_rad"]).max() < 1e-12
+    assert changes(made) == []
+
+
 @pytest.mark.parametrize("step_s", [5e-3, 1e-3])
 def test_friction_is_idle_at_a_limit(tmp_path, step_s):
     """Pressed by 10 N sin 2t against a friction of 3 N: the limit carries all of it, then the friction what pulls."""
