@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
+from mcap.records import Message
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.cli.main import main
 from ffsm_mj.contact.tendon_limit import TendonLimit
 from ffsm_mj.errors import InputError
+from ffsm_mj.log.mcap.record_format import encode_record
 from tests.balance.test_springs import good
 from tests.balance.test_tendon_springs import BASE, MASSES, REACH, REDUCED, cord, masses
+from tests.hostile.test_logs import changed
 from tests.scenes import scene
 
 RANGE = 'limited="true" range="-0.2 0.1"'
@@ -62,6 +68,76 @@ def test_pressed_against_its_end(tmp_path):
     np.testing.assert_allclose(run["contact.robot_cord_limit_force_N"][held], -3.0, atol=1e-11)
     later = 0.1 - 0.5 * 2.0 / REDUCED * (0.5 - 0.35) ** 2
     assert run["state.q_robot_s_1_m"][-1] - run["state.q_robot_s_2_m"][-1] == pytest.approx(later, abs=1e-11)
+
+
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    """The log of an impact at the end of a cord, e = 0.5, as the command writes and reads it."""
+    folder = tmp_path_factory.mktemp("logged")
+    path = scene(
+        folder,
+        masses(RANGE),
+        {},
+        duration_s=0.2,
+        initial={"rates": {"s_1": 1.0}},
+        joint_limits={"cord": {"restitution": 0.5}},
+    )
+    ffsm_mj.run(path, out=folder / "out", rerun=False)
+    assert main(["analyze", str(folder / "out")]) == 0
+    return ffsm_mj.load_run(folder / "out")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("impulse", 1.5 * REDUCED + 1e-6),
+        ("separation_rate", 0.5 + 1e-6),
+        ("restitution", 0.6),
+        ("limit", 0.1 + 1e-6),
+        ("work_J", 0.0),
+        ("side", "lower"),
+    ],
+)
+def test_a_log_whose_impact_is_changed_fails(logged, tmp_path, field, value):
+    """An impact at the end of a tendon is resolved again from the log alone."""
+    (impact,) = logged.records["limit_impacts"]
+    whole, other = encode_record(impact), encode_record(replace(impact, **{field: value}))
+
+    def change(record):
+        yield replace(record, data=other) if isinstance(record, Message) and record.data == whole else record
+
+    assert main(["analyze", changed(logged, tmp_path / "x.mcap", change)]) == 1
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_cord_of_coupled_masses(tmp_path, e):
+    """s_1 = -2 s_2: along their distance l the masses move by 2/3 and -1/3, and the bus by what keeps the momentum."""
+    text = masses(RANGE).replace(' 0.1 0"', ' 0 0"')  # through the mass centre: nothing turns
+    text = text.replace(
+        "<actuator>", '<equality><joint joint1="s_1" joint2="s_2" polycoef="0 -2 0 0 0"/></equality><actuator>'
+    )
+    limits = {"cord": {"restitution": e}}
+    run = good(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.4, initial={"rates": {"s_1": 1.0}}, joint_limits=limits)))
+    m, a = np.array(MASSES), np.array([2.0, -1.0]) / 3.0
+    along = m @ a**2 - (m @ a) ** 2 / (m.sum() + 3.0)
+    first = run.records["limit_impacts"][0]
+    assert first.time_s == pytest.approx(0.1 / 1.5, abs=1e-12)
+    assert first.impulse == pytest.approx((1.0 + e) * 1.5 * along, rel=1e-11)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_two_cords_of_one_length_stop_at_once(tmp_path, e):
+    """Rows that depend on each other: the motion is that of one cord, and the work of both adds up to its own."""
+    twin = '<joint joint="s_1" coef=".5"/><joint joint="s_2" coef="-.5"/>'
+    twin = f'<fixed name="twin" limited="true" range="-1 .05">{twin}</fixed>'
+    text = masses(RANGE).replace("</tendon>", f"{twin}</tendon>")
+    limits = {name: {"restitution": e} for name in ("cord", "twin")}
+    run = good(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.3, initial={"rates": {"s_1": 1.0}}, joint_limits=limits)))
+    both = run.records["limit_impacts"]
+    assert {each.joint for each in both} == {"robot/cord", "robot/twin"}
+    rates = [dict(both[-1].qvel_after)[f"robot/s_{i}"][0] for i in (1, 2)]
+    assert rates[0] - rates[1] == pytest.approx(-e, abs=1e-12)
+    assert sum(each.work_J for each in both) == pytest.approx(-(1.0 - e * e) * 0.5 * REDUCED, abs=1e-12)
 
 
 TAUT = 'limited="true" range="0.1 0.85"'

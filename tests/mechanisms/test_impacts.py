@@ -9,10 +9,11 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.impact.contact import Contact
+from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
 from ffsm_mj.contact_models.impact.resolution import resolve
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from tests.mechanisms.models import four_bar, geared, mechanism, rock
 from tests.mechanisms.test_motions import assert_sound
@@ -74,6 +75,17 @@ def test_an_impact_without_the_rows_would_tear_the_gears(tmp_path):
     assert free.impulses[0] == pytest.approx(0.520763, abs=1e-6)
     assert float((loops.rows().J @ free.after.qvel)[0]) == pytest.approx(-10.9, abs=0.05)
     assert abs(float((loops.rows().J @ held.after.qvel)[0])) < 1e-12
+    # The impulse of the row is what stops it after the same impulse of the contact on the free tree.
+    across, before = contact_jacobian(model, data, contact), data.qvel.copy()
+    data.qvel[:] += np.linalg.solve(mass_matrix(model, data), across) * held.impulses[0]
+    row = loops.plastic()
+    assert abs(row.impulses[0]) == pytest.approx(0.017955112219, abs=1e-12)
+    np.testing.assert_allclose(data.qvel + row.change, held.after.qvel, rtol=0, atol=1e-12)
+    # Stopped after an impact without it, it would take energy, and restitution.
+    data.qvel[:] = free.after.qvel
+    late = loops.plastic()
+    assert late.loss_J == pytest.approx(0.082, abs=5e-4)
+    assert across @ (data.qvel + late.change) / (across @ before) == pytest.approx(-0.68, abs=5e-3)
 
 
 def test_a_ball_hits_the_rocker_of_a_four_bar_linkage(tmp_path):

@@ -108,14 +108,18 @@ def test_two_masses_on_a_tendon_of_constant_length(tmp_path):
       <equality><tendon tendon1="rope" polycoef=".5 0 0 0 0"/></equality></mujoco>"""
     errors = []
     for step_s in (0.01, 0.005):
-        run = ffsm_mj.run(
-            mechanism(tmp_path, text, {"x": 0.5}, {"x": 0.0, "y": 0.8}, time_step_s=step_s, control_period_s=0.02)
-        )
+        path = mechanism(tmp_path, text, {"x": 0.5}, {"x": 0.0, "y": 0.8}, time_step_s=step_s, control_period_s=0.02)
+        run = ffsm_mj.run(path)
         x, y = last(run, "q_robot_x_m", "q_robot_y_m")
         assert math.hypot(x, y) == pytest.approx(0.5, abs=1e-10)
         errors.append(abs(math.atan2(y, x) - 1.6))
     assert_sound(run)
     assert errors[1] < 2e-10
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.2)
+    assembly = prepare(path).assemble()
+    motion = assembly.plant.integrator.motion
+    motion.loops.generalised(-assembly.data.qfrc_bias)
+    assert abs(motion.loops.forces[0]) == pytest.approx(1.536, abs=1e-12)  # 3 2 / 5 kg at .5 m, 1.6 rad/s
 
 
 def test_a_run_goes_on_from_its_states(tmp_path):
