@@ -7,7 +7,7 @@ their plastic impulse, v - M^-1 B^T (B M^-1 B^T)^+ B v, which keeps the momenta.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
@@ -115,6 +115,22 @@ class _Start:
 
     def _newton(self, free: BoolArray) -> float:
         """Close the rows by some degrees of freedom as far as possible; returns what is left."""
+        start = self._data.qpos.copy()
+        left = self._steps(free, lambda: self._loops.rows().J)
+        if left > self._closed and self._latches:
+            first = self._data.qpos.copy()
+            self._go_to(start)
+            if (other := self._steps(free, self._rows_of_ends)) < left:
+                return other
+            self._go_to(first)
+        return left
+
+    def _go_to(self, qpos: FloatArray) -> None:
+        self._data.qpos[:] = qpos
+        mujoco.mj_forward(self._model, self._data)
+
+    def _steps(self, free: BoolArray, rows: Callable[[], FloatArray]) -> float:
+        """Steps of Newton's method with some rows J; returns what is left at the best of the states."""
         model, data, best = self._model, self._data, (np.inf, self._data.qpos.copy())
         for _ in range(_STEPS):
             was_closed, left = best[0] <= self._closed, self._left()
@@ -122,24 +138,39 @@ class _Start:
                 best = left, data.qpos.copy()
             if was_closed:  # one more step: convergence is quadratic
                 break
-            step = self._least(free, -self._loops.errors())
+            step = self._least(free, rows(), -self._loops.errors())
             size = float(np.abs(step).max(initial=0.0))
             if size <= np.finfo(float).eps:
                 break
             mujoco.mj_integratePos(model, data.qpos, step * min(1.0, _LONGEST_STEP / size), 1.0)
             mujoco.mj_forward(model, data)
-        data.qpos[:] = best[1]
-        mujoco.mj_forward(model, data)
+        self._go_to(best[1])
         return best[0]
 
-    def _least(self, free: BoolArray, wanted: FloatArray) -> FloatArray:
-        """Least change in the metric of M of some rates by which the rows move as wanted, as far as they can, (nv,)."""
+    def _least(self, free: BoolArray, J: FloatArray, wanted: FloatArray) -> FloatArray:
+        """Least change in the metric of M of some rates by which rows J move as wanted, as far as they can, (nv,)."""
         change = np.zeros(self._model.nv)
         if free.any():
             L = np.linalg.cholesky(mass_matrix(self._model, self._data)[np.ix_(free, free)])
-            A = np.linalg.solve(L, self._loops.rows().J[:, free].T)
+            A = np.linalg.solve(L, J[:, free].T)
             change[free] = np.linalg.solve(L.T, np.linalg.pinv(A.T, rcond=MECHANISM_RANK) @ wanted)
         return change
+
+    def _rows_of_ends(self) -> FloatArray:
+        """Rows J with those of latches for the two points that are to meet, not for one common point, (n, nv).
+
+        Both are the same once the loops are closed. Far from there, steps along the rows for a common point turn a link that
+        reaches beyond it the wrong way, as the rod of a slider-crank whose slider is too near.
+        """
+        model, data, J = self._model, self._data, self._loops.rows().J
+        turn = np.empty((3, model.nv))
+        for latch, part in zip(self._loops.sources, self._loops.parts, strict=True):
+            if isinstance(latch, LatchedBodies):
+                a, b = ((data.xpos[body], data.xmat[body].reshape(3, 3)) for body in (latch.first, latch.second))
+                apart = b[0] + b[1] @ latch.point_in_second - a[0] - a[1] @ latch.point_in_first
+                mujoco.mj_jacBody(model, data, None, turn, latch.first)
+                J[part.start : part.start + 3] += np.cross(apart, (a[1] @ latch.axes_in_first).T) @ turn
+        return J
 
     def _left(self) -> float:
         """Largest error that motions can remove, m or rad; infinite if the bodies of a weld are turned too far."""
@@ -157,7 +188,8 @@ class _Start:
     def match_rates(self, named: set[str]) -> list[str]:
         """Let rates that are left out follow the others, and stop what is left by the plastic impulse of all rows."""
         data = self._data
-        data.qvel[:] += self._least(self._movable(dict.fromkeys(named)), -self._loops.rows().J @ data.qvel)
+        J = self._loops.rows().J
+        data.qvel[:] += self._least(self._movable(dict.fromkeys(named)), J, -J @ data.qvel)
         M, before = mass_matrix(self._model, data), data.qvel.copy()
         closing = self._loops.plastic()
         data.qvel[:] += closing.change
@@ -176,13 +208,11 @@ class _Start:
     def _worst(self, qpos: FloatArray) -> str:
         """Place of the constraint with the largest error at a state, which is set only for this."""
         now = self._data.qpos.copy()
-        self._data.qpos[:] = qpos
-        mujoco.mj_forward(self._model, self._data)
+        self._go_to(qpos)
         errors = self._loops.errors()
         worst = [part.stop for part in self._loops.parts]
         place = int(np.searchsorted(worst, int(np.abs(errors).argmax()), side="right"))
-        self._data.qpos[:] = now
-        mujoco.mj_forward(self._model, self._data)
+        self._go_to(now)
         return [*self._system.equalities.values()][place]
 
     def _refuse_open(self, left: float, most: float) -> None:
@@ -221,4 +251,4 @@ class _Start:
 
 
 def _numbers(values: FloatArray) -> str:
-    return " ".join(f"{value:.9g}" for value in values)
+    return " ".join(f"{round(float(value), 12) + 0.0:.9g}" for value in values)

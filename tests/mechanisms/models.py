@@ -73,17 +73,50 @@ def four_bar(geom: str = "") -> str:
     ).replace('<body name="coupler" pos=".15 0 0">', '<body name="coupler" pos=".15 0 0"><site name="pin" pos=".35 0 0"/>')
 
 
-def parallelogram(bars: int = 3) -> str:
-    """M7: a coupler on two or three parallel bars of equal length; the third one is redundant."""
+def parallelogram(bars: int = 3, *, off: float = 0.0) -> str:
+    """M7: a coupler on two or three parallel bars of equal length; the third one is redundant, and may be off its place."""
     at, links = (0.0, 0.5, 0.25)[:bars], ""
     for i, x in enumerate(at):
         inner = f'<site name="end{i}" pos=".2 0 0"/>'
         if i == 0:
             sites = "".join(f'<site name="on{k}" pos="{at[k]} 0 0"/>' for k in range(1, bars))
             inner += link("coupler", 1, 0.02, ".25 .02 0", ".2 0 0", hinge("coupler"), sites)
-        links += link(f"bar{i}", 0.4, 0.003, ".1 0 0", f"{x} 0 0", hinge(f"bar{i}"), inner)
+        links += link(f"bar{i}", 0.4, 0.003, ".1 0 0", f"{x + off * (i == 2)} 0 0", hinge(f"bar{i}"), inner)
     pins = "".join(f'<connect name="pin{k}" site1="on{k}" site2="end{k}"/>' for k in range(1, bars))
     return robot(4, 0.3, links, pins)
+
+
+SLIDER_CRANK = robot(
+    5,
+    0.4,
+    link(
+        "crank",
+        0.5,
+        0.002,
+        ".075 0 0",
+        "0 0 0",
+        hinge("crank"),
+        link("rod", 0.4, 0.003, ".15 0 0", ".15 0 0", hinge("rod"), '<site name="end" pos=".3 0 0"/>'),
+    )
+    + link("slider", 0.5, 0.001, "0 0 0", "0 0 0", '<joint name="slider" type="slide" axis="1 0 0"/>', '<site name="on"/>'),
+    '<connect name="pin" site1="end" site2="on"/>',
+)
+"""A crank whose rod moves a slider along x."""
+
+
+def two_loops() -> str:
+    """A crank whose end carries two couplers, each to a rocker of its own: both loops share its joint."""
+    couplers = "".join(
+        link(name, mass, 0.01, f"{length / 2} 0 0", ".15 0 0", hinge(name), f'<site name="{name}" pos="{length} 0 0"/>')
+        for name, mass, length in (("c1", 0.8, 0.35), ("c2", 0.6, 0.3))
+    )
+    rockers = "".join(
+        link(name, 0.6, 0.004, ".1 0 0", pos, hinge(name), f'<site name="{name}" pos=".25 0 0"/>')
+        for name, pos in (("r1", ".4 .1 0"), ("r2", "-.3 -.05 0"))
+    )
+    crank = link("crank", 0.5, 0.002, ".075 0 0", "0 .1 0", hinge("crank"), couplers)
+    pins = "".join(f'<connect name="pin{i}" site1="c{i}" site2="r{i}"/>' for i in (1, 2))
+    return robot(5, 0.4, crank + rockers, pins)
 
 
 WELDED = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="base"/>

@@ -60,6 +60,28 @@ def test_coupled_fingers_grip_a_box(tmp_path, drive, normal):
     assert last(run, "q_box_by_m")[0] == pytest.approx(0.000217391304, abs=1e-11)
 
 
+def test_one_finger_at_a_wall_of_the_palm(tmp_path):
+    """M6: what the motor does at both fingers, 4 N along their common opening, the wall at one of them takes."""
+    wall = '<geom name="wall" type="box" size=".02 .005 .02" pos="0 .01 0" mass="0"/><site name="palm"/>'
+    path = mechanism(
+        tmp_path,
+        gripper().replace('<site name="palm"/>', wall),
+        {},
+        {},
+        objects={"box": box()},
+        contacts={"rules": [{"between": ["f1", "wall"], "restitution": 0.0}]},
+        phases=DRIVEN,
+        duration_s=0.1,
+        control_period_s=1e-3,
+        initial={"joints": {"box/by": 9.0}},
+    )
+    run = ffsm_mj.run(path, controllers=driven_by(lambda _: (4.0,)))
+    assert_sound(run)
+    (force,) = [key for key in run.keys if key.startswith("contact.f1") and key.endswith("force_N")]
+    assert run[force][-1] == pytest.approx(4.0, abs=1e-10)
+    assert abs(last(run, "v_robot_f2_m_s")[0]) < 1e-12
+
+
 def test_a_finger_that_would_have_to_pull_lets_go(tmp_path):
     """Of a box of 1 kg both contacts at rest would need -.0322 N s at the first finger: it opens instead."""
     run = gripped(tmp_path, mass=1.0)

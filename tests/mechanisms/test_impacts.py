@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
@@ -16,7 +17,8 @@ from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from tests.mechanisms.models import four_bar, geared, mechanism, rock
-from tests.mechanisms.test_motions import assert_sound
+from tests.mechanisms.test_motions import assert_sound, last
+from tests.scenes import scene
 
 
 def hit_wheel(folder, e, *, boost=0.0, **scenario):
@@ -88,24 +90,36 @@ def test_an_impact_without_the_rows_would_tear_the_gears(tmp_path):
     assert across @ (data.qvel + late.change) / (across @ before) == pytest.approx(-0.68, abs=5e-3)
 
 
+ANGLE = 1.555752341392
+"""Of the rocker in M4, whose crank is at pi/3."""
+NORMAL = np.array([-math.sin(ANGLE), math.cos(ANGLE), 0.0])
+SPOT = np.array([0.4, 0.1, 0.0]) + 0.125 * np.array([math.cos(ANGLE), math.sin(ANGLE), 0.0])
+LINKAGE = four_bar('<geom name="spot" type="sphere" size=".01" pos=".125 -.01 0" mass="0"/>')
+
+
+def hit_rocker(folder, e, *, crank=0.0, turn=None, boost=0.0, mu=0.0, **scenario):
+    """M4: a ball of .3 kg hits the rocker of a four-bar linkage at its middle, along its normal, at 1 m/s."""
+    turn = Rotation.identity() if turn is None else turn
+    quaternion = np.roll(turn.as_quat(), 1).tolist()
+    velocity = turn.apply([boost, 0.3 * boost, -0.1 * boost])
+    return mechanism(
+        folder,
+        LINKAGE,
+        {
+            "crank": math.pi / 3,
+            "robot/base": [0, 0, 0, *quaternion],
+            "rock/free": [*turn.apply(SPOT - 0.12 * NORMAL), 1, 0, 0, 0],
+        },
+        {"crank": crank, "robot/base": [*velocity, 0, 0, 0], "rock/free": [*(turn.apply(NORMAL) + velocity), 0, 0, 0]},
+        objects={"rock": rock(0.3, 0.05)},
+        contacts={"rules": [{"between": ["spot", "rock/rock"], "restitution": e, "mu": mu}]},
+        **{"duration_s": 0.1, "control_period_s": 0.01} | scenario,
+    )
+
+
 def test_a_ball_hits_the_rocker_of_a_four_bar_linkage(tmp_path):
     """M4: e .6 at half of the rocker along its normal; the pin and the crank respond."""
-    angle = 1.555752341392
-    normal = np.array([-math.sin(angle), math.cos(angle), 0.0])
-    point = np.array([0.4, 0.1, 0.0]) + 0.125 * np.array([math.cos(angle), math.sin(angle), 0.0])
-    geom = '<geom name="spot" type="sphere" size=".01" pos=".125 -.01 0" mass="0"/>'
-    centre = point - 0.12 * normal
-    path = mechanism(
-        tmp_path,
-        four_bar(geom),
-        {"crank": math.pi / 3, "rock/free": [*centre, 1, 0, 0, 0]},
-        {"rock/free": [*normal, 0, 0, 0]},
-        objects={"rock": rock(0.3, 0.05)},
-        contacts={"rules": [{"between": ["spot", "rock/rock"], "restitution": 0.6}]},
-        duration_s=0.1,
-        control_period_s=0.01,
-    )
-    run = ffsm_mj.run(path)
+    run = ffsm_mj.run(hit_rocker(tmp_path, 0.6))
     assert_sound(run)
     (record,) = run.records["impacts"]
     assert record.impulse_N_s == pytest.approx(0.450747917954, abs=1e-10)
@@ -116,6 +130,55 @@ def test_a_ball_hits_the_rocker_of_a_four_bar_linkage(tmp_path):
         rtol=0,
         atol=1e-10,
     )
+    # The impulse of the pin is what stops its rows after the same impulse of the ball on the free tree.
+    assembly = prepare(hit_rocker(tmp_path, 0.6)).assemble()
+    model, data = assembly.system.mj, assembly.data
+    bodies = [model.body(name).id for name in ("robot/rocker", "rock/rock")]
+    row = contact_jacobian(model, data, Contact(*bodies, SPOT, -NORMAL, 0.6, 0.0))
+    data.qvel[:] += np.linalg.solve(mass_matrix(model, data), row) * record.impulse_N_s
+    loops = ClosedLoops(model, data, [each.source for each in equalities_of(model)])
+    _, pin, torque = loops.wrench(0, loops.plastic().impulses)
+    np.testing.assert_allclose(np.abs(pin), [0.191154723843, 0.036378008942, 0.0], rtol=0, atol=1e-10)
+    assert np.abs(torque).max() == 0.0
+
+
+def test_a_linkage_of_an_object_is_hit(tmp_path):
+    """M4 with the parts exchanged: the ball is the robot."""
+    linkage = LINKAGE.partition("<actuator>")[0] + "</mujoco>"
+    path = scene(
+        tmp_path,
+        rock(0.3, 0.05),
+        {"linkage": linkage},
+        duration_s=0.1,
+        control_period_s=0.01,
+        initial={
+            "joints": {"crank": math.pi / 3, "robot/free": [*(SPOT - 0.12 * NORMAL), 1, 0, 0, 0]},
+            "rates": {"robot/free": [*NORMAL, 0, 0, 0]},
+        },
+        contacts={"rules": [{"between": ["spot", "rock"], "restitution": 0.6}]},
+    )
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    assert run.records["impacts"][0].impulse_N_s == pytest.approx(0.450747917954, abs=1e-10)
+
+
+@pytest.mark.parametrize("e", [0.0, 1.0])
+def test_an_impact_of_a_linkage_does_not_depend_on_frame_or_step(tmp_path, e):
+    """With friction: turned and moving at 2 m/s, at half of the step and at ten times of it."""
+    changes = (
+        {},
+        {"turn": Rotation.from_rotvec([0.3, -0.7, 1.1]), "boost": 2.0},
+        {"time_step_s": 5e-4},
+        {"time_step_s": 1e-2},
+    )
+    found = []
+    for change in changes:
+        run = ffsm_mj.run(hit_rocker(tmp_path, e, crank=1.0, mu=0.2, duration_s=0.5, **change))
+        (record,) = run.records["impacts"]
+        found.append((record.impulse_N_s, record.time_s, *last(run, "q_robot_crank_rad", "v_robot_crank_rad_s")))
+        assert_sound(run)
+    for each, tolerance in zip(found[1:], (1e-12, 1e-12, 2e-9), strict=True):  # h^4 of 1 ms is 1e-13 here, of 10 ms 1e-9
+        np.testing.assert_allclose(each, found[0], rtol=0, atol=tolerance)
 
 
 def test_a_coupled_joint_reaches_its_limit(tmp_path):

@@ -12,8 +12,9 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.replay import replay_log
+from ffsm_mj.tolerances import RANK
 from tests.contact_models.limits import DRIVEN, driven_by
-from tests.mechanisms.models import WELDED, four_bar, geared, mechanism, parallelogram, turned
+from tests.mechanisms.models import WELDED, four_bar, geared, mechanism, parallelogram, turned, two_loops
 
 
 def last(run, *names):
@@ -81,6 +82,28 @@ def test_a_parallelogram_with_a_redundant_bar(tmp_path):
     assert found[1][3] == pytest.approx(2.067992560911, abs=2e-12)
 
 
+def test_numbers_of_a_file_that_are_rounded_leave_a_mechanism_its_motion(tmp_path, monkeypatch):
+    """A redundant bar that is 1e-8 m off its place: what it adds to the rank is rounding, and the motion that of equal bars.
+
+    At the rank of exact numbers, 1e-10, it is a truss, which closes at a right angle, 44 degrees away, and does not move.
+    """
+    rates = {"robot/base": [0, 0, 0, 0, 0, 0.2], "bar0": 1.5}
+    even, rounded = (
+        ffsm_mj.run(mechanism(tmp_path, parallelogram(off=off), {"bar0": 0.8}, rates, control_period_s=0.02, duration_s=0.4))
+        for off in (0.0, 1e-8)
+    )
+    assert_sound(rounded)
+    for name in ("q_robot_bar0_rad", "q_robot_base_x_m", "v_robot_bar0_rad_s"):
+        np.testing.assert_allclose(last(rounded, name), last(even, name), rtol=0, atol=1e-7)  # ten times the error
+    # Rows that are closed to 1e-8 only close another way as the bars turn: the energy changes by less than that share.
+    energy = rounded["energy.total_J"]
+    assert np.abs(energy - energy[0]).max() < 1e-8 * energy[0]
+    monkeypatch.setattr("ffsm_mj.assembly.closed_start.MECHANISM_RANK", RANK)
+    data = prepare(mechanism(tmp_path, parallelogram(off=1e-8), {"bar0": 0.8}, rates)).assemble().data
+    assert data.joint("robot/bar0").qpos[0] == pytest.approx(0.5 * math.pi, abs=1e-4)
+    assert abs(data.joint("robot/bar0").qvel[0]) < 1e-6
+
+
 @pytest.mark.parametrize("kind", ["welded", "body joined by two connects and a weld"])
 def test_a_welded_body_moves_as_one_rigid_body(tmp_path, kind):
     """M8: two bodies as one, also if further constraints say the same."""
@@ -96,6 +119,29 @@ def test_a_welded_body_moves_as_one_rigid_body(tmp_path, kind):
     np.testing.assert_allclose(spin, [0.887732327255, -0.932093100647, 0.752527426020], rtol=0, atol=1e-12)
     turn = last(run, *(f"q_robot_base_q{axis}" for axis in "wxyz"))
     np.testing.assert_allclose(turn, [0.736125052348, 0.373179733624, -0.467830662279, 0.316213954706], rtol=0, atol=1e-12)
+
+
+def test_two_loops_that_share_a_joint(tmp_path):
+    """Six rows of rank four: order four in all coordinates, and energy to rounding."""
+    found = []
+    for step_s in (2e-3, 1e-3, 5e-4):
+        path = mechanism(
+            tmp_path,
+            two_loops(),
+            {"crank": math.pi / 3},
+            {"crank": 2.0},
+            duration_s=0.6,
+            time_step_s=step_s,
+            control_period_s=0.02,
+        )
+        run = ffsm_mj.run(path)
+        found.append(last(run, "q_robot_crank_rad", "v_robot_crank_rad_s", "q_robot_r1_rad", "q_robot_r2_rad"))
+    assert_sound(run)
+    coarse, fine = (np.abs(np.subtract(each, found[2])).max() for each in found[:2])
+    assert coarse / fine == pytest.approx(17.0, rel=0.3)
+    assert fine < 1e-11
+    energy = run["energy.total_J"]
+    assert np.abs(energy - energy[0]).max() < 1e-14
 
 
 def test_two_masses_on_a_tendon_of_constant_length(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
-from tests.mechanisms.models import WELDED, four_bar, geared, mechanism, parallelogram, turned
+from tests.mechanisms.models import SLIDER_CRANK, WELDED, four_bar, geared, mechanism, parallelogram, turned, two_loops
 
 
 def started(folder, mjcf, joints, rates, **scenario):
@@ -47,6 +47,16 @@ def test_joints_without_a_value_close_the_loop(tmp_path):
     assert notes[0].startswith(
         "joints without an initial value move to close the equality constraints: robot/coupler -0.697"
     )
+
+
+def test_a_loop_far_from_closed_closes(tmp_path):
+    """The slider starts at the centre of the crank, .45 m from the end of the rod; and a crank that closes two loops."""
+    joints, _ = started(tmp_path, SLIDER_CRANK, {"crank": 0.5}, {"crank": 3.0})
+    rod = -0.5 - math.asin(0.5 * math.sin(0.5))
+    assert joints["rod"][0] == pytest.approx(rod, abs=1e-12)
+    assert joints["slider"][0] == pytest.approx(0.15 * math.cos(0.5) + 0.3 * math.cos(0.5 + rod), abs=1e-12)
+    _, notes = started(tmp_path, two_loops(), {"crank": math.pi / 3}, {"crank": 2.0})
+    assert all(f"robot/{name} " in notes[0] for name in ("c1", "c2", "r1", "r2"))
 
 
 @pytest.mark.parametrize("away", [0.0, 1e3])
@@ -110,6 +120,8 @@ def test_a_polynomial_without_a_solution_is_refused(tmp_path):
     """B = 1 + A^2, locked at 0.5."""
     text = geared().replace('polycoef="0 -3 0 0 0"/>', 'polycoef="1 0 1 0 0"/><joint joint1="B" polycoef=".5 0 0 0 0"/>')
     assert "cannot be closed" in refused(tmp_path, text, {"A": 0.3}, {})
+    line = refused(tmp_path, geared().replace('"0 -3 0 0 0"', '"1 0 1 0 0"'), {"B": 0.3}, {})
+    assert "equality joint of 'B' and 'A' by 0.7 m or rad; nearest values that fit: robot/B 1" in line
 
 
 def test_a_weld_that_is_turned_by_half_a_turn_is_not_closed(tmp_path):
