@@ -51,6 +51,7 @@ def _load(entry_point: EntryPoint) -> Any:
         raise TypeError(
             f"{entry_point.value} has no class attribute Config derived from ffsm_mj.controller_protocol.StrictModel"
         )
+    config.model_rebuild()  # otherwise built with all others at the first use: a fault of it would harm every scenario
     if _kind_of(cls) != entry_point.name:
         raise TypeError(f"{entry_point.value}: the entry point's name must be the kind {_kind_of(cls)!r}")
     return cls

@@ -41,7 +41,7 @@ _REGISTERED: dict[str, type[ContactModel]] = {}
 _BROKEN: dict[str, str] = {}
 
 for _kind in BUILT_IN_RECORDS:
-    kinds.register(_kind)
+    kinds.register(_kind, checked=True)
 
 
 def register(contact_model: type[ContactModel]) -> type[ContactModel]:
@@ -70,7 +70,9 @@ def contact_models() -> dict[str, type[ContactModel]]:
             _BROKEN[entry_point.name] = f"{entry_point.value} has the name of a built-in contact model; rename it"
         elif entry_point.name not in _REGISTERED:
             try:
-                register(entry_point.load())
+                contact_model = entry_point.load()
+                contact_model.Config.model_rebuild()  # now, while what is wrong with it is the package's alone
+                register(contact_model)
             except Exception as error:  # noqa: BLE001 (a package may fail in any way: only its contact model is unavailable)
                 _BROKEN[entry_point.name] = described(error)
     return dict(_REGISTERED)

@@ -80,6 +80,29 @@ def test_a_broken_plugin_harms_only_who_asks_for_it(tmp_path):
     assert "usable: off, pd, osdre, free_flying" in line
 
 
+UNKNOWN_TYPE = """
+from typing import Literal
+
+from ffsm_mj.controller_protocol import StrictModel
+
+class Gain:
+    pass
+
+class Law:
+    class Config(StrictModel):
+        kind: Literal["broken"]
+        gain: Gain
+"""
+
+
+def test_a_plugin_whose_config_cannot_be_built_harms_only_who_asks_for_it(tmp_path):
+    environment = install(tmp_path, "broken_laws", UNKNOWN_TYPE, "broken = broken_laws:Law")
+    assert ffsm(environment, "check", "baseline").returncode == 0
+    done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: broken}")
+    assert done.returncode == 2
+    assert "the plugin for kind 'broken' cannot be used (Pydantic" in done.stderr
+
+
 def test_a_plugin_without_a_config_is_named(tmp_path):
     environment = install(tmp_path, "bare_laws", "class Law: pass\n", "bare = bare_laws:Law")
     done = ffsm(environment, "check", "baseline", "-s", "phases.1.controller={kind: bare}")

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from ffsm_mj.contact_models.registry import BUILT_IN_RECORDS
 from ffsm_mj.records import kinds as register_of_kinds
-from ffsm_mj.records.kinds import RecordKind, field_of, kind_of, kinds, kinds_of, register
+from ffsm_mj.records.kinds import RecordKind, faults, field_of, kind_of, kinds, kinds_of, register
 from ffsm_mj.records.record import ByName, Values, declared, record
 
 
@@ -108,6 +109,11 @@ def test_an_inconsistent_declaration_is_refused(declared, words):
     with pytest.raises(ValueError, match=words):
         register(replace(KIND, name="pull", plural="pulls", record=made(time_s=TIME, **declared)))
     assert kinds() == (KIND,)
+
+
+def test_kinds_of_every_run_have_no_faults():
+    """Their registration, at each import, takes it for granted."""
+    assert {kind.name: list(faults(kind)) for kind in BUILT_IN_RECORDS} == {kind.name: [] for kind in BUILT_IN_RECORDS}
 
 
 def test_a_table_has_columns():
