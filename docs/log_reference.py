@@ -96,6 +96,7 @@ def reference() -> Iterator[str]:
         "have `mu` above 0 there is `balance.friction_heat_J`, the heat of friction: that of sliding in persistent\n"
         "contact, the sum of `contact.<rule>_heat_J`, and the kinetic energy lost in impacts with friction, minus the work\n"
         "of their normal impulses; and `balance.contact_work_J`, the work of the forces of persistent contact.\n"
+        "Loads of equality constraints are in the group `contact`, see [mechanisms](mechanisms.md#loads-in-the-log).\n"
         "\n"
         f"Models with sensors have the group `sensor`, {GROUPS['sensor']}; with an\n"
         f"estimator there is the group `estimate`, {GROUPS['estimate']}: their fields are in\n"

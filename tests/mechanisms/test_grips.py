@@ -99,6 +99,31 @@ def test_an_elastic_grip(tmp_path):
     assert float(run["energy.total_J"][-1]) == pytest.approx(float(run["balance.work_J"][-1]), abs=1e-12)
 
 
+def test_fingers_of_a_stiff_servo_hold_a_box_by_friction(tmp_path):
+    """All points stick in implicit steps: a servo 1 cm past the box presses with kp/2 times that, and the box rests."""
+    kp, kv = 400.0, 100.0  # 500 1/s with .2 kg of fingers: implicit at 1 ms
+    servo = f'<position name="grip" tendon="pull" kp="{kp}" kv="{kv}"/>'
+    hold = {"kind": "hold", "joints": ["f1", "f2"], "positions": [0.03, 0.03]}
+    path = mechanism(
+        tmp_path,
+        gripper().replace('<motor name="grip" tendon="pull"/>', servo),
+        {"box/by": 0.005},
+        {"box/bx": 0.002},
+        objects={"box": box()},
+        contacts={"rules": [{"between": [finger, "box/box"], "restitution": 0.0, "mu": 0.5} for finger in ("f1", "f2")]},
+        phases=[{"name": "all", "until": "end", "controller": hold}],
+        duration_s=0.6,
+        control_period_s=0.02,
+        time_step_s=1e-3,
+    )
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    for finger in ("f1", "f2"):
+        # Both fingers are at rest at 2 cm, to the 1e-9 m within which a contact is closed: 2e-7 N.
+        assert run[f"contact.{finger}_box_box_force_N"][-1] == pytest.approx(0.5 * kp * (0.03 - 0.02), abs=1e-6)
+        assert run[f"contact.{finger}_box_box_slip_m_s"][-1] == 0.0
+
+
 GRASP = {
     "robot_site": "hand",
     "object_site": "edge",

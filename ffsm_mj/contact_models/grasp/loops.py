@@ -22,6 +22,7 @@ import numpy as np
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
+from ffsm_mj.contact_models.grasp.equality_loads import EqualityLoads
 from ffsm_mj.contact_models.grasp.loop_exchange import LoopExchange
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.contact_models.state_projection import StateProjection
@@ -32,6 +33,7 @@ from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import needs_projection, no_contacts
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
+from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 
@@ -64,10 +66,11 @@ class LoopClosing:
 
 
 class _LoopState(NamedTuple):
-    """Forces at one state: tokens of state and forces, generalised forces, and a wrench by place of a latch."""
+    """Forces at one state: tokens of state and forces, those of all rows, generalised ones, a wrench by place of a latch."""
 
     place: object
     load: object
+    forces: FloatArray
     generalised: FloatArray
     wrenches: dict[int, tuple[FloatArray, FloatArray, FloatArray]]
 
@@ -93,7 +96,11 @@ class LoopForces(ForceSource):
                 move where the efforts change, too, without an event.
         """
         super().__init__(scene)
-        self.equalities: tuple[RowSource, ...] = tuple(each.source for each in equalities_of(scene.system.mj))
+        equalities = equalities_of(scene.system.mj)
+        self.equalities: tuple[RowSource, ...] = tuple(each.source for each in equalities)
+        self._loads = EqualityLoads(scene.system.mj, equalities)
+        if equalities:
+            self.columns = (Columns(self._loads.signals, self._loads.values, None, self._sample, None, self._loads_now),)
         self._latches: dict[str, LatchedBodies] = {}
         self._resting: tuple[RowSource, ...] = ()
         self._rubs = rubs
@@ -294,8 +301,17 @@ class LoopForces(ForceSource):
             forces = loops.forces
             latches = [i for i, each in enumerate(loops.sources) if isinstance(each, LatchedBodies)]
             wrenches = {i: loops.wrench(i, forces) for i in latches}
-            known = self._known = _LoopState(place, load, generalised, wrenches)
+            known = self._known = _LoopState(place, load, forces, generalised, wrenches)
         return known
+
+    def _loads_now(self) -> FloatArray:
+        """Loads of the equality constraints at the state in ``data`` under its efforts."""
+        assert self.motion.loops is not None
+        self._loads.write(self.motion.loops, self._under_efforts().forces)
+        return self._loads.values.copy()
+
+    def _sample(self, _: float) -> None:
+        self._loads_now()
 
     def load(self, name: str) -> FloatArray:
         """Force in N, and torque about the object's site in N m, of a latch on the object, world axes, (6,).
