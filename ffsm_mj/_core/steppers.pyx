@@ -338,6 +338,6 @@ cdef class ForcedStepper(FreeStepper):
         self.update_forces()
         self.integrate_step(duration_s)
         self.kinked = self.power is not None and self.power.kinked
-        if self.activations is not None and self.activations.kink_s < duration_s:
-            self.kinked = True
+        if self.activations is not None and not self.kinked:
+            self.kinked = self.activations.is_kinked(duration_s)
         return self.add(duration_s)

@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.force_limits import without_force_limits
 from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.actuators import controllers_of, servo_mask, without_force_limits
 from ffsm_mj.model.driven_joints import drives_rotation, unit_suffix
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
@@ -73,7 +72,10 @@ def begin_at_rest(model: Any, data: Any) -> FloatArray:
     A servo without a length in its law, such as one of velocity, has zero, and so has a motor. An integrator has the
     setpoint zero.
     """
-    found = np.zeros(model.nu)
+    found, slews = np.zeros(model.nu), dict[int, int]()
+    for kind in (mujoco.mjtGain.mjGAIN_PID, mujoco.mjtGain.mjGAIN_DCMOTOR):
+        ids, places, _ = controllers_of(model, kind)
+        slews.update(zip(ids.tolist(), places.tolist(), strict=True))
     for i in np.flatnonzero(servo_mask(model)).tolist():
         length, (gain, *_) = float(data.actuator_length[i]), model.actuator_gainprm[i].tolist()
         b0, b1 = model.actuator_biasprm[i, :2].tolist()
@@ -84,17 +86,19 @@ def begin_at_rest(model: Any, data: Any) -> FloatArray:
             rest = -(b0 + b1 * length) / gain
         if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_PID:
             rest = length
+        if slews.get(i, -1) >= 0:
+            data.act[slews[i]] = rest
         found[i] = 0.0 if dynamics == mujoco.mjtDyn.mjDYN_INTEGRATOR else rest
         if dynamics in _ACTIVATED:
             data.act[model.actuator_actadr[i]] = rest
     return found
 
 
-def set_activations(system: System, data: Any, activations: Mapping[str, float]) -> None:
+def set_activations(system: System, data: Any, activations: Mapping[str, float | list[float]]) -> None:
     """Set activations of a scenario by actuator.
 
     Raises:
-        ScenarioFaults: An unknown actuator, or one without an activation.
+        ScenarioFaults: An unknown actuator, or one with another number of activations.
     """
     faults, model = [], system.mj
     for name, value in activations.items():
@@ -104,10 +108,11 @@ def set_activations(system: System, data: Any, activations: Mapping[str, float])
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), path))
             continue
-        if model.actuator_actnum[i] != 1:
-            faults.append(Fault(f"{name} has {model.actuator_actnum[i] or 'no'} activations; one is needed here", path))
+        values, first, count = np.atleast_1d(value), int(model.actuator_actadr[i]), int(model.actuator_actnum[i])
+        if len(values) != count or not count:
+            faults.append(Fault(f"{name} has {count or 'no'} activations; {len(values)} are given here", path))
         else:
-            data.act[model.actuator_actadr[i]] = value
+            data.act[first : first + count] = values
     if faults:
         raise ScenarioFaults(faults)
 

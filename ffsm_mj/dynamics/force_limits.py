@@ -6,15 +6,15 @@ contain: the step ends there. The functions whose roots are sought are the force
 
 from __future__ import annotations
 
-import copy
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.motor_kinks import MotorKinks
 from ffsm_mj.dynamics.step_path import StepPath
-from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.actuators import servo_mask, without_force_limits, without_joint_limits
 from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
 
 _AT_LIMIT = 1e-9
@@ -41,17 +41,20 @@ class ForceLimits:
         self.dof_ranges = np.ascontiguousarray(model.jnt_actfrcrange[limited], dtype=np.float64)
         self._unlimited, self._without_joints = without_force_limits(model), without_joint_limits(model)
         sizes = np.concatenate((np.abs(self.ranges), np.abs(self.dof_ranges)))
-        self._rounding = _AT_LIMIT * np.repeat(sizes.max(axis=1, initial=0.0), 2)
+        self._motors = MotorKinks(model, data)
+        rounding = _AT_LIMIT * np.repeat(sizes.max(axis=1, initial=0.0), 2)
+        self._rounding = np.concatenate((rounding, self._motors.rounding))
 
     def _margins(self) -> FloatArray:
-        """Forces without limits less their least and greatest values at the state in the data, (2 (n + m),)."""
+        """Forces without limits less their least and greatest values, and the functions of :class:`MotorKinks`."""
         data = self._data
         mujoco.mj_fwdActuation(self._unlimited, data)
         forces = data.actuator_force[self.servos]
         mujoco.mj_fwdActuation(self._without_joints, data)
         totals = data.qfrc_actuator[self.dofs]
         mujoco.mj_fwdActuation(self._model, data)
-        return np.concatenate(((forces[:, None] - self.ranges).ravel(), (totals[:, None] - self.dof_ranges).ravel()))
+        of_dofs = (totals[:, None] - self.dof_ranges).ravel()
+        return np.concatenate(((forces[:, None] - self.ranges).ravel(), of_dofs, self._motors.values()))
 
     def first_kink(self, path: StepPath, duration_s: float) -> float | None:
         """Time in a step of the first kink of a force, or None; the path is left at its start.
@@ -76,17 +79,3 @@ class ForceLimits:
                 until_s = float(brentq(margin, 0.0, until_s, args=(i,), xtol=EVENT_TIME_S, rtol=EVENT_TIME))
         path.move_to(0.0)
         return until_s if until_s < duration_s else None
-
-
-def without_force_limits(model: Any) -> Any:
-    """A copy of a model whose actuators, joints and tendons have no limits on forces."""
-    other = without_joint_limits(model)
-    other.actuator_forcelimited[:] = 0
-    return other
-
-
-def without_joint_limits(model: Any) -> Any:
-    """A copy of a model whose joints and tendons have no limits on the forces of actuators; these keep their own."""
-    other = copy.copy(model)
-    other.jnt_actfrclimited[:], other.tendon_actfrclimited[:] = 0, 0
-    return other

@@ -20,10 +20,9 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.dynamics.force_limits import without_force_limits
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.actuators import servo_mask, without_force_limits
 
 _LENGTH, _RATE = 1e-4, 1e-4
 """Steps of differences, m or rad and m/s or rad/s."""

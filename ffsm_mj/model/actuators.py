@@ -26,6 +26,9 @@ _FREE, _BALL = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtJoint.mjJNT_BALL
 _GAIN, _BIAS, _DYN = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn
 _UNKNOWN = (int(_GAIN.mjGAIN_USER), int(_GAIN.mjGAIN_SO3))
 _UNKNOWN_BIAS = (int(_BIAS.mjBIAS_USER), int(_BIAS.mjBIAS_SO3))
+SLEW_RATE, INTEGRAL_LIMIT = 8, 9
+"""Places in the gain parameters of a controller, free in MuJoCo's, of what :func:`smooth_controllers` moves there."""
+_NO_SLEW = 1e-300
 _SERVOS = "use 'strip: [servos]' in the scenario"
 _INSTEAD = f"make a motor of it by 'kind: torque' under 'actuators' in the scenario, or {_SERVOS}"
 _OF_ADHESION = (
@@ -78,6 +81,48 @@ def without_servos(model: Any) -> Any:
     other.actuator_gaintype[servos], other.actuator_gainprm[servos] = int(mujoco.mjtGain.mjGAIN_FIXED), 0.0
     other.actuator_biastype[servos] = int(mujoco.mjtBias.mjBIAS_NONE)
     return other
+
+
+def without_force_limits(model: Any) -> Any:
+    """A copy of a model whose actuators, joints and tendons have no limits on forces."""
+    other = without_joint_limits(model)
+    other.actuator_forcelimited[:] = 0
+    return other
+
+
+def without_joint_limits(model: Any) -> Any:
+    """A copy of a model whose joints and tendons have no limits on the forces of actuators; these keep their own."""
+    other = copy.copy(model)
+    other.jnt_actfrclimited[:], other.tendon_actfrclimited[:] = 0, 0
+    return other
+
+
+def controllers_of(model: Any, kind: Any) -> tuple[IntArray, IntArray, IntArray]:
+    """Actuators of a compiled model that are controllers of a kind, ``mjGAIN_PID`` or ``mjGAIN_DCMOTOR``.
+
+    Returns:
+        Their ids, and the addresses of effective setpoints and of integrals in the activations; -1 without, (n,) each.
+    """
+    ids = np.flatnonzero(model.actuator_gaintype == int(kind))
+    slew, gain = (1, 0) if kind == _GAIN.mjGAIN_PID else (7, 5)
+    slews, integrates = model.actuator_dynprm[ids, slew] > 0.0, model.actuator_gainprm[ids, gain] > 0.0
+    first = model.actuator_actadr[ids]
+    return ids, np.where(slews, first, -1), np.where(integrates, first + slews, -1)
+
+
+def smooth_controllers(model: Any) -> None:
+    """Take the limits of setpoint rates and integrals out of the laws of a compiled model's controllers.
+
+    Both would act at the ends of MuJoCo's time steps. The effective setpoint becomes the activation itself, and the integral
+    that of the error; the stages of the steps apply the limits, which move to free places of the gain parameters.
+    """
+    for kind, slew, limit in ((_GAIN.mjGAIN_PID, 1, 0), (_GAIN.mjGAIN_DCMOTOR, 7, 8)):
+        ids, slews, _ = controllers_of(model, kind)
+        model.actuator_gainprm[ids, SLEW_RATE] = model.actuator_dynprm[ids, slew]
+        model.actuator_gainprm[ids, INTEGRAL_LIMIT] = model.actuator_dynprm[ids, limit]
+        # The least positive rate keeps the activation, and moves the setpoint by nothing.
+        model.actuator_dynprm[ids, slew] = np.where(slews >= 0, _NO_SLEW, 0.0)
+        model.actuator_dynprm[ids, limit] = 0.0
 
 
 def motors_of(model: str, kinds: Mapping[str, str]) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.actuators import actuator_faults, effort_limits
+from ffsm_mj.model.actuators import actuator_faults, effort_limits, smooth_controllers
 from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
 from ffsm_mj.model.conservative import (
     base_armatures,
@@ -79,6 +79,7 @@ def compile_system(
         added = add_sensors(scene, sensors, grasped=grasp is not None)
         model = compile_scene(scene, files, vfs)
     model.actuator_actearly[:] = 0  # a force follows from the activation of the same instant, which stages integrate
+    smooth_controllers(model)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
     faults += model_faults(model, scene, files)
     limits, refused = effort_limits(model, scene, files)

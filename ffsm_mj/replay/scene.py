@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.contact_rules import resolve_contacts
 from ffsm_mj.assembly.grasps import held_systems
+from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits
 from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.assembly.task import task_of
@@ -44,9 +44,9 @@ def log_scene(log: RunLog) -> LogScene:
     """
     scenario = _scenario(log)
     system = compile_log(log)
-    data = mujoco.MjData(system.mj)
-    mujoco.mj_forward(system.mj, data)
     try:
+        # At the start of the run, as the division of steps follows from the rates of servos there.
+        data = initial_state(scenario, system).data
         pairs, limits = resolve_contacts(scenario.contacts, system).pairs, joint_limits(scenario, system)
         held = held_systems(scenario, system, lambda grasp, _: compile_log(log, grasp=grasp))
         return LogScene(scenario, build_plant(scenario, system, data, pairs, limits, held, task_of(scenario, system)))

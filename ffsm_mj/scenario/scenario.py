@@ -48,7 +48,7 @@ class InitialConfig(StrictModel):
     """Coordinates by joint, rad or m; for a free joint x, y, z in m and a quaternion w, x, y, z."""
     rates: dict[Name, JointValue] = {}
     """Rates by joint, rad/s or m/s; for a free joint velocity in world axes and angular velocity in body axes."""
-    activations: dict[Name, float] = {}
+    activations: dict[Name, float | list[float]] = {}
     """Activation of servos that have one, by actuator; left out: that at which the servo exerts no force."""
     from_: Annotated[Name | None, Field(alias="from")] = None
     """Folder of a run from which this one goes on, relative to this file; see docs/stepping.md."""

@@ -382,7 +382,7 @@ class EventDrivenIntegrator:
         most_s = min(most_s, reach_s)
         if control is None:
             return self._to_kink(*self._solved_step(most_s))
-        return control.step(self.motion, reach_s, most_s, self.exchanged)
+        return self._to_kink(*control.step(self.motion, reach_s, most_s, self.exchanged))
 
     def _solved_step(self, step_s: float) -> tuple[float, bool]:
         """A step of a given duration, or of a half, a quarter, ... of it: the longest one whose stages have a solution.
