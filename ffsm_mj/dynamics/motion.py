@@ -75,8 +75,8 @@ class Motion:
         self.power: ActuatorPower | None = power[0] if power is not None else None
         self.force_limits: ForceLimits | None = power[1] if power is not None else None
         self.stiff: StiffActuators | None = None
-        activations = Activations(model, data)
-        self.activations = activations if activations else None
+        activations = Activations(model, data) if has_servos(model) else None
+        self.activations = activations or None
         self._unpushed = self.flight = self._stepper_without_pushes()
         self._usual_s, self._free_integrate = model.opt.timestep, self.path.integrate
         self.forced: ForcedStepper | None = None
