@@ -8,42 +8,45 @@ built as ``cls(config, context)``; see :class:`~ffsm_mj.controller_protocol.Cont
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
-from ffsm_controllers.base_pd import BasePd
-from ffsm_controllers.detumble.law import Detumble
-from ffsm_controllers.free_flying import FreeFlying
-from ffsm_controllers.gripper import Gripper
-from ffsm_controllers.hold import Hold
-from ffsm_controllers.joint_path.law import JointPath
-from ffsm_controllers.off import Off
-from ffsm_controllers.osdre.law import Osdre
-from ffsm_controllers.pd import Pd
-from ffsm_controllers.playback.law import Playback
+from ffsm_controllers.base_pd import BasePdConfig
+from ffsm_controllers.detumble.config import DetumbleConfig
+from ffsm_controllers.free_flying import FreeFlyingConfig
+from ffsm_controllers.gripper import GripperConfig
+from ffsm_controllers.hold import HoldConfig
+from ffsm_controllers.joint_path.config import JointPathConfig
+from ffsm_controllers.off import OffConfig
+from ffsm_controllers.osdre.law import OsdreConfig
+from ffsm_controllers.pd import PdConfig
+from ffsm_controllers.playback.config import PlaybackConfig
 from ffsm_controllers.plugins import Kinds, installed
-from ffsm_controllers.task_space.gjm_rate import GjmRate
-from ffsm_controllers.task_space.impedance import Impedance
-from ffsm_controllers.task_space.lqr import Lqr
-from ffsm_controllers.task_space.rns import Rns
-from ffsm_controllers.task_space.task_ct import TaskCt
-from ffsm_controllers.task_space.task_tj import TaskTj
-from ffsm_controllers.track.law import Track
+from ffsm_controllers.task_space.gjm_rate import GjmRateConfig
+from ffsm_controllers.task_space.impedance import ImpedanceConfig
+from ffsm_controllers.task_space.lqr import LqrConfig
+from ffsm_controllers.task_space.rns import RnsConfig
+from ffsm_controllers.task_space.task_ct import TaskCtConfig
+from ffsm_controllers.task_space.task_tj import TaskTjConfig
+from ffsm_controllers.track.config import TrackConfig
 
 GROUP = "ffsm_mj.controllers"
-_TASK_SPACE = (GjmRate, TaskTj, TaskCt, Rns, Lqr, Impedance)
-_BUILT_IN: tuple[Any, ...] = (
-    Off,
-    Pd,
-    Osdre,
-    FreeFlying,
-    Track,
-    BasePd,
-    Hold,
-    Gripper,
-    JointPath,
-    Playback,
-    Detumble,
-    *_TASK_SPACE,
+_BUILT_IN = (
+    (OffConfig, "off:Off"),
+    (PdConfig, "pd:Pd"),
+    (OsdreConfig, "osdre.law:Osdre"),
+    (FreeFlyingConfig, "free_flying:FreeFlying"),
+    (TrackConfig, "track.law:Track"),
+    (BasePdConfig, "base_pd:BasePd"),
+    (HoldConfig, "hold:Hold"),
+    (GripperConfig, "gripper:Gripper"),
+    (JointPathConfig, "joint_path.law:JointPath"),
+    (PlaybackConfig, "playback.law:Playback"),
+    (DetumbleConfig, "detumble.law:Detumble"),
+    (GjmRateConfig, "task_space.gjm_rate:GjmRate"),
+    (TaskTjConfig, "task_space.task_tj:TaskTj"),
+    (TaskCtConfig, "task_space.task_ct:TaskCt"),
+    (RnsConfig, "task_space.rns:Rns"),
+    (LqrConfig, "task_space.lqr:Lqr"),
+    (ImpedanceConfig, "task_space.impedance:Impedance"),
 )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import UserDict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -10,35 +11,53 @@ from typing import Any
 from ffsm_mj.controller_protocol import StrictModel
 
 
+class Classes(UserDict[str, Any]):
+    """Classes by kind. In place of one may stand where it is: it is imported when it is asked for, most are in no run."""
+
+    def __getitem__(self, kind: str) -> Any:
+        """Class of a kind."""
+        found = super().__getitem__(kind)
+        if isinstance(found, EntryPoint):
+            self[kind] = found = found.load()
+        return found
+
+
 @dataclass(frozen=True)
 class Kinds:
     """What a scenario may ask for.
 
     Attributes:
-        classes: Class by kind; each has a ``Config``.
+        configs: Configuration model by kind.
+        classes: Class by kind; each has this model as its ``Config``.
         broken: Why a plugin could not be used, by kind.
     """
 
-    classes: dict[str, Any]
+    configs: dict[str, type[StrictModel]]
+    classes: Classes
     broken: dict[str, str]
 
 
-def installed(group: str, built_in: Iterable[Any], noun: str) -> Kinds:
+def installed(group: str, built_in: Iterable[tuple[type[StrictModel], str]], noun: str) -> Kinds:
     """Built-in classes and those of installed plugins; a broken plugin harms only the scenarios that ask for it.
 
     Args:
         group: Entry-point group.
-        built_in: Classes of this package.
+        built_in: Configuration models of this package, and ``module:Class`` of the class that each is for.
         noun: What they are, for messages.
     """
-    own = {_kind_of(cls): cls for cls in built_in}
-    found = Kinds(dict(own), {})
+    found = Kinds({}, Classes(), {})
+    for config, place in built_in:
+        kind = _kind_of(config)
+        found.configs[kind] = config
+        found.classes[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
+    own = set(found.configs)
     for entry_point in entry_points(group=group):
         if entry_point.name in own:
             found.broken[entry_point.name] = f"{entry_point.value} has the name of a built-in {noun}; rename it"
             continue
         try:
-            found.classes[entry_point.name] = _load(entry_point)
+            cls = _load(entry_point)
+            found.configs[entry_point.name], found.classes[entry_point.name] = cls.Config, cls
         except Exception as error:  # noqa: BLE001 (a plugin may fail in any way)
             found.broken[entry_point.name] = f"{type(error).__name__}: {error}"
     return found
@@ -52,12 +71,12 @@ def _load(entry_point: EntryPoint) -> Any:
             f"{entry_point.value} has no class attribute Config derived from ffsm_mj.controller_protocol.StrictModel"
         )
     config.model_rebuild()  # otherwise built with all others at the first use: a fault of it would harm every scenario
-    if _kind_of(cls) != entry_point.name:
-        raise TypeError(f"{entry_point.value}: the entry point's name must be the kind {_kind_of(cls)!r}")
+    if _kind_of(config) != entry_point.name:
+        raise TypeError(f"{entry_point.value}: the entry point's name must be the kind {_kind_of(config)!r}")
     return cls
 
 
-def _kind_of(cls: Any) -> str:
+def _kind_of(config: type[StrictModel]) -> str:
     """The one value of the field ``kind``."""
-    values = cls.Config.model_fields["kind"].annotation.__args__
-    return str(values[0])
+    annotation: Any = config.model_fields["kind"].annotation
+    return str(annotation.__args__[0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -43,7 +44,7 @@ def build_phases(
     Raises:
         ScenarioFaults: A control law cannot be made, or two parts of a phase drive the same actuator.
     """
-    classes = {**kinds().classes, **laws}
+    classes = ChainMap(dict(laws), kinds().classes)
     phases, faults, names = [], [], [config.name for config in scenario.phases]
     system = context.system
     objects = {each.name: each.tree for each in grasps_of(scenario, system) if is_of_robot(system, each)}

@@ -243,7 +243,7 @@ def make_estimator(config: Any, context: ControllerContext, own: Mapping[str, An
         message = f"the plugin for kind {config.kind!r} cannot be used ({reason})"
         raise ScenarioFaults([Fault(message, ("estimator", "kind"))])
     try:
-        made: Estimator = {**known.classes, **own}[config.kind](config, context)
+        made: Estimator = (own.get(config.kind) or known.classes[config.kind])(config, context)
     except ScenarioFaults as error:
         raise ScenarioFaults([replace(fault, path=("estimator", *fault.path)) for fault in error.faults]) from error
     except Exception as error:  # a plugin's code: whatever it raises is a fault of this section

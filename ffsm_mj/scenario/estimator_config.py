@@ -29,6 +29,6 @@ if TYPE_CHECKING:
     EstimatorConfig: TypeAlias = Any
 else:
     EstimatorConfig = Annotated[
-        Union[TruthConfig, *(cls.Config for cls in estimators().classes.values())],
+        Union[TruthConfig, *estimators().configs.values()],
         Field(discriminator="kind"),
     ]

@@ -141,7 +141,7 @@ def validated(
 def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[ScenarioConfig]:
     """Scenario model that accepts these beside what is installed."""
     configs = [
-        (*(cls.Config for cls in installed.classes.values()), *(config_of(each, kind) for kind, each in own.items()))
+        (*installed.configs.values(), *(config_of(each, kind) for kind, each in own.items()))
         for installed, own in ((kinds(), laws), (estimators(), own_estimators))
     ]
     return model_with(ScenarioConfig, PhaseConfig, configs[0], (TruthConfig, *configs[1]))

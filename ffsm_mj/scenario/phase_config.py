@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     OptionalController: TypeAlias = Any
 else:
     ControllerConfig = Annotated[
-        Union[tuple(cls.Config for cls in _KINDS.classes.values())],  # noqa: UP007 (a union of unknown length)
+        Union[tuple(_KINDS.configs.values())],  # noqa: UP007 (a union of unknown length)
         Field(discriminator="kind"),
     ]
     OptionalController = ControllerConfig | None

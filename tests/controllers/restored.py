@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any
 
 import mujoco
@@ -204,6 +206,8 @@ def with_entry(state: Any, path: Sequence[Any], value: Any) -> Any:
 
 def declared(package: str) -> set[str]:
     """All fields of all states of a package, as ``Class.field``."""
+    for module in pkgutil.walk_packages(import_module(package).__path__, f"{package}."):
+        import_module(module.name)
     found, kinds = set(), [Stateful]
     for kind in kinds:
         kinds += kind.__subclasses__()

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators import estimators
-from ffsm_controllers.estimators.mekf import Mekf
+from ffsm_controllers.estimators.mekf.estimator import Mekf
 from ffsm_mj.controller_protocol import ControllerContext, Measurement, Sensor, System, predict
 from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system

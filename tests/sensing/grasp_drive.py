@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 
 from ffsm_controllers.estimators import estimators
-from ffsm_controllers.estimators.mekf import Mekf
+from ffsm_controllers.estimators.mekf.estimator import Mekf
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
 from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord

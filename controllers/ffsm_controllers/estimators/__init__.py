@@ -7,14 +7,13 @@ Estimators of other packages plug in through the entry-point group ``ffsm_mj.est
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
-from ffsm_controllers.estimators.direct import Direct
-from ffsm_controllers.estimators.mekf import Mekf
+from ffsm_controllers.estimators.direct import DirectConfig
+from ffsm_controllers.estimators.mekf.config import MekfConfig
 from ffsm_controllers.plugins import Kinds, installed
 
 GROUP = "ffsm_mj.estimators"
-_BUILT_IN: tuple[Any, ...] = (Direct, Mekf)
+_BUILT_IN = ((DirectConfig, "estimators.direct:Direct"), (MekfConfig, "estimators.mekf.estimator:Mekf"))
 
 
 @cache
