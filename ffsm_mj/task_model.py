@@ -80,10 +80,41 @@ class JointModel:
         self.qd = data.qvel[dofs]
         own = self.mobility[:, dofs]
         if self._closed and np.linalg.cond(own) > _SINGULAR:
-            names = ", ".join(self.joints.names)
-            raise ControllerError(f"{names} depend on each other through equality constraints; drive independent joints")
+            raise ControllerError(self._dependent(own))
         self.M_c = np.linalg.inv(own)
         self.c_c = -self.M_c.dot(self.coasting[dofs])
+
+    def _dependent(self, own: FloatArray) -> str:
+        """Sentence for joints that depend on each other: which of them can be driven, by pivoting of their mobility."""
+        names, chosen = np.array(self.joints.names), list[int]()
+        for i in range(len(own)):
+            of_these = [*chosen, i]
+            if np.linalg.cond(own[np.ix_(of_these, of_these)]) <= _SINGULAR:
+                chosen = of_these
+        alone = f"drive {', '.join(names[chosen])} alone" if chosen else "drive others"
+        return f"{', '.join(names)} depend on each other through equality constraints; {alone}, by 'joints'"
+
+    def start_faults(self, data: Any) -> list[Fault]:
+        """Why joints cannot be driven from a state: they depend on each other."""
+        try:
+            self.update(data)
+        except ControllerError as error:
+            return [Fault(str(error), ("joints",))]
+        return []
+
+    def close(self, data: Any) -> None:
+        """Let all other joints follow the driven ones in position, as equality constraints have them.
+
+        Args:
+            data: State with positions of the driven joints; positions are current after it.
+
+        Raises:
+            ControllerError: They cannot.
+        """
+        if not self._constrained.close(data, self.joints.dofs):
+            where = " ".join(f"{value:.6g}" for value in data.qpos[self.joints.qpos])
+            names = ", ".join(self.joints.names)
+            raise ControllerError(f"the equality constraints cannot be closed with {names} at {where}")
 
     def accelerations(self, data: Any, force: FloatArray) -> FloatArray:
         """Accelerations of all dofs that a generalised force on them adds, (nv,), at the state last updated."""

@@ -109,6 +109,10 @@ class Gripper(Stateful):
         """Motors or servos of the fingers."""
         return self._joints.actuators
 
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Joints that depend on each other."""
+        return self._servo.model.start_faults(data) if self._setpoints is None else ()
+
     def start(self, observation: Observation) -> None:
         """Take the gains."""
         data = observation.data

@@ -85,6 +85,10 @@ class Hold(Stateful):
         """Motors or servos of the joints."""
         return self._joints.actuators
 
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Joints that depend on each other."""
+        return self._servo.model.start_faults(data) if self._setpoints is None else ()
+
     def start(self, observation: Observation) -> None:
         """Take the reference, and the gains there."""
         data = observation.data

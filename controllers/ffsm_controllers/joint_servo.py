@@ -95,11 +95,11 @@ class JointServo:
         _refuse_unstable(config, context.control_period_s)
 
     def reduced_mass(self, data: Any, positions: FloatArray) -> FloatArray:
-        """M_c where the joints are at some positions, (n, n), and all else is where it is in ``data``."""
+        """M_c where the joints are at some positions, (n, n), and all else is where it is in ``data`` or follows them."""
         scratch = self._scratch
         scratch.qpos[:] = data.qpos
         scratch.qpos[self.model.joints.qpos] = positions
-        mujoco.mj_fwdPosition(self._mj, scratch)
+        self.model.close(scratch)
         self.model.update(scratch)
         return self.model.M_c
 

@@ -104,6 +104,22 @@ SLIDER_CRANK = robot(
 """A crank whose rod moves a slider along x."""
 
 
+def five_bar() -> str:
+    """Two driven cranks whose couplers meet at the tip: the arm of the tip is one crank and its coupler."""
+
+    def side(name: str, x: float, inner: str) -> str:
+        coupler = link(f"coupler_{name}", 0.4, 0.004, ".15 0 0", ".25 0 0", hinge(f"coupler_{name}"), inner)
+        return link(f"crank_{name}", 0.6, 0.004, ".12 0 0", f"{x} .1 0", hinge(f"crank_{name}"), coupler)
+
+    return robot(
+        20,
+        2,
+        side("a", -0.15, '<site name="tip" pos=".3 0 0"/>') + side("b", 0.15, '<site name="end" pos=".3 0 0"/>'),
+        '<connect name="pin" site1="tip" site2="end"/>',
+        '<motor name="a" joint="crank_a"/><motor name="b" joint="crank_b"/>',
+    )
+
+
 def two_loops() -> str:
     """A crank whose end carries two couplers, each to a rocker of its own: both loops share its joint."""
     couplers = "".join(

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_controllers.joint_servo import JointServo, ServoConfig
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.description import notes
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import ControllerContext
@@ -18,7 +20,7 @@ from ffsm_mj.dynamics.prediction import predict
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.task_model import JointModel
-from tests.mechanisms.models import CHAIN, HEAD, four_bar, geared, mechanism
+from tests.mechanisms.models import CHAIN, HEAD, five_bar, four_bar, geared, mechanism
 from tests.mechanisms.test_motions import assert_sound, last
 
 TOW = """<mujoco>{head}<worldbody><body name="base"><freejoint name="base"/>
@@ -154,3 +156,86 @@ def test_a_state_is_predicted_with_the_rows(tmp_path):
     assert crank == pytest.approx(last(run, "q_robot_crank_rad")[0], abs=1e-6)
     mujoco.mj_kinematics(system.mj, data)
     assert np.abs(data.site("robot/pin").xpos - data.site("robot/end").xpos).max() < 1e-7
+
+
+REACH = {"tip": "tip", "axes": ["x", "y"], "target_m": [0.05, 0.5]}
+CRANKS = {"crank_a": 1.9, "crank_b": 1.2}
+
+
+def reaching(folder, law, mjcf=None, joints=CRANKS, task=REACH, **scenario):
+    """The tip of a five-bar linkage, which two cranks move, goes to a target."""
+    phases = [{"name": "reach", "until": "end", "controller": law}]
+    return mechanism(folder, mjcf or five_bar(), joints, {}, task=task, phases=phases, **scenario)
+
+
+GAINS = {"kp_1_s2": 9, "kd_1_s": 6}
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"kind": "task_ct", "position": GAINS},
+        {"kind": "task_tj", "position": {"kp_N_m": 60, "kd_N_s_m": 30}},
+        {"kind": "lqr", "Q": [50, 50, 8, 8], "R": [0.1, 0.1]},
+        {"kind": "gjm_rate", "position": {"k_1_s": 3}, "servo_gain_1_s": 30},
+        {"kind": "impedance", "position": {"stiffness_N_m": 60}},
+        {"kind": "osdre", "Q": [50, 50, 8, 8], "R": [0.1, 0.1]},
+    ],
+    ids=lambda law: law["kind"],
+)
+def test_laws_move_the_tip_of_a_five_bar_linkage(tmp_path, law):
+    """By both cranks: one of them is not between base and tip, and moves it through the loop."""
+    run = ffsm_mj.run(reaching(tmp_path, law, duration_s=4.0, control_period_s=0.01))
+    assert run.outcome == "completed", run.message
+    assert not [check for check in all_checks(run) if not check.passes]
+    (error,) = [key for key in run.keys if key.startswith("controller.") and key.endswith("error_m")]
+    assert float(run[error][-1]) < 1e-3 * float(run[error][0])
+
+
+@pytest.mark.parametrize("which", ["five bars", "gears"])
+def test_computed_torque_gives_the_error_that_it_asks_for(tmp_path, which):
+    """From rest it is e_0 (1 + w t) exp(-w t) with kp = w^2, kd = 2 w, up to the hold of efforts, of order one."""
+    given = {
+        "five bars": (five_bar(), CRANKS, REACH),
+        "gears": (tow(), {"shoulder": 0.4, "elbow": 0.6}, REACH | {"target_m": [0.7, 0.4]}),
+    }[which]
+    worst = []
+    for period in (0.004, 0.002):
+        path = reaching(tmp_path, {"kind": "task_ct", "position": GAINS}, *given, duration_s=1.0, control_period_s=period)
+        run = ffsm_mj.run(path)
+        error = run["controller.task_error_m"]
+        expected = error[0] * (1.0 + 3.0 * run.time) * np.exp(-3.0 * run.time)
+        worst.append(np.abs(error - expected).max() / error[0])
+    assert worst[0] < 0.01
+    assert worst[0] / worst[1] == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", ["hold", "joint_path", "osdre"])
+def test_motors_of_one_loop_that_depend_on_each_other_are_refused(tmp_path, kind):
+    """With those that can be driven."""
+    text = four_bar().replace("</actuator>", '<motor name="rocker" joint="rocker"/></actuator>')
+    law = {
+        "hold": {"kind": "hold", "bandwidth_rad_s": 5.0},
+        "joint_path": {"kind": "joint_path", "bandwidth_rad_s": 5.0, "waypoints": [{"at_s": 0.4, "positions": [1.2, 1.4]}]},
+        "osdre": {"kind": "osdre", "Q": [1, 1, 1, 1], "R": [1, 1]},
+    }[kind]
+    allowed = r"controller\.joints: robot/crank, robot/rocker depend on each other .* drive robot/crank alone, by 'joints'"
+    task = REACH | {"tip": "pin"}
+    with pytest.raises(InputError, match=allowed):
+        prepare(reaching(tmp_path, law, text, {"crank": math.pi / 3}, task)).assemble()
+
+
+def test_gains_are_those_of_the_mechanism_where_it_is_held(tmp_path):
+    """At another angle of the crank the coupler and the rocker are elsewhere, too."""
+    system, data = at_start(tmp_path, four_bar(), {"crank": math.pi / 3}, {})
+    servo = JointServo(ServoConfig(kind="hold", bandwidth_rad_s=5.0), ControllerContext(system, None, 0.01))
+    _, there = at_start(tmp_path, four_bar(), {"crank": 1.6}, {})
+    crank = system.joint("crank").dofs.start
+    dependent = {system.joint(name).dofs.start for name in ("coupler", "rocker")}
+    independent = [dof for dof in range(system.mj.nv) if dof not in dependent]
+    N = null_space(system, there, independent)
+    M_r = N.T @ mass_matrix(system.mj, there) @ N
+    expected = 1.0 / np.linalg.inv(M_r)[independent.index(crank), independent.index(crank)]
+    found = servo.reduced_mass(data, np.array([1.6]))
+    assert found[0, 0] == pytest.approx(expected, rel=1e-10)
+    assert abs(found[0, 0] / servo.reduced_mass(data, np.array([math.pi / 3]))[0, 0] - 1.0) > 0.01

@@ -36,6 +36,7 @@ from ffsm_mj.controller_protocol import (
     ConstrainedModel,
     ControllerContext,
     ControllerReport,
+    Fault,
     FloatArray,
     IntArray,
     Observation,
@@ -92,6 +93,10 @@ class Detumble(Stateful):
         self._unit, self._turning = unit_moments(self._mj), np.empty((3, self._mj.nv))
         self._outcome = DetumbleOutcome(config, found.wheel_names)
         self._dumping = False
+
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Joints that depend on each other."""
+        return self._model.start_faults(data) if self._model is not None else ()
 
     @property
     def driven_actuators(self) -> IntArray:

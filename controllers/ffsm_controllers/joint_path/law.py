@@ -94,6 +94,8 @@ class JointPath(Stateful):
     def start_faults(self, data: Any) -> Sequence[Fault]:
         """Limits that the path from a state exceeds."""
         joints = self._joints
+        if self._setpoints is None and (dependent := self._model.start_faults(data)):
+            return dependent
         faults = self._limits.faults(self._path_from(data.qpos[joints.qpos], data.qvel[joints.dofs]), data)
         return [Fault(f"{_EXCEEDS}: {fault}; {_INSTEAD}", ("waypoints",)) for fault in faults]
 

@@ -71,7 +71,8 @@ class PathLimits:
         for time_s, step_s in zip(times.tolist(), np.diff(times, append=times[-1]).tolist(), strict=True):
             positions, rates, accelerations = path.at(time_s)
             own.qpos[joints.qpos], own.qvel[joints.dofs] = positions, rates
-            mujoco.mj_forward(mj, own)
+            model.close(own)
+            mujoco.mj_fwdVelocity(mj, own)
             model.update(own)
             effort = model.M_c.dot(accelerations) + model.c_c
             yield time_s, effort, *self._effort_bounds(rates)

@@ -6,6 +6,7 @@ figures were made with the other. ``output_stack`` depends on where the world's 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -123,6 +124,10 @@ class Osdre(Stateful):
         self._extremes = np.zeros(3)
         self._report = np.full(len(self.telemetry_signals), np.nan)
         self._riccati = planar_riccati(Q) if self._planar else None
+
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Joints that depend on each other."""
+        return self._moving.start_faults(data) if self._moving is not None else ()
 
     def start(self, observation: Observation) -> None:
         """Build the law around the plant's data; its Riccati solver starts cold."""

@@ -111,6 +111,10 @@ class TaskLaw(Stateful):
         """Motors of the joints."""
         return self.model.joints.actuators
 
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Joints that depend on each other."""
+        return self.model.start_faults(data)
+
     def start(self, observation: Observation) -> None:
         """Take the reference."""
         if self._attitude is None:

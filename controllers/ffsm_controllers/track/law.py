@@ -107,6 +107,10 @@ class Track(Stateful):
         arm = self._task.joints.actuators
         return arm if self._base is None else np.concatenate((arm, self._base.driven_actuators))
 
+    def start_faults(self, data: Any) -> Sequence[Fault]:
+        """Joints that depend on each other."""
+        return self._task.start_faults(data)
+
     def start(self, observation: Observation) -> None:
         """The base is to stay where it is now."""
         if self._base is not None:

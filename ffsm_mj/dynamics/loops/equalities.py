@@ -5,13 +5,14 @@ Control laws see the model with them: accelerations by efforts at the independen
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ffsm_mj._core.loops import LoopStage
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial, TendonCoupling
 from ffsm_mj.dynamics.loops.latch import LatchedBodies, stopped_along_axes
 from ffsm_mj.dynamics.loops.rows import RowSource
@@ -19,6 +20,8 @@ from ffsm_mj.tolerances import MECHANISM_RANK
 
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
 _EYE = np.eye(3)
+_STEPS, _LONGEST_STEP, _SETTLED = 200, 0.1, 1e-13
+"""Most steps of Newton's method, the longest one in rad or m, and one at which it has converged: see ``closed_start``."""
 
 
 class Equality(NamedTuple):
@@ -81,6 +84,46 @@ class ConstrainedModel:
         if self._rows is None:
             return np.zeros(self._model.nv)
         return np.asarray(-(self._rows.rates @ self._inverse) @ self._responses)
+
+    def _constraints(self, data: Any) -> tuple[FloatArray, FloatArray]:
+        """Rows J and errors in position at the state in ``data``, (n, nv) and (n,)."""
+        ids = range(self._model.nbody), range(self._model.nv)
+        bound = [each.bind(self._model, data, *ids) for each in self._sources]
+        J = [np.empty((0, self._model.nv)), *(np.empty((each.count, self._model.nv)) for each in bound)]
+        for each, rows in zip(bound, J[1:], strict=True):
+            each.evaluate(rows, np.empty(each.count))
+        return np.concatenate(J), np.concatenate([np.empty(0), *(each.errors() for each in bound)])
+
+    def follow(self, data: Any, dofs: Sequence[int] | IntArray) -> FloatArray:
+        """Rates of all coordinates per rate of some joints, which all others follow, (nv, n).
+
+        Args:
+            data: State of the model, positions current.
+            dofs: Degrees of freedom of the joints.
+        """
+        J, nv = self._constraints(data)[0], self._model.nv
+        N, others = np.eye(nv)[:, dofs], np.delete(np.arange(nv), dofs)
+        N[others] = -np.linalg.lstsq(J[:, others], J[:, dofs], rcond=MECHANISM_RANK)[0] if len(J) else 0.0
+        return N
+
+    def close(self, data: Any, held: Sequence[int] | IntArray) -> bool:
+        """Let all other coordinates follow those of some joints; returns whether they can.
+
+        Args:
+            data: State of the model near one that is closed; positions are changed and current.
+            held: Degrees of freedom that stay as they are.
+        """
+        model, others, left = self._model, np.delete(np.arange(self._model.nv), held), 0.0
+        for _ in range(_STEPS if self._sources else 0):
+            mujoco.mj_fwdPosition(model, data)
+            (J, errors), change = self._constraints(data), np.zeros(model.nv)
+            change[others] = np.linalg.lstsq(J[:, others], -errors, rcond=MECHANISM_RANK)[0]
+            size, left = float(np.abs(change).max()), float(np.abs(errors).max())
+            if size <= _SETTLED:
+                break
+            mujoco.mj_integratePos(model, data.qpos, change * min(1.0, _LONGEST_STEP / size), 1.0)
+        mujoco.mj_fwdPosition(model, data)
+        return left <= MECHANISM_RANK
 
 
 def _source(model: Any, e: int) -> RowSource:
