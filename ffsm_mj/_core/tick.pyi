@@ -4,7 +4,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import FloatArray, IntArray
 
 class OnSample:
     def __call__(self, time_s: float) -> None: ...
@@ -14,6 +14,18 @@ class Clock(OnSample):
 
 class Maxima(OnSample):
     def __init__(self, since: FloatArray, logged: FloatArray) -> None: ...
+
+class ServoSample(OnSample):
+    def __init__(
+        self,
+        model: Any,
+        unlimited: Any,
+        data: Any,
+        servos: IntArray,
+        gear: FloatArray,
+        ranges: FloatArray,
+        forces: FloatArray,
+    ) -> None: ...
 
 class Periodically(OnSample):
     last_s: float

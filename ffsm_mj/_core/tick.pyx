@@ -51,6 +51,53 @@ cdef class Maxima(OnSample):
         return 0
 
 
+cdef class ServoSample(OnSample):
+    """Writes the forces of servos before and after the limits of their model files, under the current controls."""
+
+    cdef const mjModel* m
+    cdef const mjModel* unlimited
+    cdef mjData* d
+    cdef const Py_ssize_t[::1] servos
+    cdef const double[::1] gear
+    cdef const double[:, ::1] ranges
+    cdef double[::1] force
+    cdef double[:, ::1] forces
+    cdef object keep
+
+    def __init__(self, model, unlimited, data, const Py_ssize_t[::1] servos not None, gear, ranges, forces):
+        """Bind to the system.
+
+        Args:
+            model: MuJoCo model.
+            unlimited: The same without limits of forces; None: the model has none.
+            data: Its data, derived quantities current at each sample.
+            servos: Ids of the servos, (n,).
+            gear: Force at the joint or along the tendon per force of each, (n,).
+            ranges: Least and greatest force that its joint allows, (n, 2).
+            forces: Receives the forces before and after the limits, (n, 2).
+        """
+        if not len(servos) == len(gear) == len(ranges) == len(forces):
+            raise ValueError(f"{len(servos)} servos, {len(gear)} gears, {len(ranges)} ranges and {len(forces)} forces")
+        self.m, self.d, self.keep = <const mjModel*>address(model), <mjData*>address(data), (model, unlimited, data)
+        self.unlimited = <const mjModel*>address(unlimited) if unlimited is not None else NULL
+        self.servos, self.gear, self.ranges, self.forces = servos, gear, ranges, forces
+        self.force = data.actuator_force
+
+    cdef int sample(self, double time_s) except -1:
+        cdef Py_ssize_t i, n = self.servos.shape[0]
+        if self.unlimited != NULL:
+            mj.fwdActuation(self.unlimited, self.d)
+            for i in range(n):
+                self.forces[i, 0] = self.force[self.servos[i]] * self.gear[i]
+        mj.fwdActuation(self.m, self.d)
+        for i in range(n):
+            # The limit of a joint is on the sum of what acts on it: the same where a servo is alone.
+            self.forces[i, 1] = min(max(self.force[self.servos[i]] * self.gear[i], self.ranges[i, 0]), self.ranges[i, 1])
+            if self.unlimited == NULL:
+                self.forces[i, 0] = self.forces[i, 1]
+        return 0
+
+
 cdef double ROUNDING = 1e-9  # relative, of the time of a sample
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.tick import ServoSample
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.actuators import controllers_of, servo_mask, without_force_limits
@@ -34,17 +35,18 @@ class ServoForces:
 
     def __init__(self, system: System, data: Any) -> None:
         """Bind to a system and its data, derived quantities current at each sample."""
-        self._model, self._data = system.mj, data
-        self._unclamped = without_force_limits(system.mj)
-        self._servos: IntArray = np.flatnonzero(servo_mask(system.mj))
-        on_joint = self._model.actuator_trntype[self._servos] == _JOINT
-        joints = np.where(on_joint, self._model.actuator_trnid[self._servos, 0], 0)
-        self._gear = np.where(on_joint, self._model.actuator_gear[self._servos, 0], 1.0)
-        limited = on_joint & self._model.jnt_actfrclimited[joints].astype(bool)
-        ranges = np.where(limited[:, None], self._model.jnt_actfrcrange[joints], [-np.inf, np.inf])
-        self._low, self._high = ranges.T
-        self._forces = np.zeros((len(self._servos), 2))
-        self.columns = Columns(self._signals(system), live=self._forces.reshape(-1), on_sample=self._evaluate)
+        model = self._model = system.mj
+        self._servos: IntArray = np.flatnonzero(servo_mask(model))
+        on_joint = model.actuator_trntype[self._servos] == _JOINT
+        joints = np.where(on_joint, model.actuator_trnid[self._servos, 0], 0)
+        gear = np.where(on_joint, model.actuator_gear[self._servos, 0], 1.0)
+        limited = on_joint & model.jnt_actfrclimited[joints].astype(bool)
+        ranges = np.where(limited[:, None], model.jnt_actfrcrange[joints], [-np.inf, np.inf])
+        limits = model.actuator_forcelimited, model.jnt_actfrclimited, model.tendon_actfrclimited
+        unlimited = without_force_limits(model) if any(each.any() for each in limits) else None
+        forces = np.zeros((len(self._servos), 2))
+        sample = ServoSample(model, unlimited, data, self._servos, gear, ranges, forces)
+        self.columns = Columns(self._signals(system), live=forces.reshape(-1), on_sample=sample)
 
     def _signals(self, system: System) -> tuple[Signal, ...]:
         signals, names = [], system.names("actuator")
@@ -56,14 +58,6 @@ class ServoForces:
                     Signal("actuators", name, unit, f"force of servo {names[i]}, {meaning}", f"actuator {names[i]}")
                 )
         return tuple(signals)
-
-    def _evaluate(self, _: float) -> None:
-        data, servos = self._data, self._servos
-        mujoco.mj_fwdActuation(self._unclamped, data)
-        self._forces[:, 0] = data.actuator_force[servos] * self._gear
-        mujoco.mj_fwdActuation(self._model, data)
-        # The limit of a joint is on the sum of what acts on it: the same where a servo is alone.
-        self._forces[:, 1] = np.clip(data.actuator_force[servos] * self._gear, self._low, self._high)
 
 
 def begin_at_rest(model: Any, data: Any) -> FloatArray:
