@@ -1,4 +1,4 @@
-.PHONY: engines sync format lint type contracts schema figures campaign study screenshots browser-pictures docs reader reference validate test test-fast build check all
+.PHONY: engines sync format lint type contracts schema figures campaign variants screenshots browser-pictures docs reader reference validate test test-fast build check all
 
 sync:        ## install everything a developer needs
 	uv sync
@@ -15,7 +15,6 @@ contracts:
 schema:      ## regenerate the committed JSON Schema
 	uv run ffsm schema > scenarios/ffsm.schema.json
 	uv run ffsm schema --campaign > scenarios/ffsm-campaign.schema.json
-	uv run ffsm schema --study > scenarios/ffsm-study.schema.json
 figures:     ## the pictures of docs/verified-result.md, docs/persistent-contact.md, docs/capture.md, docs/capture-detumble.md, docs/probe-and-cone.md, docs/berth.md, docs/flexible-joints.md, docs/friction.md, docs/grasp-by-friction.md and docs/sensitivity.md
 	uv run ffsm run baseline --no-rerun --force --out logs/figures
 	uv run ffsm analyze logs/figures --plots docs/figures/baseline
@@ -37,11 +36,11 @@ campaign:    ## docs/campaign.md and its first rows: 1024 runs, some ten minutes
 	uv run ffsm campaign run baseline-dispersed --out logs/campaign-baseline-dispersed
 	uv run ffsm campaign report logs/campaign-baseline-dispersed --page docs/campaign.md
 	head -9 logs/campaign-baseline-dispersed/results.csv > docs/campaign-rows.csv
-study:       ## the figure of docs/studies.md: 64 runs, a minute on two processors
-	uv run ffsm study run laws-after-impact --out logs/study-laws-after-impact
-	uv run ffsm study report logs/study-laws-after-impact
-	mkdir -p docs/figures/study
-	cp logs/study-laws-after-impact/figures/report/pareto.png docs/figures/study
+variants:    ## the figure of docs/variants.md: 64 runs, a minute on two processors
+	uv run ffsm campaign run laws-after-impact --out logs/campaign-laws-after-impact
+	uv run ffsm campaign report logs/campaign-laws-after-impact
+	mkdir -p docs/figures/variants
+	cp logs/campaign-laws-after-impact/figures/report/pareto.png docs/figures/variants
 screenshots: ## the pictures of the Rerun viewer (a Vulkan driver is enough, e.g. mesa-vulkan-drivers)
 	uv run python docs/screenshots.py
 browser-pictures: reader ## the pictures of pages in a browser (Chromium and ChromeDriver)

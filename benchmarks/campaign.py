@@ -27,9 +27,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unittest.mock import patch
 
-from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.execution.engines import executor, loop
-from ffsm_mj.campaign.execution.worker import execute_runs
+from ffsm_mj.experiments.campaign import Campaign
+from ffsm_mj.experiments.engines import executor, loop
+from ffsm_mj.experiments.worker import execute_runs
 from ffsm_mj.simulation.loop import Simulation
 
 GOALS = {"pool": 0.95, "dask": 0.90}

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import ffsm_mj
-from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.report.plots.style import BLACK, BLUE, VERMILION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "capture-detumble"

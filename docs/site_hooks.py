@@ -26,11 +26,11 @@ API = {
     "Functions of a run": (
         "`ffsm_mj.explain`, `summary`, `effort`, `base_rotation`, `angular_momentum`, `plot`, `animate`, `sensitivity`.",
         *("ffsm_mj.analysis.run_models", "ffsm_mj.report.plots.notebook.plot", "ffsm_mj.report.film.animate"),
-        "ffsm_mj.sensitivities.of_run.sensitivity",
+        "ffsm_mj.experiments.sensitivity.sensitivity",
     ),
     "Campaigns": (
         "`ffsm_mj.Campaign` and `ffsm_mj.sweep`.",
-        *("ffsm_mj.campaign.campaign.Campaign", "ffsm_mj.campaign.sweep.sweep"),
+        *("ffsm_mj.experiments.campaign.Campaign", "ffsm_mj.experiments.campaign.sweep"),
     ),
     "Gymnasium": (
         "`ffsm_mj.gym`: scenarios as environments.",

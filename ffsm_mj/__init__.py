@@ -1,11 +1,11 @@
 """ffsm-mj: exact impacts for free-floating space manipulators, on MuJoCo.
 
 Four nouns: a ``Scenario``, built in Python or read from a file, is what is simulated; a ``Simulator`` steps it in a loop of
-the caller's own; a ``Run`` is what came out; a ``Campaign`` repeats a scenario with dispersed values. ``run(scenario)``
-simulates, ``resume(run, from_s)`` goes on from an instant of a logged run, ``load_run(path)`` reads a run back from its log,
-``compare(a, b)`` tells two of them apart; ``sweep`` runs a scenario many times into one table; ``run_study`` compares
-variants over the same samples; ``impact_map`` maps one contact over the configurations of the arm; ``impact`` resolves
-single collisions on any MuJoCo model.
+the caller's own; a ``Run`` is what came out; a ``Campaign`` repeats a scenario, or variants of it, with dispersed values.
+``run(scenario)`` simulates, ``resume(run, from_s)`` goes on from an instant of a logged run, ``load_run(path)`` reads a run
+back from its log, ``compare(a, b)`` tells two of them apart; ``sweep`` runs a scenario many times into one table;
+``impact_map`` maps one contact over the configurations of the arm; ``impact`` resolves single collisions on any MuJoCo
+model.
 
 Functions of a run: ``explain(run)`` evaluates all of its checks and says why they fail; ``summary``, ``effort``,
 ``base_rotation`` and ``angular_momentum`` compute with its models; ``plot`` draws figures, ``animate`` a film;
@@ -33,23 +33,21 @@ if TYPE_CHECKING:
     from ffsm_mj.assembly.resume import resume as resume
     from ffsm_mj.assembly.simulator import Simulator as Simulator
     from ffsm_mj.assembly.step import SimulatorState as SimulatorState
-    from ffsm_mj.campaign.campaign import Campaign as Campaign
-    from ffsm_mj.campaign.comparison import compare_campaigns as compare_campaigns
-    from ffsm_mj.campaign.sweep import sweep as sweep
-    from ffsm_mj.impact_maps.impact_map import impact_map as impact_map
+    from ffsm_mj.experiments.campaign import Campaign as Campaign
+    from ffsm_mj.experiments.campaign import compare_campaigns as compare_campaigns
+    from ffsm_mj.experiments.campaign import sweep as sweep
+    from ffsm_mj.experiments.impact_map.impact_map import impact_map as impact_map
+    from ffsm_mj.experiments.sensitivity import sensitivity as sensitivity
     from ffsm_mj.replay import explain as explain
     from ffsm_mj.report.film import animate as animate
     from ffsm_mj.report.plots.notebook import plot as plot
     from ffsm_mj.scenario.model_config import Model as Model
     from ffsm_mj.scenario.model_config import Robot as Robot
-    from ffsm_mj.sensitivities.of_run import sensitivity as sensitivity
-    from ffsm_mj.studies.script import run_study as run_study
-    from ffsm_mj.studies.study import Study as Study
 
 _LAZY = {
-    "Campaign": ("ffsm_mj.campaign.campaign", "Campaign"),
-    "compare_campaigns": ("ffsm_mj.campaign.comparison", "compare_campaigns"),
-    "sweep": ("ffsm_mj.campaign.sweep", "sweep"),
+    "Campaign": ("ffsm_mj.experiments.campaign", "Campaign"),
+    "compare_campaigns": ("ffsm_mj.experiments.campaign", "compare_campaigns"),
+    "sweep": ("ffsm_mj.experiments.campaign", "sweep"),
     "resume": ("ffsm_mj.assembly.resume", "resume"),
     "Scenario": ("ffsm_mj.assembly.prepare", "Scenario"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
@@ -63,15 +61,13 @@ _LAZY = {
     "explain": ("ffsm_mj.replay", "explain"),
     "load_run": ("ffsm_mj.analysis.run", "load_run"),
     "plot": ("ffsm_mj.report.plots.notebook", "plot"),
-    "sensitivity": ("ffsm_mj.sensitivities.of_run", "sensitivity"),
+    "sensitivity": ("ffsm_mj.experiments.sensitivity", "sensitivity"),
     "summary": ("ffsm_mj.analysis.run_models", "summary"),
-    "run_study": ("ffsm_mj.studies.script", "run_study"),
-    "Study": ("ffsm_mj.studies.study", "Study"),
     "Run": ("ffsm_mj.analysis.run", "Run"),
     "Robot": ("ffsm_mj.scenario.model_config", "Robot"),
     "Model": ("ffsm_mj.scenario.model_config", "Model"),
     "impact": ("ffsm_mj.impact", None),
-    "impact_map": ("ffsm_mj.impact_maps.impact_map", "impact_map"),
+    "impact_map": ("ffsm_mj.experiments.impact_map.impact_map", "impact_map"),
 }
 
 __all__ = [
@@ -82,7 +78,6 @@ __all__ = [
     "Scenario",
     "Simulator",
     "SimulatorState",
-    "Study",
     "angular_momentum",
     "animate",
     "base_rotation",
@@ -96,7 +91,6 @@ __all__ = [
     "plot",
     "resume",
     "run",
-    "run_study",
     "sensitivity",
     "summary",
     "sweep",

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from ffsm_mj.all_cores import on_all_cores
-from ffsm_mj.campaign.execution import engines
+from ffsm_mj.experiments import engines
 
 ROOT = Path(__file__).parents[1]
 

@@ -123,7 +123,7 @@ def test_the_log_reference_is_current():
         "docs/probe-and-cone.md",
         "docs/berth.md",
         "docs/campaigns.md",
-        "docs/studies.md",
+        "docs/variants.md",
         "docs/accuracy.md",
         "docs/architecture.md",
     ],

@@ -1,4 +1,4 @@
-"""Computes the comparison of control laws and writes docs/law-comparison.md, its figures and study files.
+"""Computes the comparison of control laws and writes docs/law-comparison.md, its figures and campaign files.
 
 ``uv run python docs/law_comparison``: hours on one processor. Results of runs are kept in
 ``logs/law-comparison``, so that a computation that was interrupted goes on where it was.
@@ -10,13 +10,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from campaigns import campaign_files
 from cells import CELLS
 from check import differences, write_check
 from figures import draw
 from once import compute_once, read_once
 from page import PAGE, page
 from rows import RowFile, Wanted, judged_runs, tuning_runs
-from studies import study_files
 from table import Table
 
 ROWS = Path(__file__).resolve().parents[2] / "logs" / "law-comparison" / "rows.jsonl"
@@ -35,7 +35,7 @@ def main() -> int:
     table, once = Table.read(), read_once()
     draw(table, once)
     PAGE.write_text(page(table, once))
-    for path, text in study_files(table).items():
+    for path, text in campaign_files(table).items():
         path.write_text(text)
     print(f"written: {PAGE}")
     return 0
@@ -49,8 +49,8 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--runs", type=int, help="judged runs of each variant; default: 64 of the baseline, 20 of others")
     parser.add_argument("--rows", type=Path, default=ROWS, help="file of the results of runs")
     only = parser.add_mutually_exclusive_group()
-    only.add_argument("--page", action="store_true", help="write page, figures and studies from the stored table")
-    only.add_argument("--check", action="store_true", help="repeat 8 points of each law; page and studies must be current")
+    only.add_argument("--page", action="store_true", help="write page, figures and campaigns from the stored table")
+    only.add_argument("--check", action="store_true", help="repeat 8 points of each law; page and campaigns must be current")
     return parser.parse_args()
 
 
@@ -72,9 +72,9 @@ def _compute(options: argparse.Namespace) -> None:
 
 
 def _check() -> int:
-    """Whether page, studies and numbers are current; prints what is not."""
+    """Whether page, campaigns and numbers are current; prints what is not."""
     table = Table.read()
-    texts = {PAGE: page(table, read_once()), **study_files(table)}
+    texts = {PAGE: page(table, read_once()), **campaign_files(table)}
     stale = [f"{path}: is not what the stored table gives" for path, text in texts.items() if path.read_text() != text]
     stale += differences()
     for line in stale:

@@ -11,11 +11,12 @@ from laws import LAWS, MAIN, Config, Law
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.campaign.plan.design import Design
-from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.experiments.design import Design
+from ffsm_mj.experiments.file import campaigns_dir
+from ffsm_mj.experiments.planning import load_plan
 from ffsm_mj.scenario.shipped import scenarios_dir
 
-STUDIES = scenarios_dir() / "studies"
+CAMPAIGNS = campaigns_dir()
 REACH_END_S = 22.578
 """Time at which the target of the baseline leaves the reach of the robot that drifts after the impact, s."""
 _ARM = ("yaw", "shoulder", "upper_roll", "elbow", "fore_roll", "wrist", "hand_roll")
@@ -26,7 +27,7 @@ class Cell:
     """A scenario with one phase ``regulate`` for each of the laws.
 
     Attributes:
-        name: Name of the cell; that of its study is ``control-laws-`` and this.
+        name: Name of the cell; that of its campaign is ``control-laws-`` and this.
         title: Name for tables.
         scenario: Shipped scenario.
         overrides: What all runs change in it.
@@ -67,7 +68,7 @@ class Cell:
         with TemporaryDirectory() as folder:
             file = Path(folder) / "campaign.yaml"
             file.write_text(json.dumps(given))
-            return load_campaign(file).design()
+            return load_plan(file).design()
 
     def run(self, controller: Config, dispersed: Config, seed: int) -> Run:
         """Simulate one run.

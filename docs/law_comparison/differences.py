@@ -9,7 +9,7 @@ import numpy as np
 from laws import shown
 from table import Table
 
-from ffsm_mj.campaign.evaluation.paired import PairedDifference, paired_difference
+from ffsm_mj.experiments.comparison import PairedDifference, paired_difference
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ class Parameter:
     default: float
 
     def at(self, u: float) -> float:
-        """Value at a coordinate of the unit cube, to four digits as in the study files."""
+        """Value at a coordinate of the unit cube, to four digits as in the campaign files."""
         return float(f"{self.low * (self.high / self.low) ** u:.4g}")
 
 

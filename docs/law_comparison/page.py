@@ -119,7 +119,8 @@ def _rules(table: Table) -> Iterator[str]:
             f"- `baseline` is scored until {REACH_END_S} s, when its target leaves the reach of the drifting robot.",
             "- Runs that do not complete, fail a check or have an overlap in the phase are left out of both laws of a pair. "
             "The tables count them. In the approach of the capture the default of resolved rate fails the check of angular "
-            "momentum, in run 0 with 1.3e-9 N m s of 1e-9 allowed; studies count such a run if the step alone is the cause.",
+            "momentum, in run 0 with 1.3e-9 N m s of 1e-9 allowed; "
+            "campaigns count such a run if the step alone is the cause.",
         ]
     )
     yield _text(

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from cells import CELLS, STUDIES, Cell
+from cells import CAMPAIGNS, CELLS, Cell
 from floor import reach_end_s
 from laws import Config, Law
 from scipy.stats import qmc
@@ -121,7 +121,7 @@ def _overrides(cell: str, run: int, seed: int) -> Config:
 
 @cache
 def _metrics() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("control_law_metrics", STUDIES / "control_law_metrics.py")
+    spec = importlib.util.spec_from_file_location("control_law_metrics", CAMPAIGNS / "control_law_metrics.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -130,7 +130,7 @@ def _metrics() -> ModuleType:
 
 
 def metrics_of(run: Run) -> dict[str, Any]:
-    """Metrics of the studies, by name; None for all of them if the phase never began."""
+    """Metrics of the campaigns, by name; None for all of them if the phase never began."""
     functions = inspect.getmembers(_metrics(), inspect.isfunction)
     begun = any(phase.name == "regulate" for phase in run.phases)
     return {name: function(run) if begun else None for name, function in functions if name[0] != "_"}

@@ -6,14 +6,16 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.execution.driver import EngineLostError
-from ffsm_mj.campaign.storage.status import Status
 from ffsm_mj.cli.batch_progress import BatchProgress
 from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
+from ffsm_mj.experiments.campaign import Campaign
+from ffsm_mj.experiments.driver import EngineLostError
+from ffsm_mj.experiments.metrics import NO_CLASSES, ScriptClasses, read_metrics
+from ffsm_mj.experiments.planning import VariantsPlan, load_campaign
+from ffsm_mj.experiments.results import Status
 from ffsm_mj.invocation import command
 from ffsm_mj.report.text_table import listed, wrapped
 
@@ -32,33 +34,35 @@ def campaign(options: argparse.Namespace, output: Output) -> int:
 
 
 def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+    from ffsm_mj.experiments.file import described_campaigns
+
     if options.list:
-        return _list(say)
+        say(listed(described_campaigns()))
+        return OK
     if options.campaign is None:
         raise InputError(
             f"ffsm campaign run: name a campaign file; '{command('campaign', 'run', '--list')}' shows the shipped ones"
         )
-    from ffsm_mj.campaign.plan.loading import load_campaign
-
     stage("sample and validate the runs", "")
-    plan = load_campaign(options.campaign, options.overrides)
+    own = ScriptClasses(metrics=read_metrics(Path(options.metrics))) if options.metrics else NO_CLASSES
+    plan = load_campaign(options.campaign, options.overrides, own)
+    if isinstance(plan, VariantsPlan):
+        for name, reason in plan.not_applicable.items():
+            say(f"not applicable: {name}: {reason}")
     out = Path(options.out) if options.out else Path("logs") / f"campaign-{plan.config.campaign}"
     return _make(Campaign.begin(plan, out), options, say, stage)
 
 
-def _list(say: Say) -> int:
-    from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
-
-    say(listed(CAMPAIGNS.described()))
-    return OK
+def _open(options: argparse.Namespace) -> Campaign:
+    return Campaign.open(options.folder, metrics=options.metrics or {})
 
 
 def _resume(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    return _make(Campaign.open(options.folder), options, say, stage)
+    return _make(_open(options), options, say, stage)
 
 
 def _extend(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    found = Campaign.open(options.folder)
+    found = _open(options)
     found.extend(options.n)
     return _make(found, options, say, stage)
 
@@ -75,10 +79,10 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
         complain(str(error))
         return RUN_FAILED
     except KeyboardInterrupt:
-        say_status(found.status(), say)
-        say(f"continue: {command('campaign', 'resume', folder)}")
+        _say_status(found.status(), say)
+        say(f"continue: {_continuation(found, options)}")
         raise
-    say_status(status, say)
+    _say_results(found, status, say)
     if status.stopped:
         complain(
             f"{status.stopped}; to continue anyway, raise the limit: {command('campaign', 'run')} -s limits.max_failed=1 ..."
@@ -86,10 +90,21 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
         return RUN_FAILED
     if status.enough:
         say(f"ended early: {status.enough}")
-    _keep(found, say, stage)
+    for each in found.variants.values() or [found]:
+        _keep(each, say, stage)
     say(f"report: {command('campaign', 'report', folder)}")
-    say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0)}")
+    which = ["--variant", next(iter(found.variants))] if found.variants else []
+    say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0, *which)}")
     return OK
+
+
+def _continuation(found: Campaign, options: argparse.Namespace) -> str:
+    """Command that runs what is left."""
+    if options.metrics:
+        return command("campaign", "resume", found.folder.path, "--metrics", options.metrics)
+    if options.action == "run" and found.folder.record().metrics_file:  # a path relative to the campaign file
+        return command("campaign", "run", options.campaign, "--out", found.folder.path)
+    return command("campaign", "resume", found.folder.path)
 
 
 def _keep(found: Campaign, say: Say, stage: Stage) -> None:
@@ -102,12 +117,23 @@ def _keep(found: Campaign, say: Say, stage: Stage) -> None:
 
 
 def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
-    say_status(Campaign.open(options.folder).status(), say)
+    _say_status(Campaign.open(options.folder).status(), say)
     return OK
 
 
-def say_status(status: Status, say: Say) -> None:
-    """Print the progress of a campaign."""
+def _say_results(found: Campaign, status: Status, say: Say) -> None:
+    """Print progress and what the results show."""
+    _say_status(status, say)
+    for line in found.sentences():
+        say(wrapped(one_line(line), 2))
+
+
+def _say_status(status: Status, say: Say) -> None:
+    """Print the progress of a campaign, or of each of its variants."""
+    if status.variants:
+        for each in status.variants.values():
+            _say_status(each, say)
+        return
     outcomes = ", ".join(f"{count} {one_line(name)}" for name, count in status.outcomes.items())
     say(f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed")
     for message in status.messages:
@@ -121,26 +147,23 @@ def say_status(status: Status, say: Say) -> None:
 
 
 def _rerun(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    found = Campaign.open(options.folder)
-    code = OK
+    found, code = _open(options), OK
     for index in options.index:
         stage(f"run {index}", "")
-        again = found.rerun(index)
-        say(f"{found.folder.rerun(index)}: {again.verdict}")
-        if again.differences:
-            code = RUN_FAILED
+        again = found.rerun(index, options.variant)
+        folder = found.folder.variant(options.variant) if options.variant else found.folder
+        say(f"{folder.rerun(index)}: {again.verdict}")
+        code = RUN_FAILED if again.differences else code
     return code
 
 
 def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    from ffsm_mj.campaign.report.report import write_report
-    from ffsm_mj.campaign.report.summary import summary_lines
+    from ffsm_mj.experiments.report import write_report
 
     found = Campaign.open(options.folder)
     stage(f"report of {found.config.campaign}", "")
     html, page, *_ = write_report(found, Path(options.page) if options.page else None)
-    for line in summary_lines(found.results(), found.config.conditions):
-        say(wrapped(one_line(line), 2))
+    _say_results(found, found.status(), say)
     say(f"report: {html}, {page}")
     return OK
 

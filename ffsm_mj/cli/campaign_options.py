@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from ffsm_mj.campaign.storage.outcomes import RETRIED
 from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, RUN_FAILED, exit_codes_with
 
 _ACTIONS = {
-    "run": "run a campaign, or continue the one in its folder",
+    "run": "run a campaign, or continue the one in its folder, and print its results",
     "status": "print the progress of a campaign",
     "resume": "run what has no result yet",
     "extend": "enlarge a design of random or Sobol samples, and run the new samples",
@@ -44,30 +43,30 @@ def describe_campaign(of: argparse.ArgumentParser, add_overrides: Callable[[argp
     add_overrides(run)
     for name in ("status", "resume", "extend", "report", "rerun"):
         parsers[name].add_argument("folder", metavar="DIR", help="campaign folder")
-    parsers["extend"].add_argument("n", type=whole, help="new total number of samples; a power of 2 for a Sobol design")
-    parsers["rerun"].add_argument("index", type=whole, nargs="+", help="indices of the runs, from 0")
+    parsers["extend"].add_argument("n", type=_whole, help="new total number of samples; a power of 2 for a Sobol design")
+    parsers["rerun"].add_argument("index", type=_whole, nargs="+", help="indices of the runs, from 0")
     parsers["report"].add_argument(
         "--page",
         metavar="FILE",
         help="Markdown file; figures go to figures/ beside it (default: report.md in DIR, beside report.html)",
     )
-    add_retry(parsers["resume"])
-    for name in ("run", "resume", "extend"):
-        add_engine(parsers[name])
-
-
-def add_retry(to: argparse.ArgumentParser) -> None:
-    """Add the option of outcomes whose runs are repeated."""
-    to.add_argument(
+    parsers["rerun"].add_argument("--variant", metavar="NAME", default="", help="variant of the runs")
+    parsers["resume"].add_argument(
         "--retry",
         type=_outcomes,
         default=(),
         metavar="OUTCOMES",
-        help=f"also repeat runs with these outcomes: {', '.join(RETRIED)}; separate several by commas",
+        help="also repeat runs with these outcomes: error, crashed, timeout; separate several by commas",
     )
+    for name in ("run", "resume", "extend", "rerun"):
+        parsers[name].add_argument(
+            "--metrics", metavar="FILE", help="Python file, which is executed: each of its functions of a run is a metric"
+        )
+    for name in ("run", "resume", "extend"):
+        _add_engine(parsers[name])
 
 
-def add_engine(to: argparse.ArgumentParser) -> None:
+def _add_engine(to: argparse.ArgumentParser) -> None:
     """Add the options of where runs are executed."""
     where = to.add_mutually_exclusive_group()
     where.add_argument(
@@ -80,7 +79,7 @@ def add_engine(to: argparse.ArgumentParser) -> None:
     )
 
 
-def whole(text: str) -> int:
+def _whole(text: str) -> int:
     """An integer, not negative.
 
     Raises:
@@ -92,12 +91,14 @@ def whole(text: str) -> int:
 
 
 def _positive(text: str) -> int:
-    if whole(text) < 1:
+    if _whole(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
     return int(text)
 
 
 def _outcomes(text: str) -> tuple[str, ...]:
+    from ffsm_mj.experiments.store import RETRIED  # slow to import
+
     names = tuple(text.split(","))
     for name in names:
         if name not in RETRIED:

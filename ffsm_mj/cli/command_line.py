@@ -13,28 +13,26 @@ from ffsm_mj.cli.idle_options import refuse_idle
 from ffsm_mj.cli.impact_map import describe_impact_map
 from ffsm_mj.cli.option_values import address, frame_rate, positive, seconds_or_off, tolerance
 from ffsm_mj.cli.sensitivity import describe_sensitivity
-from ffsm_mj.cli.study_options import describe_study
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
 from ffsm_mj.similar_names import did_you_mean
 
 COMMANDS = {
     "run": "simulate a scenario and write its run folder",
-    "check": "validate a scenario, a campaign or a study without running it",
+    "check": "validate a scenario or a campaign without running it",
     "analyze": "replay logs and recompute the checks of their runs",
     "export": "export a run's tables, or an animation of its motion",
     "view": "open a run, or a scenario as it starts, in the Rerun viewer",
     "impact-map": "map what an impact does over the configurations of the arm that reach its contact",
     "sensitivity": "print what uncertain numbers of a scenario change in its outcomes",
-    "campaign": "run a scenario many times with dispersed parameters, and report the results",
-    "study": "run variants of a scenario with the same dispersed parameters, and compare them run by run",
+    "campaign": "run a scenario, or variants of it, many times with dispersed parameters, and report the results",
     "validate": "compute published cases and closed forms and compare every number with ours",
-    "schema": "print the JSON Schema of scenario, campaign or study files",
+    "schema": "print the JSON Schema of scenario or campaign files",
     "new": "generate a scenario and a scene model from a robot's MJCF or URDF file",
     "new-law": "generate a Python package with a control law of your own",
     "completion": "print a shell completion script for commands, options, scenarios and their keys",
 }
-_SUCCESSORS = {"reproduce": ("validate", "seed-paper")}
+_SUCCESSORS = {"reproduce": ("validate", "seed-paper"), "study": ("campaign",)}
 """Commands of earlier versions, and what does their work."""
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
@@ -105,7 +103,7 @@ def parser() -> argparse.ArgumentParser:
     _describe_run(parsers["run"])
     parsers["check"].add_argument(
         "scenario",
-        help="a scenario, campaign or study file, a run folder, or the name of a shipped scenario, campaign or study",
+        help="a scenario or campaign file, a run folder, or the name of a shipped scenario or campaign",
     )
     _add_overrides(parsers["check"])
     _describe_analyze(parsers["analyze"])
@@ -113,7 +111,6 @@ def parser() -> argparse.ArgumentParser:
     _describe_view(parsers["view"])
     _describe_new(parsers["new"])
     describe_campaign(parsers["campaign"], _add_overrides)
-    describe_study(parsers["study"], _add_overrides)
     describe_impact_map(parsers["impact-map"], _add_overrides)
     describe_sensitivity(parsers["sensitivity"], _add_overrides)
     law = parsers["new-law"]
@@ -122,9 +119,7 @@ def parser() -> argparse.ArgumentParser:
     )
     law.add_argument("--out", metavar="DIR", default=".", help="parent folder of the package (default: current folder)")
     _describe_validate(parsers["validate"])
-    files = parsers["schema"].add_mutually_exclusive_group()
-    files.add_argument("--campaign", action="store_true", help="print the schema of campaign files")
-    files.add_argument("--study", action="store_true", help="print the schema of study files")
+    parsers["schema"].add_argument("--campaign", action="store_true", help="print the schema of campaign files")
     parsers["completion"].add_argument("--keys", nargs=argparse.REMAINDER, metavar="WORD", help=argparse.SUPPRESS)
     parsers["completion"].add_argument(
         "shell", nargs="?", choices=SHELLS, help='e.g. eval "$(ffsm completion bash)"; fish: ffsm completion fish | source'

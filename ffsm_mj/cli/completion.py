@@ -7,13 +7,12 @@ from collections.abc import Iterator, Sequence
 
 import shtab
 
-from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
 from ffsm_mj.cli.command_line import parser
 from ffsm_mj.cli.exit_codes import OK
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.file import campaign_names
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
-from ffsm_mj.studies.shipped import STUDIES
 
 _PLACES = ("--out", "--save", "--plots", "--robot", "--package-path")
 _TABLES = ("samples", "checks", "contacts", "captures")
@@ -29,12 +28,8 @@ _ffsm_campaign_or_file() {{
   compgen -W "{campaigns}" -- "$1"
   compgen -f -- "$1"
 }}
-_ffsm_study_or_file() {{
-  compgen -W "{studies}" -- "$1"
-  compgen -f -- "$1"
-}}
 _ffsm_any_or_file() {{
-  compgen -W "{scenarios} {campaigns} {studies}" -- "$1"
+  compgen -W "{scenarios} {campaigns}" -- "$1"
   compgen -f -- "$1"
 }}
 _ffsm_table() {{
@@ -50,11 +45,8 @@ _ffsm_scenario_or_file() {{
 _ffsm_campaign_or_file() {{
   _alternative 'campaigns:shipped campaign:({campaigns})' 'files:file:_files'
 }}
-_ffsm_study_or_file() {{
-  _alternative 'studies:shipped study:({studies})' 'files:file:_files'
-}}
 _ffsm_any_or_file() {{
-  _alternative 'shipped:shipped scenario, campaign or study:({scenarios} {campaigns} {studies})' 'files:file:_files'
+  _alternative 'shipped:shipped scenario or campaign:({scenarios} {campaigns})' 'files:file:_files'
 }}
 _ffsm_table() {{
   compadd {tables}
@@ -71,12 +63,8 @@ function _ffsm_campaign_or_file
   string split ' ' -- "{campaigns}"
   __fish_complete_path (commandline -ct)
 end
-function _ffsm_study_or_file
-  string split ' ' -- "{studies}"
-  __fish_complete_path (commandline -ct)
-end
 function _ffsm_any_or_file
-  string split ' ' -- "{scenarios} {campaigns} {studies}"
+  string split ' ' -- "{scenarios} {campaigns}"
   __fish_complete_path (commandline -ct)
 end
 function _ffsm_table
@@ -113,8 +101,7 @@ def _script(shell: str) -> str:
         _set_completion(command, option)
     preamble = _FUNCTIONS[shell].format(
         scenarios=" ".join(scenario_names()),
-        campaigns=" ".join(CAMPAIGNS.names()),
-        studies=" ".join(STUDIES.names()),
+        campaigns=" ".join(campaign_names()),
         tables=" ".join([*_TABLES, *(kind.plural for kind in BUILT_IN_RECORDS if kind.name != "outcome")]),
     )
     return shtab.complete(whole, shell=shell, preamble=preamble).rstrip()
@@ -134,8 +121,8 @@ def _set_completion(command: str, option: argparse.Action) -> None:
     """Set what completes an option; other values cannot be completed."""
     if option.dest in ("scenario", "scene"):
         _complete_by(option, "_ffsm_any_or_file" if command == "check" else "_ffsm_scenario_or_file")
-    elif option.dest in ("campaign", "study") and not option.option_strings:
-        _complete_by(option, f"_ffsm_{option.dest}_or_file")
+    elif option.dest == "campaign" and not option.option_strings:
+        _complete_by(option, "_ffsm_campaign_or_file")
     elif option.dest == "overrides":
         _complete_by(option, "_ffsm_key")
     elif option.dest == "table":
@@ -152,19 +139,17 @@ def _complete_by(option: argparse.Action, function: str) -> None:
 
 def _keys(words: Sequence[str]) -> list[str]:
     """Keys that ``-s`` can set, dotted: of the file that a command line names, else of any scenario."""
-    from ffsm_mj.campaign.plan.schema import campaign_schema
+    from ffsm_mj.experiments.file import campaign_path, campaign_schema
     from ffsm_mj.scenario.key_paths import ANY, key_paths
     from ffsm_mj.scenario.scenario import ScenarioConfig
     from ffsm_mj.scenario.source import read_yaml
-    from ffsm_mj.studies.schema import study_schema
     from ffsm_mj.yaml.parser import read_node
 
     for word in words[1:]:
         try:
-            if words[0] in (CAMPAIGNS.kind, STUDIES.kind):
-                files, schema = (CAMPAIGNS, campaign_schema) if words[0] == CAMPAIGNS.kind else (STUDIES, study_schema)
-                data = read_node(files.path(word)).plain()
-                return [".".join(path) for path in key_paths(schema(), data)]
+            if words[0] == "campaign":
+                data = read_node(campaign_path(word)).plain()
+                return [".".join(path) for path in key_paths(campaign_schema(), data)]
             data = read_yaml(scenario_path(word)).data
             return [".".join(path) for path in key_paths(ScenarioConfig.model_json_schema(), data)]
         except (InputError, OSError):

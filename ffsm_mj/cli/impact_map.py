@@ -54,9 +54,8 @@ def impact_map(options: argparse.Namespace, output: Output) -> int:
     Raises:
         InputError: The scenario has no such impact, or no configuration reaches the contact.
     """
-    from ffsm_mj.impact_maps.files import BEST, difference, save
-    from ffsm_mj.impact_maps.impact_map import impact_map as make_map
-    from ffsm_mj.impact_maps.text import lines
+    from ffsm_mj.experiments.impact_map.impact_map import impact_map as make_map
+    from ffsm_mj.experiments.impact_map.output import BEST, difference, lines, save
     from ffsm_mj.report.text_table import wrapped
     from ffsm_mj.scenario.shipped import scenario_path
 

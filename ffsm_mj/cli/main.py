@@ -18,7 +18,7 @@ from ffsm_mj.module_path import without_current_folder
 
 _SHOW_TRACEBACK = "FFSM_TRACEBACK"
 """Environment variable: unhandled exceptions are raised instead of reported in one line."""
-_READERS = ("analyze", "export", "view", "campaign", "study", "new")
+_READERS = ("analyze", "export", "view", "campaign", "new")
 """Commands that read files of unknown origin."""
 
 
@@ -117,8 +117,6 @@ def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output
             from ffsm_mj.cli.sensitivity import sensitivity as perform
         case "campaign":
             from ffsm_mj.cli.campaign import campaign as perform
-        case "study":
-            from ffsm_mj.cli.study import study as perform
         case "validate":
             from ffsm_mj.cli.validate import validate as perform
         case "schema":

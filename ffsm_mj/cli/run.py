@@ -38,16 +38,14 @@ def run(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.assembly.interrupts import noted
     from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
     from ffsm_mj.assembly.resume import prepare_from
-    from ffsm_mj.campaign.plan.shipped import CAMPAIGNS
     from ffsm_mj.cli.truncation import PATIENCE  # imports what replays logs
+    from ffsm_mj.experiments.file import is_campaign
+    from ffsm_mj.experiments.sensitivity import checked_parameters
     from ffsm_mj.log.run_folder import RunFolder
-    from ffsm_mj.sensitivities.of_run import checked_parameters
-    from ffsm_mj.studies.shipped import STUDIES
 
-    for each in (CAMPAIGNS, STUDIES):
-        if each.has(options.scenario):
-            use = command(each.kind, "run", options.scenario)
-            raise InputError(f"{options.scenario}: is a {each.kind}, not a scenario; use '{use}'")
+    if is_campaign(options.scenario):
+        use = command("campaign", "run", options.scenario)
+        raise InputError(f"{options.scenario}: is a campaign, not a scenario; use '{use}'")
     if options.out == "":
         complain("--out: an empty name; leave --out away for a folder in logs/")
         return BAD_INPUT

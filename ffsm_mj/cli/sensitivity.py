@@ -14,8 +14,8 @@ from ffsm_mj.cli.standard_streams import Output, complain
 if TYPE_CHECKING:
     from ffsm_mj.analysis.run import Run
     from ffsm_mj.assembly.prepare import PreparedRun
+    from ffsm_mj.experiments.uncertainty import Sensitivity
     from ffsm_mj.log.run_folder import RunFolder
-    from ffsm_mj.sensitivities.result import Sensitivity
 
 
 def describe_sensitivity(of: argparse.ArgumentParser, add_overrides: Callable[[argparse.ArgumentParser], None]) -> None:
@@ -48,8 +48,8 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
         InputError: The scenario or a name is wrong, or a derivative does not exist.
     """
     from ffsm_mj.assembly.prepare import prepare
-    from ffsm_mj.sensitivities.of_run import checked_parameters, of_prepared
-    from ffsm_mj.sensitivities.parameters import given
+    from ffsm_mj.experiments.sensitivity import checked_parameters, of_prepared
+    from ffsm_mj.experiments.uncertainty import given
 
     wrt = given(options.wrt)
     with progress() as shown:
@@ -79,9 +79,9 @@ def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
     """Sentences on the ``uncertainties`` of a scenario, also written into the run folder, as a table and in its summary."""
     if not prepared.scenario.uncertainties or run.outcome != "completed":
         return []
+    from ffsm_mj.experiments.sensitivity import of_prepared
     from ffsm_mj.log.run_folder import SENSITIVITY
     from ffsm_mj.report.stated_sensitivity import KEY
-    from ffsm_mj.sensitivities.of_run import of_prepared
 
     with progress() as shown:
         found = of_prepared(prepared, run, report=shown.stage("sensitivity", "runs"))

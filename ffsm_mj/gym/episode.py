@@ -12,9 +12,9 @@ import numpy as np
 from ffsm_mj.analysis.contact_intervals import ContactIntervals
 from ffsm_mj.analysis.grasp_intervals import GraspIntervals
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.campaign.execution.metrics import fault_in_list, record_lists, value_at
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import unknown_name
+from ffsm_mj.experiments.metrics import fault_in_list, record_lists, value_at
 from ffsm_mj.records.kinds import all_fields, kind_of
 
 _TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s")

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from ffsm_mj.assembly.prepare import PreparedRun
-from ffsm_mj.campaign.plan.bindings import bind_dispersions
-from ffsm_mj.campaign.plan.design import Design
-from ffsm_mj.campaign.plan.loading import Plan, load_campaign
-from ffsm_mj.campaign.plan.targets import Targets
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.experiments.bindings import Targets, bind_dispersions
+from ffsm_mj.experiments.design import Design
+from ffsm_mj.experiments.planning import Plan, load_plan
 from ffsm_mj.scenario.scenario import ScenarioConfig, located
 
 _SEEDS = 2**63
@@ -64,7 +63,7 @@ def campaign_of(prepared: PreparedRun) -> Plan | None:
     is_file = text.endswith((".yaml", ".yml")) or "/" in text
     campaign: str | Path = prepared.source.folder(path) / text if is_file else text
     try:
-        return load_campaign(campaign)
+        return load_plan(campaign)
     except InputError as error:
         raise InputError([prepared.source.line(Fault(line, path)) for line in error.lines]) from error
 

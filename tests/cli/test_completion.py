@@ -84,8 +84,8 @@ def test_bash_completes_campaigns_tables_and_folders(complete):
     assert complete("ffsm", "campaign", "run", "base") == ["baseline-dispersed", "bases"]
     assert complete("ffsm", "check", "capture-di") == ["capture-dispersed"]
     assert complete("ffsm", "campaign", "resume", "b") == ["bases"]
-    assert complete("ffsm", "study", "run", "laws") == ["laws-after-impact"]
-    assert complete("ffsm", "study", "run", "--metrics", "mi") == ["mine.yaml"]
+    assert complete("ffsm", "campaign", "run", "laws") == ["laws-after-impact"]
+    assert complete("ffsm", "campaign", "run", "--metrics", "mi") == ["mine.yaml"]
     assert complete("ffsm", "check", "laws") == ["laws-after-impact"]
     assert complete("ffsm", "export", "--csv", "--table", "imp") == ["impacts"]
 

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 import ffsm_mj
-from ffsm_mj.campaign.storage.store import RunRow, Store
 from ffsm_mj.errors import FfsmError
+from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.verification.agreement import Agreement, is_text, numbers_of

@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.execution.worker import prepared_run
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.campaign import Campaign
+from ffsm_mj.experiments.worker import prepared_run
 from ffsm_mj.gym import ScenarioEnv
 from ffsm_mj.gym.policies import BASELINES
 from ffsm_mj.scenario.shipped import scenarios_dir

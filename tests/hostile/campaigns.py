@@ -33,7 +33,7 @@ _STATED = {
 
 def scene_files(folder: Path) -> Files:
     """The scenario of a campaign with its models, by name."""
-    from tests.campaign.files import rock_hits
+    from tests.experiments.files import rock_hits
 
     rock_hits(folder)
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "campaign.yaml"}
@@ -41,8 +41,8 @@ def scene_files(folder: Path) -> Files:
 
 def campaign_folder(folder: Path) -> Files:
     """The files of a finished campaign's folder with the log of one run, made here, run by run in this process."""
-    from ffsm_mj.campaign.campaign import Campaign
-    from ffsm_mj.campaign.execution.engines import Loop
+    from ffsm_mj.experiments.campaign import Campaign
+    from ffsm_mj.experiments.engines import Loop
 
     (folder / "campaign.yaml").write_text(json.dumps(_STATED))
     campaign = Campaign.load(folder / "campaign.yaml", folder / "D")

@@ -49,7 +49,7 @@ _COSTLY = (
     *("PIL.GifImagePlugin", "matplotlib.style"),
 )
 _COSTLY_TOO = (
-    *("ffsm_mj.campaign.campaign", "ffsm_mj.campaign.report.figures", "ffsm_mj.campaign.report.page", "scipy.stats.qmc"),
+    *("ffsm_mj.experiments.campaign", "ffsm_mj.experiments.figures", "ffsm_mj.experiments.page", "scipy.stats.qmc"),
     *("ffsm_mj.report.page.document", "ffsm_mj.log.rerun.from_log", "ffsm_mj.templates.robot", "imageio_ffmpeg"),
     *("ffsm_mj.cli.campaign", "ffsm_mj.report.plots", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg"),
 )
@@ -181,7 +181,7 @@ def _address_space() -> int:
 
 def _alone() -> None:
     """Nothing but this process: a viewer that opens at once and ends, runs of campaigns one after the other in here."""
-    from ffsm_mj.campaign.execution import engines
+    from ffsm_mj.experiments import engines
     from ffsm_mj.log.rerun import viewer
 
     sys.dont_write_bytecode = True

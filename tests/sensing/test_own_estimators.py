@@ -11,13 +11,13 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign.campaign import Campaign
-from ffsm_mj.campaign.execution.engines import loop
 from ffsm_mj.controller_protocol import Signal, StrictModel
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.campaign import Campaign
+from ffsm_mj.experiments.engines import loop
 from ffsm_mj.replay import replay_log
-from tests.campaign.files import campaign_file
 from tests.controllers.test_plugins import ffsm, install
+from tests.experiments.files import campaign_file
 from tests.scenes import two_balls
 from tests.sensing.scenes import column
 

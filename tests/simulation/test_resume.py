@@ -8,9 +8,9 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.report.plots.time_series import energies

@@ -7,7 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.experiments.planning import load_campaign
 from tests.replays import assert_replayed
 
 PHASES = ["approach", "second_grasp", "settle", "bring_in", "berthed", "hand_over"]

@@ -9,7 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.replay import replay_log
 
 LIMITS = {"position_m": 0.005, "angle_rad": np.radians(2.0), "speed_m_s": 0.005, "rate_rad_s": np.radians(0.5)}

@@ -7,7 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.campaign.plan.loading import load_campaign
+from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.replay import replay_log
 
 REDUCED_MASS_KG = 152.0 * 90.0 / 242.0

@@ -12,10 +12,10 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign.execution.metrics import fault_of, metric_values
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.metrics import fault_of, metric_values
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.run_report import run_report
 from ffsm_mj.verification.truncation import ExplainedChecks

@@ -9,12 +9,12 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.campaign.plan.loading import load_campaign
 from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.model.properties import property_value
-from tests.campaign.files import campaign_file
 from tests.contact_models.joint_friction.scenes import arm, changes, heat, rubbing, run, slider
 from tests.contact_models.joint_friction.test_chains import INITIAL, SWUNG
+from tests.experiments.files import campaign_file
 from tests.scenes import ball
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")

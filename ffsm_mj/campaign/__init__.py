@@ -1,1 +1,0 @@
-"""Campaigns: many dispersed runs of one scenario, resumable, in one table."""

@@ -1,0 +1,1 @@
+"""One way to repeat runs: campaigns with dispersed values and variants; sensitivities and impact maps."""

@@ -1,0 +1,611 @@
+"""Campaigns in their folders: start, run, extend, compare and repeat runs; sweeps."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from ffsm_mj.assembly.prepare import Scenario
+from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.experiments.comparison import (
+    CampaignComparison,
+    VariantComparison,
+    VariantResults,
+    compare_variants,
+    paired_comparison,
+)
+from ffsm_mj.experiments.design import Design
+from ffsm_mj.experiments.driver import FIRST, Driver, StoppingRule
+from ffsm_mj.experiments.engines import choose_engine, dask_address, importable
+from ffsm_mj.experiments.file import CampaignFile
+from ffsm_mj.experiments.folder import (
+    CAMPAIGN,
+    VARIANTS,
+    CampaignFolder,
+    Record,
+    campaign_settings,
+    differences,
+    row_versions,
+    settings_hash,
+)
+from ffsm_mj.experiments.metrics import (
+    FileMetric,
+    Metrics,
+    MissingMetric,
+    ScriptClasses,
+    execute_metrics,
+    functions_of,
+    own_classes,
+)
+from ffsm_mj.experiments.planning import Plan, VariantsPlan, load_campaign, read_campaign, stored_plan
+from ffsm_mj.experiments.results import (
+    Results,
+    Status,
+    TableRow,
+    as_arrow,
+    column_of,
+    metric_numbers,
+    runs_to_keep,
+    status_of,
+    table_rows,
+)
+from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
+from ffsm_mj.experiments.store import RunRow, Store
+from ffsm_mj.experiments.summary import summary_lines, variant_lines
+from ffsm_mj.experiments.worker import Job, Rerun, rerun
+from ffsm_mj.invocation import command, on_command_line, option
+from ffsm_mj.scenario.shipped import scenario_path
+
+Report = Callable[[float, float], None]
+_NONE: Mapping[str, Any] = MappingProxyType({})
+
+
+class Campaign:
+    """Many runs of one scenario with dispersed parameters, and the table of their results.
+
+    The folder has the whole state: every method reads its present content. With variants, each is a campaign of its own in a
+    folder below, and what is read of single runs is read from ``variants[NAME]``.
+
+    Attributes:
+        config: The campaign file.
+        design: Samples of all runs.
+        folder: Folder of the campaign.
+        variants: Campaigns of the variants that their scenarios can run, by name; empty without variants.
+        not_applicable: Why the control laws of the other variants cannot be created for their scenarios, by name.
+    """
+
+    def __init__(self, plan: Plan, design: Design, folder: CampaignFolder, own: ScriptClasses) -> None:
+        """Store the parts; use :meth:`load` or :meth:`open`."""
+        self.config: CampaignFile = plan.config
+        self.design, self.folder = design, folder
+        self.variants: Mapping[str, Campaign] = {}
+        self.not_applicable: Mapping[str, str] = {}
+        self._plan, self._own = plan, own
+        self._settings = campaign_settings(plan, own)
+
+    @classmethod
+    def load(
+        cls,
+        campaign: Mapping[str, Any] | str | Path,
+        out: str | Path,
+        *,
+        overrides: Sequence[str] = (),
+        metrics: Metrics = _NONE,
+        controllers: Mapping[str, Any] = _NONE,
+        estimators: Mapping[str, Any] = _NONE,
+    ) -> Campaign:
+        """Create a campaign, or continue the one in the folder if it has the same settings.
+
+        Args:
+            campaign: A campaign file, the name of a shipped campaign, or the keys of one, with a scenario as
+                :func:`ffsm_mj.run` takes it; its paths are then relative to the current folder.
+            out: Folder of the campaign.
+            overrides: ``key=value`` overrides of the campaign file.
+            metrics: Metrics of the caller: functions of a run by name, or a Python file whose functions they are.
+            controllers: Control laws of the caller, classes by kind.
+            estimators: Estimators of the caller, likewise.
+
+        Raises:
+            InputError: The file is invalid, or the folder holds a campaign with other settings.
+            LogWriteError: The folder cannot be written (full disk).
+        """
+        own = own_classes(campaign.get("scenario") if isinstance(campaign, Mapping) else None, controllers, estimators)
+        return cls.begin(load_campaign(campaign, overrides, replace(own, metrics=functions_of(metrics))), Path(out))
+
+    @classmethod
+    def begin(cls, plan: Plan | VariantsPlan, out: Path) -> Campaign:
+        """Create or continue a campaign from a plan; see :meth:`load`."""
+        folder = CampaignFolder(out)
+        execute_metrics(plan.own.metrics)
+        with folder.locked():
+            with_variants = isinstance(plan, VariantsPlan)
+            if folder.is_initialized and folder.has_variants != with_variants:
+                kind = "without" if with_variants else "with"
+                raise InputError(f"{out}: holds a campaign {kind} variants; choose another {option('out')}")
+            return VariantsCampaign.began(plan, folder) if isinstance(plan, VariantsPlan) else cls._began(plan, folder, out)
+
+    @classmethod
+    def _began(cls, plan: Plan, folder: CampaignFolder, shown: Path) -> Campaign:
+        """The campaign of a plan in its folder; ``shown`` is the folder in messages, for a variant that of the whole."""
+        if not folder.is_initialized:
+            design = plan.design()
+            config, files = plan.config.model_dump(mode="json", exclude_none=True), plan.base.logged_files
+            folder.write(config, plan.base.scenario_yaml, files, design, *_recorded(plan.own, {}))
+        found = cls(stored_plan(folder.path / CAMPAIGN, plan.own), folder.design(), folder, plan.own)
+        found._adopt(plan, shown)
+        return found
+
+    @classmethod
+    def open(
+        cls,
+        out: str | Path,
+        *,
+        metrics: Metrics = _NONE,
+        controllers: Mapping[str, Any] = _NONE,
+        estimators: Mapping[str, Any] = _NONE,
+    ) -> Campaign:
+        """Open the campaign in a folder; see :meth:`load`. Metrics of the caller are needed to run it, not to read it.
+
+        Raises:
+            InputError: The folder holds no campaign.
+        """
+        folder, functions = CampaignFolder(Path(out)), functions_of(metrics)
+        record = folder.record()
+        known = {name: functions.get(name, MissingMetric()) for name in record.metrics}
+        own = ScriptClasses(dict(controllers), dict(estimators), known)
+        if folder.has_variants:
+            return VariantsCampaign(read_campaign(folder.path / CAMPAIGN), folder, own, record.not_applicable)
+        return cls.stored(folder, own)
+
+    @classmethod
+    def stored(cls, folder: CampaignFolder, own: ScriptClasses) -> Campaign:
+        """Open a campaign without variants with all classes and functions of the caller; see :meth:`open`."""
+        design = folder.design()
+        return cls(stored_plan(folder.path / CAMPAIGN, own), design, folder, own)
+
+    def _adopt(self, plan: Plan, shown: Path) -> None:
+        """Replace the campaign file by that of a plan with the same settings: rows do not depend on the other keys.
+
+        Raises:
+            InputError: The settings or the number of samples differ.
+        """
+        other = campaign_settings(plan, self._own)
+        with self._table() as store:
+            stored = store.settings or self._settings  # classes and functions of a script are known from the rows only
+        if other != stored:
+            raise InputError(f"{self.folder.path}: holds a campaign with other settings: {differences(stored, other)}")
+        if plan.config.samples.n not in (None, self.design.n):
+            larger = plan.config.samples.n > self.design.n
+            how = "extend(n) enlarges it" if larger else "Campaign.open continues it"
+            if on_command_line():
+                words = ("extend", shown, plan.config.samples.n) if larger else ("resume", shown)
+                how = f"'{command('campaign', *words)}' {'enlarges' if larger else 'continues'} it"
+            raise InputError(f"{shown}: holds a design of {self.design.n} samples, not {plan.config.samples.n}; {how}")
+        self._rewrite(plan.config)
+
+    def _rewrite(self, config: CampaignFile) -> None:
+        """Replace the campaign file."""
+        self.config = config
+        self.folder.write_config(config.model_dump(mode="json", exclude_none=True))
+
+    @contextmanager
+    def _table(self) -> Iterator[Store]:
+        """The table, opened for reading; its rows may have other settings.
+
+        Raises:
+            InputError: The table cannot be read, or has rows that do not belong to the design.
+        """
+        exists = self.folder.table.is_file()
+        with closing(Store(self.folder.table, write=False) if exists else Store(":memory:")) as store:
+            if store.last() >= len(self.design.rows):  # another process has extended the design
+                self.design = self.folder.design()
+            if store.last() >= len(self.design.rows):
+                raise InputError(f"{self.folder.table}: has a row of run {store.last()}, which is not in the design")
+            yield store
+
+    def rows(self) -> list[RunRow]:
+        """All rows so far, in the order of their indices."""
+        with self._table() as store:
+            return store.rows()
+
+    def table_rows(self) -> list[TableRow]:
+        """A dictionary per run; see :func:`ffsm_mj.experiments.results.table_rows`."""
+        return table_rows(self.rows(), self.design, self.config.conditions)
+
+    def table(self) -> Any:
+        """All rows as a ``pyarrow.Table``; its method ``to_pandas`` gives a data frame."""
+        return as_arrow(self.table_rows())
+
+    def status(self) -> Status:
+        """Progress of the campaign."""
+        with self._table() as store:
+            return status_of(store, self.config.campaign, len(self.design.rows))
+
+    def results(self) -> Results:
+        """All rows so far with the names of their columns, for report and statistics."""
+        rows, design, config = self.table_rows(), self.design, self.config
+        parameters = tuple(column_of(name, "parameter", rows) for name in design.parameters)
+        metrics = tuple(column_of(name, "metric", rows) for name in config.kept_metrics)
+        return Results(config.campaign, design.kind, design.n, len(design.rows), parameters, metrics, rows)
+
+    def fraction(self, what: str = "success") -> Proportion:
+        """Fraction of the runs that are a success, or for which a metric is true, with its confidence interval."""
+        rows = self.results().sample
+        return Proportion(sum(row.get(what) is True for row in rows), len(rows))
+
+    def quantile(self, metric: str, share: float) -> Quantile:
+        """Quantile of a metric over the runs that did not fail, with its confidence interval.
+
+        Args:
+            metric: Name of the metric.
+            share: Probability of the quantile, e.g. 0.95.
+
+        Raises:
+            InputError: No run that did not fail has a number for the metric.
+        """
+        values = metric_numbers(self.results().sample, metric)
+        if not len(values):
+            raise InputError(f"{metric}: no run that did not fail has a number for it")
+        return quantile(values, share)
+
+    def comparison(self) -> VariantComparison:
+        """Paired differences of the variants, over the runs that completed and pass their checks in both.
+
+        Raises:
+            InputError: The campaign has no variants.
+        """
+        raise InputError(f"{self.folder.path}: has no variants to compare; ffsm_mj.compare_campaigns compares two campaigns")
+
+    def sentences(self) -> list[str]:
+        """What the results show so far: success, means and quantiles of metrics; of variants, their differences."""
+        return summary_lines(self.results(), self.config.conditions)
+
+    @contextmanager
+    def _writable_table(self) -> Iterator[Store]:
+        """The table, opened for writing.
+
+        Raises:
+            InputError: Its rows have other settings.
+        """
+        with closing(Store(self.folder.table)) as store:
+            store.begin(settings_hash(self._settings), self._settings)
+            if store.settings != self._settings:
+                found = differences(store.settings, self._settings)
+                raise InputError(f"{self.folder.path}: its rows were made with other settings: {found}")
+            yield store
+
+    def run(
+        self,
+        executor: Executor | None = None,
+        *,
+        workers: int | None = None,
+        dask: str = "",
+        retry: Sequence[str] = (),
+        report: Report | None = None,
+    ) -> Status:
+        """Execute the runs that have no row yet; of variants, one variant after the other.
+
+        Works in a script without a main guard, from standard input and in a notebook.
+
+        Args:
+            executor: Executor for the runs; None: processes on this machine.
+            workers: Number of processes; None: that of the campaign file, else one per processor.
+            dask: Address of a Dask scheduler to use instead, or ``local`` for a cluster on this machine.
+            retry: Outcomes of :data:`ffsm_mj.experiments.store.RETRIED` whose runs are repeated.
+            report: Called with (number of rows, number of runs) after every batch.
+
+        Returns:
+            Progress of the campaign.
+
+        Raises:
+            InputError: Another process runs this campaign, the settings differ, or no worker can execute its runs.
+            EngineLostError: The workers are lost; the rows so far are kept.
+            LogWriteError: The table cannot be written (full disk); earlier rows are kept.
+        """
+        self._refuse_missing_metrics()
+        here = [name for name, each in self._own.every.items() if not importable(each)]
+        if here and executor is None and not dask:
+            told = "cannot be imported by other processes: all runs are executed in this one"
+            print(f"{self.config.campaign}: {', '.join(here)} {told}", file=sys.stderr)
+        with self.folder.locked(), dask_address(dask, workers) as address:
+            return self._run(executor, workers, address, retry, report)
+
+    def _run(
+        self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
+    ) -> Status:
+        """Execute the runs of a campaign whose folder is locked; see :meth:`run`."""
+        with self._writable_table() as store:
+            engine = choose_engine(executor, workers, dask, self._own.every.values(), self.config.limits.workers)
+            self.design = self.folder.design()  # another process may have extended it
+            if retry:
+                store.drop(retry)
+            done = store.done()
+            left = [(i, self.design.overrides(i)) for i in range(len(self.design.rows)) if i not in done]
+            total, made = len(self.design.rows), len(done)
+            stopping = StoppingRule(self.config, total, done, store.failed(FIRST), self.results)
+
+            def keep(rows: Sequence[RunRow]) -> None:
+                nonlocal made
+                store.add(rows)
+                stopping.add(rows)
+                made += len(rows)
+                if report is not None:
+                    report(made, total)
+
+            if not stopping.ends():
+                Driver(engine, self._job(own=engine.own_processes), keep, stopping.ends).drive(left)
+        return replace(self.status(), stopped=stopping.failing if self.status().left else "", enough=stopping.enough)
+
+    def _refuse_missing_metrics(self) -> None:
+        """Refuse to run without the metrics of the caller, and execute their file.
+
+        Raises:
+            InputError: Functions are missing, or the file raises an exception.
+        """
+        missing = [name for name, function in self._own.metrics.items() if isinstance(function, MissingMetric)]
+        if missing:
+            file = self.folder.record().metrics_file
+            how = f"give {option('metrics', '...')} with {'that file' if file else 'its functions'}"
+            of = f"metrics of {file or 'a script'} are needed to run it ({', '.join(missing)})"
+            raise InputError(f"{self.folder.path}: {of}; {how}")
+        execute_metrics(self._own.metrics)
+
+    def _job(self, *, own: bool) -> Job:
+        return Job(
+            scenario=str(self.folder.scenario.resolve()),
+            metrics=self.config.kept_metrics,
+            versions=row_versions(),
+            digest=settings_hash(self._settings),
+            timeout_s=self.config.limits.timeout_s or 0.0,
+            own=self._own,
+            own_process=own,
+            truncated=self.config.truncated,
+        )
+
+    def extend(self, n: int) -> None:
+        """Add runs to the design; existing runs do not change.
+
+        Args:
+            n: New number of samples.
+
+        Raises:
+            InputError: Samples of this kind cannot be extended, or not to this number.
+        """
+        with self.folder.locked():
+            self.design = self._plan.extended(self.folder.design(), n)
+            self.folder.write_design(self.design)
+            self._rewrite(self._with_samples(n))
+
+    def _with_samples(self, n: int) -> CampaignFile:
+        """The campaign file with another number of samples."""
+        return self.config.model_copy(update={"samples": self.config.samples.model_copy(update={"n": n})})
+
+    def rerun(self, index: int, variant: str = "") -> Rerun:
+        """Repeat a run and write its log into the folder of the campaign.
+
+        Args:
+            index: Index of the run in the design.
+            variant: Name of its variant; empty without variants.
+
+        Raises:
+            InputError: There is no such run, or it cannot be prepared.
+        """
+        if variant:
+            raise InputError(f"{self.folder.path}: has no variants, {variant!r} is none")
+        self._refuse_missing_metrics()
+        if not 0 <= index < len(self.design.rows):
+            raise InputError(f"run {index}: the design has the runs 0 to {len(self.design.rows) - 1}")
+        with self._table() as store:
+            row = store.row(index)
+            same = store.settings == self._settings
+        self.folder.refuse_links()
+        folder = self.folder.rerun(index)
+        return rerun(self._job(own=False), index, self.design.overrides(index), folder, row, same_settings=same)
+
+    def kept(self) -> list[int]:
+        """Indices of the runs whose logs the campaign file asks for."""
+        return runs_to_keep(self.rows(), self.config.keep)
+
+
+class VariantsCampaign(Campaign):
+    """Variants of a scenario, run with the same samples and compared run by run; see :class:`Campaign`."""
+
+    def __init__(
+        self, config: CampaignFile, folder: CampaignFolder, own: ScriptClasses, not_applicable: Mapping[str, str]
+    ) -> None:
+        """Open the variants.
+
+        Raises:
+            InputError: There is none, or one of them cannot be read.
+        """
+        applicable = [name for name in config.variants if name not in not_applicable]
+        if not applicable:
+            raise InputError(f"{folder.path}: none of its variants is applicable")
+        variants = {name: Campaign.stored(folder.variant(name), own) for name in applicable}
+        first = variants[applicable[0]]
+        super().__init__(first._plan, first.design, folder, own)
+        self.config, self.variants, self.not_applicable = config, variants, not_applicable
+
+    @classmethod
+    def began(cls, plan: VariantsPlan, folder: CampaignFolder) -> Campaign:
+        """The campaign of a plan in its locked folder; one that adds variants to those of the folder continues it.
+
+        Raises:
+            InputError: The folder holds something else, or a variant that the plan lacks or that has other settings.
+        """
+        if folder.is_initialized:
+            made = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
+            known = {*plan.variants, *plan.not_applicable}
+            if missing := [name for name in [*made, *folder.record().not_applicable] if name not in known]:
+                text = f"holds the variants {', '.join(missing)}, which the campaign file does not have"
+                raise InputError(f"{folder.path}: {text}")
+        else:
+            folder.refuse_other_files()
+        first: Campaign | None = None
+        for name, variant in plan.variants.items():
+            with folder.variant(name).locked():
+                begun = Campaign._began(variant, folder.variant(name), folder.path)
+            first = first or begun
+            if begun.design.rows != first.design.rows:
+                raise InputError(f"{begun.folder.path}: its samples are not those of {first.folder.path}")
+        config = plan.config.model_dump(mode="json", exclude_none=True)
+        folder.write_variants(config, *_recorded(plan.own, plan.not_applicable))
+        return cls(plan.config, folder, plan.own, plan.not_applicable)
+
+    @contextmanager
+    def _table(self) -> Iterator[Store]:
+        names = ", ".join(self.variants)
+        raise InputError(f"{self.folder.path}: has variants; name one: campaign.variants[NAME], NAME of {names}")
+        yield  # a generator, as the method that it replaces
+
+    def table_rows(self) -> list[TableRow]:
+        """A dictionary per run and variant, with the name of the variant first."""
+        return [{"variant": name, **row} for name, each in self.variants.items() for row in each.table_rows()]
+
+    def status(self) -> Status:
+        """Progress of the campaign and of each variant."""
+        return self._status({name: each.status() for name, each in self.variants.items()})
+
+    def _status(self, of: Mapping[str, Status]) -> Status:
+        outcomes: dict[str, int] = {}
+        for each in of.values():
+            for outcome, count in each.outcomes.items():
+                outcomes[outcome] = outcomes.get(outcome, 0) + count
+        runs, done, failed = (sum(getattr(each, key) for each in of.values()) for key in ("runs", "done", "failed"))
+        stopped = "; ".join(f"{name}: {each.stopped}" for name, each in of.items() if each.stopped)
+        return Status(self.config.campaign, runs, done, failed, outcomes, (), stopped=stopped, variants=of)
+
+    def variant_results(self) -> VariantResults:
+        """All rows so far, for comparison and report."""
+        return VariantResults(
+            self.config, {name: each.results() for name, each in self.variants.items()}, self.not_applicable
+        )
+
+    def comparison(self) -> VariantComparison:
+        """Paired differences of the variants; see :meth:`Campaign.comparison`."""
+        return compare_variants(self.variant_results())
+
+    def sentences(self) -> list[str]:
+        """What the results show so far; see :meth:`Campaign.sentences`."""
+        return variant_lines(self.variant_results())
+
+    def _run(
+        self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
+    ) -> Status:
+        progress = {name: each.status() for name, each in self.variants.items()}
+        total = sum(each.runs for each in progress.values())
+        for name, each in self.variants.items():
+            others = sum(status.done for other, status in progress.items() if other != name)
+            told = None if report is None else _of_whole(report, others, total)
+            with each.folder.locked():
+                progress[name] = each._run(executor, workers, dask, retry, told)
+        return self._status(progress)
+
+    def extend(self, n: int) -> None:
+        """Add runs to the design of every variant; see :meth:`Campaign.extend`."""
+        with self.folder.locked():
+            for each in self.variants.values():
+                if each.design.n != n:  # an earlier call that was interrupted has extended it
+                    each.extend(n)
+            self.config = self._with_samples(n)
+            config = self.config.model_dump(mode="json", exclude_none=True)
+            self.folder.write_variants(config, *_recorded(self._own, self.not_applicable, self.folder.record()))
+
+    def rerun(self, index: int, variant: str = "") -> Rerun:
+        """Repeat a run of a variant; see :meth:`Campaign.rerun`."""
+        if variant not in self.variants:
+            raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.variants)}")
+        self._refuse_missing_metrics()
+        return self.variants[variant].rerun(index)
+
+
+def _recorded(own: ScriptClasses, not_applicable: Mapping[str, str], before: Record | None = None) -> tuple[Record, str]:
+    """Record of a campaign, and the text of its metrics file; empty if it has none or keeps the one before."""
+    files = [each for each in own.metrics.values() if isinstance(each, FileMetric)]
+    file = files[0].file if files else before.metrics_file if before is not None else ""
+    return Record(not_applicable, tuple(own.metrics), file), files[0].text if files else ""
+
+
+def _of_whole(report: Report, others: int, total: int) -> Report:
+    """Progress of a variant as progress of the whole campaign."""
+    return lambda done, _: report(others + done, total)
+
+
+_DEFAULT = ("impacts.0.time_s", "impacts.0.impulse_N_s", "tip.min_error_m", "tip.final_error_m")
+
+
+def sweep(
+    scenario: Scenario | Mapping[str, Any] | str | Path,
+    values: Mapping[str, Sequence[Any]],
+    *,
+    metrics: Sequence[str] = _DEFAULT,
+    overrides: Mapping[str, Any] = _NONE,
+    controllers: Mapping[str, Any] = _NONE,
+    estimators: Mapping[str, Any] = _NONE,
+    workers: int | None = None,
+    out: str | Path | None = None,
+) -> Any:
+    """Run a scenario with every combination of given values.
+
+    Works in a script without a main guard, from standard input and in a notebook.
+
+    Args:
+        scenario: See :func:`ffsm_mj.run`.
+        values: Values by dotted key of the scenario.
+        metrics: Metrics of each run; see docs/campaigns.md.
+        overrides: Overrides of the scenario for all runs, by dotted key.
+        controllers: Control laws of the caller, classes by kind.
+        estimators: Estimators of the caller, likewise.
+        workers: Number of processes; None: one per processor.
+        out: Folder of the campaign, continued if it holds the same campaign; None: only the table is kept.
+
+    Returns:
+        A ``pyarrow.Table`` with a row per run; its method ``to_pandas`` gives a data frame.
+
+    Raises:
+        InputError: A key, a value or a metric is invalid.
+    """
+    keys = {
+        "campaign": "sweep",
+        "scenario": str(scenario_path(scenario).resolve()) if isinstance(scenario, str | Path) else scenario,
+        "overrides": overrides,
+        "samples": {"kind": "grid"},
+        "dispersions": {key: {"choice": each} for key, each in values.items()},
+        "metrics": list(metrics),
+        "limits": {"max_failed": 1.0},
+    }
+    with tempfile.TemporaryDirectory(prefix="ffsm-sweep-") as temporary:
+        campaign = Campaign.load(keys, out or temporary, controllers=controllers, estimators=estimators)
+        campaign.run(workers=workers)
+        return campaign.table()
+
+
+def compare_campaigns(one: Campaign | str | Path, other: Campaign | str | Path) -> CampaignComparison:
+    """Paired differences of the metrics of two campaigns with the same samples, with bootstrap intervals.
+
+    Args:
+        one: The first campaign, or its folder.
+        other: The second one; differences are second less first.
+
+    Raises:
+        InputError: A folder holds no campaign, they have no run in common, or their samples differ.
+    """
+    first, second = (each if isinstance(each, Campaign) else Campaign.open(each) for each in (one, other))
+    names = _names(first.folder.path, second.folder.path)
+    return paired_comparison(first.results(), second.results(), names)
+
+
+def _names(one: Path, other: Path) -> tuple[str, str]:
+    """Names of two folders: as much of the end of their paths as tells them apart."""
+    first, second = one.resolve().parts, other.resolve().parts
+    for length in range(1, max(len(first), len(second)) + 1):
+        if first[-length:] != second[-length:]:
+            return "/".join(first[-length:]), "/".join(second[-length:])
+    return one.name, other.name

@@ -1,0 +1,210 @@
+"""Exact derivatives of time and impulse of the first impact, or of time and loss of the first capture, where they exist.
+
+They exist with respect to the restitution of the pair, and to the initial state of a run that coasts to the event: the
+change of the state there, from two free flights of displaced scenes, times the gradients of the linearized event. What
+control laws, thrusters and ends of phases do in between is a staircase of control ticks, and is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.analysis.run import Run
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.assemble import Assembly
+from ffsm_mj.assembly.grasps import grasps_of
+from ffsm_mj.assembly.prepare import PreparedRun
+from ffsm_mj.contact_models.grasp.record import CaptureRecord
+from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.uncertainty import Outcome, Parameter, Sensitivity, values
+from ffsm_mj.impact import CaptureSaltation, Saltation, linearize, linearize_capture
+from ffsm_mj.records.events import ImpactRecord
+
+_OF_IMPACT = {"impacts.0.time_s": "time", "impacts.0.impulse_N_s": "impulse"}
+_OF_CAPTURE = {"captures.0.time_s": "time", "captures.0.loss_J": "loss"}
+_GRADIENTS = _OF_IMPACT | _OF_CAPTURE
+_STEP = 1e-6
+"""Displacement of a coordinate: truncation 1e-12, rounding of a flight of some thousand steps 1e-13 / 1e-6."""
+
+
+def exact(prepared: PreparedRun, nominal: Run, of: Sequence[Outcome], wrt: Sequence[Parameter]) -> Sensitivity:
+    """Derivatives of outcomes.
+
+    Raises:
+        InputError: One of them does not exist, named.
+        UnsupportedContactError: The impact has no derivative.
+    """
+    for outcome in of:
+        if outcome.name not in _GRADIENTS:
+            raise InputError(
+                f"exact: {outcome.name} has no derivative here, only {', '.join(_GRADIENTS)}; use kind='secant'"
+            )
+    of_capture = [outcome.name in _OF_CAPTURE for outcome in of]
+    if any(of_capture) and not all(of_capture):
+        raise InputError("exact: outcomes of an impact and of a capture; name those of one event")
+    assembly = prepared.assemble()
+    if place := next(iter(assembly.system.equalities.values()), ""):
+        raise InputError(f"exact: {place} constrains the motion, of which there is no derivative here; use kind='secant'")
+    event = _capture(prepared, nominal, assembly) if any(of_capture) else _impact(prepared, nominal, assembly)
+    columns = [_column(prepared, nominal, assembly, event, of, parameter) for parameter in wrt]
+    nothing = np.full((len(of), len(wrt)), np.nan)
+    same, sides = tuple(True for _ in wrt), tuple("both" for _ in wrt)
+    nominal_values = values(nominal, of)
+    return Sensitivity("exact", tuple(of), tuple(wrt), nominal_values, nothing, nothing, np.array(columns).T, same, sides)
+
+
+class _Event(NamedTuple):
+    """An event up to which a run coasts.
+
+    Attributes:
+        name: ``impact`` or ``capture``.
+        time_s: Its time, s.
+        effects: Its linearization.
+        rule: Contact rule of an impact; empty for a capture.
+    """
+
+    name: str
+    time_s: float
+    effects: Saltation | CaptureSaltation
+    rule: str
+
+
+def _impact(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
+    """The first impact, linearized.
+
+    Raises:
+        InputError: There is none, or several contacts at once.
+    """
+    record = _first(nominal)
+    pair = next(each for each in assembly.pairs if each.name == record.pair)
+    data = _state_before(assembly, record)
+    law = prepared.scenario.impact.law
+    hit = linearize(assembly.system.mj, data, pair, restitution=record.restitution_used, mu=record.mu, law=law)
+    return _Event("impact", record.time_s, hit, record.rule)
+
+
+def _capture(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
+    """The first capture, linearized.
+
+    Raises:
+        InputError: There is none, an impact comes before it, or it closes at an impact.
+    """
+    found = nominal.records.get("capture_impulses", ())
+    if not found:
+        raise InputError("exact: no grasp closes in the run")
+    record = found[0]
+    when = prepared.scenario.captures[record.grasp].when.within
+    if when is None or any(impact.time_s <= record.time_s for impact in nominal.impacts):
+        raise InputError(f"exact: an impact occurs before grasp {record.grasp!r} closes, or at it; use kind='secant'")
+    data = _state_before(assembly, record)
+    grasp = next(each for each in grasps_of(prepared.scenario, assembly.system) if each.name == record.grasp)
+    return _Event("capture", record.time_s, linearize_capture(assembly.system, data, grasp, when.bounds), "")
+
+
+def _state_before(assembly: Assembly, record: ImpactRecord | CaptureRecord) -> Any:
+    """Data at the state before an event."""
+    data = assembly.data
+    data.qpos[:] = record.qpos
+    data.qvel[:] = np.concatenate([record.qvel_before[name] for name in assembly.system.joints])
+    mujoco.mj_forward(assembly.system.mj, data)
+    return data
+
+
+def _first(nominal: Run) -> ImpactRecord:
+    """The first impact.
+
+    Raises:
+        InputError: There is none, or several contacts at once.
+    """
+    found = [record for record in nominal.impacts if record.event == 0]
+    if len(found) != 1:
+        raise InputError(f"exact: the first impact of the run has {len(found)} contacts; a derivative exists for one")
+    if nominal.captures:
+        raise InputError(
+            "exact: a grasp closes in the run; use kind='secant', or name captures.0.time_s or captures.0.loss_J"
+        )
+    return found[0]
+
+
+def _column(
+    prepared: PreparedRun,
+    nominal: Run,
+    assembly: Assembly,
+    event: _Event,
+    of: Sequence[Outcome],
+    parameter: Parameter,
+) -> list[float]:
+    """Derivatives of the outcomes by one parameter.
+
+    Raises:
+        InputError: They do not exist.
+    """
+    names = [_GRADIENTS[outcome.name] for outcome in of]
+    part, _, rest = parameter.target.key.partition(".")
+    if part == "contacts" and rest.endswith("restitution"):
+        if not isinstance(event.effects, Saltation) or not _is_of(prepared, parameter, event.rule):
+            return [0.0 for _ in names]
+        return [event.effects.impulse_by_restitution if name == "impulse" else 0.0 for name in names]
+    if part != "initial":
+        raise InputError(
+            f"exact: no derivative by {parameter.key}, only by initial and contacts.*.restitution; use kind='secant'"
+        )
+    _refuse_control(nominal, event)
+    change = _flown(prepared, assembly, event.time_s, parameter)
+    return [float(getattr(event.effects, name) @ change) for name in names]
+
+
+def _is_of(prepared: PreparedRun, parameter: Parameter, rule: str) -> bool:
+    """Whether a restitution is that of a rule."""
+    parts = parameter.target.key.split(".")
+    rules = prepared.scenario.contacts.rules or ()
+    if parts[1] != "rules":
+        raise InputError(f"exact: no derivative by {parameter.key}: name the restitution of a rule; use kind='secant'")
+    names = [each.name for each in prepared.assemble().contacts.rules]
+    return int(parts[2]) < len(rules) and names[int(parts[2])] == rule
+
+
+def _refuse_control(nominal: Run, event: _Event) -> None:
+    """Refuse runs in which a control law acts before the event.
+
+    Raises:
+        InputError: The law and its phase.
+    """
+    for phase in nominal.phases:
+        if phase.start_s < event.time_s and phase.controller != "off":
+            raise InputError(
+                f"exact: {phase.controller} of phase {phase.name!r} acts before the {event.name} at {event.time_s:.6g} s: "
+                "its efforts change at control ticks, no derivative is computed; use kind='secant'"
+            )
+
+
+def _flown(prepared: PreparedRun, assembly: Assembly, time_s: float, parameter: Parameter) -> FloatArray:
+    """Change of the state just before the event per unit of an initial coordinate or rate, (2 nv,)."""
+    model, ends = assembly.system.mj, []
+    for sign in (-1.0, 1.0):
+        changed = prepared.changed(prepared.source.overridden([parameter.override(sign * _STEP)])).assemble()
+        ends.append(_flight(model, changed.data, time_s, prepared.scenario.time_step_s))
+    (low_q, low_v), (high_q, high_v) = ends
+    dq = np.empty(model.nv)
+    mujoco.mj_differentiatePos(model, dq, 2.0 * _STEP, low_q, high_q)
+    return np.concatenate((dq, (high_v - low_v) / (2.0 * _STEP)))
+
+
+def _flight(model: Any, data: Any, time_s: float, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """State after free flight for a time, without contacts or efforts."""
+    steps = round(time_s / step_s - 0.5)
+    own = mujoco.MjData(model)
+    own.qpos[:], own.qvel[:] = data.qpos, data.qvel
+    before = model.opt.timestep
+    try:
+        for duration in (*[step_s] * steps, time_s - steps * step_s):
+            model.opt.timestep = duration
+            if duration > 0.0:
+                mujoco.mj_step(model, own)
+    finally:
+        model.opt.timestep = before
+    return np.array(own.qpos), np.array(own.qvel)

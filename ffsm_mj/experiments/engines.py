@@ -1,0 +1,262 @@
+"""Engines that execute the runs of a campaign: they open executors of :mod:`concurrent.futures`."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
+from typing import Any, TypeVar
+
+from ffsm_mj.all_cores import end_at_once
+from ffsm_mj.errors import InputError, MissingPackageError
+from ffsm_mj.experiments.metrics import FileMetric
+from ffsm_mj.invocation import on_command_line
+from ffsm_mj.module_path import importable_elsewhere, without_current_folder
+
+Result = TypeVar("Result")
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+LOCAL = "local"
+"""In place of the address of a Dask scheduler: a cluster on this machine."""
+_ANSWER_S = 10
+"""Timeout of the connection to a Dask scheduler, s."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A way to execute runs.
+
+    Attributes:
+        name: Name for messages.
+        workers: Number of runs at the same time.
+        open: Opens an executor as a context.
+        own_processes: Whether its processes execute nothing else, so that a process with a stuck run may be ended.
+        reopens: Whether it can open another executor after one is lost.
+        in_this_thread: Whether runs are executed by the calling thread, so that the interrupt of a run ends the campaign.
+        ahead: Batches per worker that are handed out at once.
+    """
+
+    name: str
+    workers: int
+    open: Callable[[], Any]
+    own_processes: bool = True
+    reopens: bool = True
+    in_this_thread: bool = False
+    ahead: int = 4
+
+
+def choose_engine(
+    executor: Executor | None,
+    workers: int | None,
+    dask_address: str,
+    classes: Iterable[Any],
+    default_workers: int | None,
+) -> Engine:
+    """Engine for the arguments of :meth:`ffsm_mj.experiments.campaign.Campaign.run`.
+
+    Args:
+        executor: Executor of the caller, if there is one.
+        workers: Number of processes asked for.
+        dask_address: Address of a Dask scheduler; empty: none.
+        classes: Control laws and estimators of a script; other processes cannot import all of them.
+        default_workers: Number of processes of the campaign file.
+
+    Raises:
+        InputError: The number of workers is less than 1, or see :func:`dask`.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: {workers} is less than 1")
+    if executor is not None:
+        return caller_engine(executor, workers)
+    if dask_address:
+        return dask(dask_address)
+    if not all(map(importable, classes)):
+        return loop()
+    return pool(workers or default_workers)
+
+
+class Loop(Executor):
+    """Executor that calls each function immediately, in the calling thread."""
+
+    def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """Call the function; the future holds its result or exception, except that KeyboardInterrupt is raised."""
+        future: Future[Result] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001 (the future holds it, as for any executor)
+            future.set_exception(error)
+        return future
+
+
+def loop() -> Engine:
+    """Engine that executes runs one after the other in this process."""
+    return Engine("this process", 1, Loop, own_processes=False, in_this_thread=True, ahead=1)
+
+
+def pool(workers: int | None = None) -> Engine:
+    """Engine with processes on this machine.
+
+    Args:
+        workers: Number of processes; None: one per processor that this process may use.
+    """
+    count = workers or usable_processors()
+    return Engine(f"{count} processes", count, lambda: _processes(count))
+
+
+def usable_processors() -> int:
+    """Number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def importable(law: Any) -> bool:
+    """Whether another process can import a class or function: none of a script, of a function, or of the current folder."""
+    if isinstance(law, FileMetric):
+        return True
+    module, name = getattr(law, "__module__", "__main__"), getattr(law, "__qualname__", "<object>")
+    return module != "__main__" and "<" not in name and importable_elsewhere(module)
+
+
+def executor(workers: int | None = None) -> Any:
+    """Context of a :class:`concurrent.futures.Executor` with processes on this machine; None: one per processor."""
+    return _processes(workers or usable_processors())
+
+
+def caller_engine(executor: Executor, workers: int | None = None) -> Engine:
+    """Engine with an executor of the caller, who closes it."""
+
+    @contextmanager
+    def same() -> Iterator[Executor]:
+        yield executor
+
+    if isinstance(executor, Loop):
+        return loop()
+    count = workers or getattr(executor, "_max_workers", None) or usable_processors()
+    return Engine(type(executor).__name__, int(count), same, own_processes=False, reopens=False)
+
+
+def dask(address: str) -> Engine:
+    """Engine with the workers of a Dask cluster, one thread each.
+
+    Args:
+        address: Address of the scheduler, e.g. ``tcp://host:8786``.
+
+    Raises:
+        MissingPackageError: ``distributed`` is not installed.
+        InputError: The scheduler does not answer, it has no workers, or a worker has several threads.
+    """
+    where = f"--dask {address}" if on_command_line() else f"dask={address!r}"
+    distributed = _distributed()
+
+    def client() -> Any:
+        try:
+            client_of: Any = distributed.Client
+            return client_of(address, timeout=_ANSWER_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(f"{where}: no scheduler answers there ({error})") from error
+
+    @contextmanager
+    def connected() -> Iterator[Executor]:
+        with client() as connection:
+            # By default, Dask executes calls with equal arguments only once.
+            yield connection.get_executor(pure=False)
+
+    with client() as connection:
+        threads = connection.nthreads()
+    if not threads:
+        raise InputError(f"{where}: the scheduler has no workers; start some: dask worker {address} --nthreads 1")
+    several = [name for name, count in threads.items() if count != 1]
+    if several:
+        raise InputError(f"{where}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1")
+    return Engine(f"{len(threads)} Dask workers", len(threads), connected)
+
+
+@contextmanager
+def dask_address(where: str, workers: int | None = None) -> Iterator[str]:
+    """Context with the address of a Dask scheduler: the given one, or that of a cluster on this machine for ``local``.
+
+    Args:
+        where: Address of a scheduler, ``local``, or empty.
+        workers: Number of processes of a local cluster; None: one per processor.
+
+    Raises:
+        MissingPackageError: ``distributed`` is not installed.
+        InputError: The number of workers is less than 1.
+    """
+    if where != LOCAL:
+        yield where
+        return
+    if workers is not None and workers < 1:
+        raise InputError(f"workers: {workers} is less than 1")
+    make: Any = _distributed().LocalCluster
+    count = workers or usable_processors()
+    with ExitStack() as stack:
+        with without_current_folder():
+            cluster = stack.enter_context(make(n_workers=count, threads_per_worker=1, dashboard_address=None))
+        yield cluster.scheduler_address
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingPackageError("a campaign on a Dask cluster", "distributed", "cluster") from error
+    return distributed
+
+
+@contextmanager
+def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Pool of processes; if an exception leaves the context, running processes are killed."""
+    executor = ProcessPoolExecutor(workers, mp_context=_Spawn(), initializer=_begin_worker)
+    try:
+        yield executor
+    except BaseException:
+        end_at_once(executor, [process for process in multiprocessing.active_children() if isinstance(process, _Process)])
+        raise
+    executor.shutdown(cancel_futures=True)
+
+
+def _begin_worker() -> None:
+    """Initialise a worker: one BLAS thread, Ctrl-C left to the driver, and the end of the process with the driver."""
+    for variable in _THREADS:
+        os.environ.setdefault(variable, "1")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_driver, name="end with driver", daemon=True).start()
+
+
+def _end_with_driver() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+_STARTING = threading.Lock()
+
+
+class _Process(SpawnProcess):
+    """Process that imports neither the running script nor anything from the current folder.
+
+    A campaign can therefore run from a script without a main guard, from standard input and from a notebook.
+    """
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:
+        with _STARTING:
+            main = sys.modules["__main__"]
+            sys.modules["__main__"] = ModuleType("__main__")
+            try:
+                with without_current_folder():
+                    return SpawnProcess._Popen(process_obj)
+            finally:
+                sys.modules["__main__"] = main
+
+
+class _Spawn(SpawnContext):
+    Process = _Process

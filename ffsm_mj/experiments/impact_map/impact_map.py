@@ -1,0 +1,214 @@
+"""The map of one contact: effects of the impact over the configurations of the arm that reach it, and the best of them."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.analysis.tables import Table
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.impact_map.evaluation import Configuration, Evaluation, Origin, initial_block, table_of
+from ffsm_mj.experiments.impact_map.search import Objective, Optimizer, Overlaps, sampled
+from ffsm_mj.experiments.impact_map.self_motion import REACHED, ArrivalRates, Hold, SelfMotion
+from ffsm_mj.experiments.impact_map.target import Target, Vector, moved, target_of
+from ffsm_mj.records.signals import identifier
+from ffsm_mj.tolerances import CONTACT_GAP_M
+
+_SAME_NORMAL = 1e-6
+"""Largest angle between the normal of a target and that of its geoms, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactMap:
+    """Effects of one impact over the configurations of the arm that reach its contact.
+
+    Attributes:
+        target: The contact.
+        objective: The effect that the best configuration makes small or large.
+        configurations: That of the run first, if the target is its impact, then samples and optima in order.
+        drawn: Number of drawn configurations, of which some do not reach the contact.
+        reached: Number of those that do.
+        allow_overlaps: Whether the best configuration may overlap.
+        joint_keys: Names that the scenario gives joints, by full name.
+    """
+
+    target: Target
+    objective: Objective
+    configurations: tuple[Configuration, ...]
+    drawn: int
+    reached: int
+    allow_overlaps: bool
+    joint_keys: Mapping[str, str]
+
+    @cached_property
+    def best(self) -> Configuration:
+        """The configuration of the best effect among those that a run can reach.
+
+        Raises:
+            InputError: There is none.
+        """
+        found = [each for each in self.configurations if self.allows(each)]
+        if not found:
+            why = ", ".join(sorted({each.status for each in self.configurations}))
+            raise InputError(f"no run can begin at any of the {len(self.configurations)} configurations: {why}")
+        return min(found, key=lambda each: self.objective.cost(each.effects))
+
+    @property
+    def of_run(self) -> Configuration | None:
+        """The configuration at which the scenario arrives; None if the target was moved."""
+        first = self.configurations[0]
+        return first if first.origin == "run" else None
+
+    def allows(self, configuration: Configuration) -> bool:
+        """Whether a configuration can be the best one: it has rates, and no overlap unless these are allowed."""
+        return configuration.qvel is not None and (self.allow_overlaps or configuration.overlap_m == 0.0)
+
+    @property
+    def arm_names(self) -> list[str]:
+        """Names of the arm's joints, as in the columns of the table."""
+        return [identifier(joint.name) for joint in self.target.joints]
+
+    @cached_property
+    def table(self) -> Table:
+        """One row per configuration: coordinates, effects, changes of the rates, overlap."""
+        return table_of(self.target, self.configurations)
+
+    def initial(self, configuration: Configuration | None = None) -> dict[str, Any]:
+        """``initial`` of a scenario that begins at a configuration, just before the impact; of the best without one."""
+        return initial_block(self.target.system, configuration or self.best, dict(self.joint_keys))
+
+
+def impact_map(
+    scenario: str | Path,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    impact: int = 1,
+    point: Vector | None = None,
+    normal: Vector | None = None,
+    hold: Hold = "com",
+    objective: str = "impulse_N_s",
+    maximize: bool = False,
+    bounds: Mapping[str, Vector] | None = None,
+    samples: int = 400,
+    starts: int = 8,
+    seed: int = 0,
+    allow_overlaps: bool = False,
+    report: Callable[[float, float], None] | None = None,
+) -> ImpactMap:
+    """Map what an impact of a scenario does, over the configurations of the arm that reach the same contact.
+
+    In all of them the robot touches the same point with the same normal and the same velocity relative to it, and has the
+    momenta of the run. See docs/impact-map.md.
+
+    Args:
+        scenario: A path, or the name of a shipped scenario; it is simulated up to the impact.
+        overrides: See :func:`ffsm_mj.run`.
+        impact: Which impact of the run, from 1.
+        point: Another contact point in world axes at the instant of the impact, m.
+        normal: Another normal, from the robot to the object.
+        hold: What of a floating base is kept: ``com``, the robot's centre of mass, which motors cannot move; ``base``, the
+            pose of the base; ``nothing``.
+        objective: Effect that the best configuration makes small: ``impulse_N_s``, ``base_rate_change_rad_s``,
+            ``object_spin_rad_s``, ...
+        maximize: Make it large.
+        bounds: Narrower ranges of hinges and slides by joint, (low, high), rad or m.
+        samples: Number of configurations to draw.
+        starts: Number of optimisations, from the best samples.
+        seed: Seed of the samples.
+        allow_overlaps: Whether the best configuration may overlap.
+        report: Told (done, total).
+
+    Raises:
+        InputError: The scenario has no such impact, a name is unknown, or no configuration reaches the contact.
+    """
+    wanted = Objective(objective, maximize)
+    if samples < 1 or starts < 0:
+        raise InputError(f"samples: {samples}, starts: {starts}; at least 1 sample and 0 starts")
+    target, keys = target_of(scenario, overrides, impact)
+    there = moved(target, point, normal)
+    with one_blas_thread():
+        mapped = _Mapping(there, SelfMotion(there, hold, bounds or {}), wanted, allow_overlaps)
+        found = [mapped.configuration(there.qpos, "run", there.qvel)] if there is target else []
+        reached = mapped.samples(samples, seed, report, samples + starts)
+        found += reached
+        for i, each in enumerate(mapped.most_promising(found, starts)):
+            found.append(mapped.configuration(mapped.optimizer.optimum(each.qpos, overlaps=allow_overlaps), "optimum"))
+            if report is not None:
+                report(samples + i + 1, samples + starts)
+    return ImpactMap(there, wanted, tuple(found), samples, len(reached), allow_overlaps, keys)
+
+
+class _Mapping:
+    """What evaluates configurations of one map."""
+
+    def __init__(self, target: Target, motion: SelfMotion, objective: Objective, allow_overlaps: bool) -> None:
+        self._target, self._motion, self._objective, self._allow = target, motion, objective, allow_overlaps
+        self._evaluation, self._rates, self._overlaps = Evaluation(target), ArrivalRates(motion), Overlaps(target)
+        self.optimizer = Optimizer(motion, self._evaluation, self._overlaps, objective)
+
+    def configuration(self, qpos: FloatArray, origin: Origin, qvel: FloatArray | None = None) -> Configuration:
+        """A configuration that reaches the contact, with the rates at which it arrives unless they are given."""
+        overlaps = self._overlaps.at(qpos)
+        deepest = next(iter(overlaps), None)
+        effects, jump = self._evaluation.at(qpos)
+        rates = self._rates.velocities(qpos) if qvel is None else qvel
+        depth, names = (overlaps[deepest], self._overlaps.names(deepest)) if deepest else (0.0, "")
+        return Configuration(origin, qpos, rates, jump, effects, depth, names)
+
+    def samples(
+        self, count: int, seed: int, report: Callable[[float, float], None] | None, total: int
+    ) -> list[Configuration]:
+        """Configurations that reach the contact, from drawn ones.
+
+        Raises:
+            InputError: None does, or the geoms do not touch there.
+        """
+        found: list[Configuration] = []
+        least = np.inf
+        for i, (qpos, residual) in enumerate(sampled(self._motion, count, seed)):
+            least = min(least, residual)
+            if residual <= REACHED:
+                if not found:
+                    self._refuse_untouched(qpos)
+                found.append(self.configuration(qpos, "sample"))
+            if report is not None:
+                report(i + 1, total)
+        if not found:
+            place = ", ".join(f"{x:.6g}" for x in self._target.contact.point)
+            kept = {"com": " with the robot's centre of mass where it is", "base": " with the base where it is"}
+            raise InputError(
+                f"no configuration reaches the contact at ({place}) m{kept.get(self._motion.hold, '')}: "
+                f"the nearest of {count} misses it by {least:.3g} m"
+            )
+        return found
+
+    def most_promising(self, found: Sequence[Configuration], count: int) -> list[Configuration]:
+        """Configurations with the best effects, from which optimisations start."""
+        fair = [each for each in found if self._allow or each.overlap_m == 0.0]
+        return heapq.nsmallest(count, fair or found, key=lambda each: self._objective.cost(each.effects))
+
+    def _refuse_untouched(self, qpos: FloatArray) -> None:
+        """Refuse a target at which the geoms do not touch: a point off the surface, or another normal.
+
+        Raises:
+            InputError: They do not.
+        """
+        target, data = self._target, self._target.data()
+        data.qpos[:] = qpos
+        mujoco.mj_forward(target.system.mj, data)
+        near = target.pair.proximity(target.system.mj, data)
+        angle = float(np.linalg.norm(np.cross(near.normal, target.contact.normal)))
+        if abs(near.gap) > CONTACT_GAP_M or angle > _SAME_NORMAL or near.normal @ target.contact.normal < 0.0:
+            raise InputError(
+                f"{target.pair}: no contact with this point and normal: "
+                f"the gap there is {near.gap:.3g} m, the normal of the geoms {np.round(near.normal, 6).tolist()}"
+            )

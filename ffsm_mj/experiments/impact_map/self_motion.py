@@ -1,0 +1,243 @@
+"""Configurations of the robot that reach one contact: its self-motion manifold there (Burdick 1989), and motion onto it.
+
+The robot's geom keeps its contact point and its normal there, so it may turn about the normal; a sphere may turn about its
+centre. Of a floating base the centre of mass of the robot keeps its place, or the base keeps its pose, or neither.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import base_jacobian, mass_matrix, momentum_matrix, skew
+from ffsm_mj.errors import InputError
+from ffsm_mj.experiments.impact_map.target import Target
+from ffsm_mj.model.system import Joint
+
+Hold = Literal["com", "base", "nothing"]
+HOLDS: tuple[Hold, ...] = ("com", "base", "nothing")
+REACHED = 1e-12
+"""Largest residual of a configuration that reaches the contact, m and 1: rounding of positions of some metres."""
+_MOST_STEPS, _LARGEST_STEP = 60, 1.0
+_SCALAR = ("hinge", "slide")
+_NO_BOUNDS: Mapping[str, Sequence[float]] = MappingProxyType({})
+
+
+class SelfMotion:
+    """The configurations of a robot that reach a target.
+
+    Attributes:
+        target: The contact.
+        hold: What of a floating base is kept.
+        dofs: Degrees of freedom that move, those of the base included unless its pose is kept.
+        bounds: Lowest and highest coordinate of each moving hinge and slide by dof; infinite without a range.
+        free_directions: Directions in which the base joints let the robot move as a whole, (3, k).
+        free_axes: Axes about which they let it turn about its centre of mass, (3, k).
+    """
+
+    def __init__(self, target: Target, hold: Hold = "com", bounds: Mapping[str, Sequence[float]] = _NO_BOUNDS) -> None:
+        """Find the moving joints and the bounds.
+
+        Raises:
+            InputError: An unknown ``hold``, or a bound of something else than a moving joint of one coordinate.
+        """
+        if hold not in HOLDS:
+            raise InputError(f"hold: {hold!r}, allowed are {', '.join(HOLDS)}")
+        self.target, self.hold = target, hold
+        system, model = target.system, target.system.mj
+        tree = system.robot
+        base = range(tree.base_dofs.start, tree.base_dofs.stop)
+        self.base_dofs = np.array(base, dtype=np.intp)
+        self.dofs = np.array([*(base if hold != "base" else ()), *target.arm_dofs], dtype=np.intp)
+        self.bounds = {
+            joint.dofs.start: _range(model, joint)
+            for joint in tree.joints
+            if joint.kind in _SCALAR and joint.dofs.start in self.dofs.tolist()
+        }
+        self._narrow(bounds)
+        data = target.data()
+        self._data = target.data()
+        self.com = np.array(data.subtree_com[tree.root])
+        self.free_directions, self.free_axes = _free(base_jacobian(model, data, tree), self.com)
+        turn = data.geom_xmat[target.geom].reshape(3, 3)
+        self._is_sphere = int(model.geom_type[target.geom]) == int(mujoco.mjtGeom.mjGEOM_SPHERE)
+        # Where a sphere touches changes as it turns; its centre is one radius from the contact point.
+        radius = float(model.geom_size[target.geom, 0]) if self._is_sphere else 0.0
+        start = _reference_contact(target, data)
+        self._point = turn.T @ (start[0] - data.geom_xpos[target.geom])
+        self._normal = turn.T @ start[1]
+        self._centre = target.contact.point - radius * target.outward
+
+    def _narrow(self, bounds: Mapping[str, Sequence[float]]) -> None:
+        """Take narrower ranges of joints.
+
+        Raises:
+            InputError: No such joint, or no such range.
+        """
+        for name, given in bounds.items():
+            try:
+                joint = self.target.system.joint(name)
+            except LookupError as error:
+                raise InputError(f"bounds: {error.args[0]}") from None
+            if joint.dofs.start not in self.bounds:
+                raise InputError(f"bounds: {joint.name} is no moving hinge or slide of the robot")
+            low, high = self.bounds[joint.dofs.start]
+            if len(given) != 2 or not low <= given[0] < given[1] <= high:
+                raise InputError(
+                    f"bounds: {joint.name}: {list(given)}, allowed are two rising numbers from {low:g} to {high:g}"
+                )
+            self.bounds[joint.dofs.start] = (float(given[0]), float(given[1]))
+
+    def residual(self, qpos: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residual of the conditions at a configuration and its Jacobian by the moving dofs, (m,) and (m, n)."""
+        model, data, target = self.target.system.mj, self._data, self.target
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        jacp, jacr = np.empty((3, model.nv)), np.empty((3, model.nv))
+        place, turn = data.geom_xpos[target.geom], data.geom_xmat[target.geom].reshape(3, 3)
+        if self._is_sphere:
+            mujoco.mj_jac(model, data, jacp, None, place, target.body)
+            residuals, rows = [place - self._centre], [jacp]
+        else:
+            point, normal = place + turn @ self._point, turn @ self._normal
+            mujoco.mj_jac(model, data, jacp, jacr, point, target.body)
+            residuals = [point - target.contact.point, normal - target.outward]
+            rows = [jacp, -skew(normal) @ jacr]
+        if self.hold == "com" and self.free_directions.size:
+            com = np.empty((3, model.nv))
+            mujoco.mj_jacSubtreeCom(model, data, com, target.system.robot.root)
+            residuals.append(self.free_directions.T @ (data.subtree_com[target.system.robot.root] - self.com))
+            rows.append(self.free_directions.T @ com)
+        return np.concatenate(residuals), np.vstack(rows)[:, self.dofs]
+
+    def displaced(self, qpos: FloatArray, step: FloatArray) -> FloatArray:
+        """A configuration displaced by a step of the moving dofs, (n,), within the bounds."""
+        velocity, out = np.zeros(self.target.system.mj.nv), np.array(qpos)
+        velocity[self.dofs] = step
+        mujoco.mj_integratePos(self.target.system.mj, out, velocity, 1.0)
+        return self._bounded(out)
+
+    def projected(self, qpos: FloatArray) -> tuple[FloatArray, float]:
+        """The configuration that Gauss-Newton steps of least length reach from another, and its residual.
+
+        Joints stay within their bounds; a residual above :data:`REACHED` is that of a configuration that does not reach.
+        """
+        best, least = qpos, math.inf
+        for _ in range(_MOST_STEPS):
+            r, J = self.residual(qpos)
+            size = float(np.abs(r).max())
+            if size < least:
+                best, least = qpos, size
+            elif size <= REACHED:
+                break
+            step = -np.asarray(np.linalg.lstsq(J, r, rcond=1e-10)[0], dtype=np.float64)
+            qpos = self.displaced(qpos, step * min(1.0, _LARGEST_STEP / max(float(np.abs(step).max()), 1e-300)))
+        return best, least
+
+    def drawn(self, random: np.random.Generator) -> FloatArray:
+        """A configuration of the arm and an attitude of the base, drawn evenly between the bounds; it need not reach."""
+        qpos, tree = self.target.qpos.copy(), self.target.system.robot
+        step = np.zeros(len(self.dofs))
+        for joint in tree.joints:
+            for k, dof in enumerate(range(joint.dofs.start, joint.dofs.stop)):
+                here = np.flatnonzero(self.dofs == dof)
+                turns = joint.kind in ("hinge", "ball") or (joint.kind == "free" and k >= 3)
+                bounded = np.isfinite(self.bounds.get(dof, (-math.inf, math.inf))).all()
+                if not len(here) or not (turns or bounded):
+                    continue
+                if bounded:
+                    qpos[joint.qpos] = random.uniform(*self.bounds[dof])
+                else:
+                    step[here] = random.uniform(-math.pi, math.pi)
+        return self.displaced(qpos, step)
+
+    def _bounded(self, qpos: FloatArray) -> FloatArray:
+        """Within the bounds; hinges without a range within half a turn of zero."""
+        for joint in self.target.system.robot.joints:
+            if (bounds := self.bounds.get(joint.dofs.start)) is None or joint.kind not in _SCALAR:
+                continue
+            value = float(qpos[joint.qpos.start])
+            if joint.kind == "hinge" and not np.isfinite(bounds).any():
+                value = math.remainder(value, 2.0 * math.pi) if abs(value) > math.pi else value
+            qpos[joint.qpos.start] = min(max(value, bounds[0]), bounds[1])
+        return qpos
+
+
+def _range(model: Any, joint: Joint) -> tuple[float, float]:
+    """Range of a hinge or slide."""
+    found = model.joint(joint.name)
+    low, high = map(float, found.range) if found.limited[0] else (-math.inf, math.inf)
+    return low, high
+
+
+def _free(base: FloatArray, com: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Directions and axes through a point in which base joints leave a body free, from their twists about the origin."""
+    if base.shape[1] == 0:
+        return np.zeros((3, 0)), np.zeros((3, 0))
+    blocked = np.eye(6) - base @ np.linalg.pinv(base)
+    return _null_space(blocked[:, :3]), _null_space(blocked @ np.vstack((skew(com), np.eye(3))))
+
+
+def _null_space(matrix: FloatArray) -> FloatArray:
+    _, values, rows = np.linalg.svd(matrix)
+    return np.asarray(rows[values <= 1e-9].T)
+
+
+def _reference_contact(target: Target, data: Any) -> tuple[FloatArray, FloatArray]:
+    """Contact point and outward normal of the impact in the run, from the pair: a target may have been moved elsewhere."""
+    near = target.pair.proximity(target.system.mj, data)
+    normal = near.normal if target.robot_is_a else -near.normal
+    return near.points[0] - 0.5 * near.gap * normal, normal
+
+
+_RANK = 1e-9
+"""Singular values of the conditions below this share of the largest are zero: there the arm is singular."""
+_SATISFIED = 1e-9
+"""Largest residual of the conditions, over their size, of velocities that satisfy them."""
+
+
+class ArrivalRates:
+    """Velocities with which configurations arrive at a target."""
+
+    def __init__(self, motion: SelfMotion) -> None:
+        """Take the momenta from the state of the run."""
+        target = motion.target
+        self._motion, self._data = motion, target.data()
+        self._momentum = self._conditions(target.qpos)[0][3:] @ target.qvel
+        self._moving = np.unique(np.concatenate((motion.base_dofs, motion.dofs)))
+        self._others = np.setdiff1d(np.arange(target.system.mj.nv), self._moving)
+
+    def velocities(self, qpos: FloatArray) -> FloatArray | None:
+        """Velocities of the scene at a configuration, (nv,); None if no rates of the arm satisfy the conditions."""
+        target, moving, others = self._motion.target, self._moving, self._others
+        A, M = self._conditions(qpos)
+        qvel = target.qvel.copy()
+        wanted = np.concatenate((target.tip_velocity, self._momentum)) - A[:, others] @ qvel[others]
+        L = np.linalg.cholesky(M[np.ix_(moving, moving)])
+        # In w = L^T v + L^-1 M_mo v_o the kinetic energy is |w|^2 / 2 and a constant: the shortest w has the least.
+        given = np.linalg.solve(L, M[np.ix_(moving, others)] @ qvel[others])
+        B = np.linalg.solve(L, A[:, moving].T).T
+        w = np.linalg.lstsq(B, wanted + B @ given, rcond=_RANK)[0]
+        qvel[moving] = np.linalg.solve(L.T, w - given)
+        miss = np.abs(A[:, moving] @ qvel[moving] - wanted).max()
+        return qvel if miss <= _SATISFIED * (1.0 + float(np.abs(wanted).max())) else None
+
+    def _conditions(self, qpos: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows that give the velocity of the contact point and the free momenta, (3 + k, nv), and the mass matrix."""
+        motion, data = self._motion, self._data
+        system = motion.target.system
+        data.qpos[:] = qpos
+        mujoco.mj_fwdPosition(system.mj, data)
+        jacp, root = np.empty((3, system.mj.nv)), system.robot.root
+        mujoco.mj_jac(system.mj, data, jacp, None, motion.target.contact.point, motion.target.body)
+        momenta = momentum_matrix(system.mj, data, root)
+        about_com = momenta[3:] - skew(data.subtree_com[root]) @ momenta[:3]
+        rows = (jacp, motion.free_directions.T @ momenta[:3], motion.free_axes.T @ about_com)
+        return np.vstack(rows), mass_matrix(system.mj, data)

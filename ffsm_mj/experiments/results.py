@@ -1,0 +1,264 @@
+"""Results of a campaign: rows with their columns, the table for other tools, and progress."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.conditions import Condition
+from ffsm_mj.experiments.design import Design
+from ffsm_mj.experiments.file import KeepConfig
+from ffsm_mj.experiments.store import RETRIED, RunRow, Store
+
+TableRow = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Rows of a campaign.
+
+    Attributes:
+        name: Name of the campaign.
+        kind: Kind of samples.
+        n: Number of samples; a ``saltelli`` design has n (d + 2) rows.
+        runs: Number of rows of the design.
+        parameters: Columns of the sampled parameters.
+        metrics: Columns of the metrics of the campaign file.
+        rows: Existing rows in the order of the runs, each with at least ``run``, ``outcome``, ``failed``, ``success`` (None
+            without a condition), ``message`` and ``phase``.
+    """
+
+    name: str
+    kind: str
+    n: int
+    runs: int
+    parameters: tuple[str, ...]
+    metrics: tuple[str, ...]
+    rows: Sequence[TableRow]
+
+    @property
+    def has_success(self) -> bool:
+        """Whether the campaign has a success condition."""
+        return any(row["success"] is not None for row in self.rows)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every run has a row."""
+        return len(self.rows) == self.runs
+
+    @cached_property
+    def sample(self) -> tuple[TableRow, ...]:
+        """Rows that sample the distribution: all, or the first 2 n of a Saltelli design, whose other rows mix these."""
+        return tuple(row for row in self.rows if self.kind != "saltelli" or row["run"] < 2 * self.n)
+
+    @cached_property
+    def complete_part(self) -> tuple[TableRow, ...]:
+        """Rows of the sample before the first missing run."""
+        for position, row in enumerate(self.sample):
+            if row["run"] != position:
+                return self.sample[:position]
+        return self.sample
+
+
+def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
+    """Column of a parameter or metric; it has a prefix if another column has its name."""
+    own = f"{kind}:{name}"
+    return own if any(own in row for row in rows) else name
+
+
+def is_good(row: TableRow) -> bool:
+    """Whether a run is a success, or, without a success condition, has not failed."""
+    return not row["failed"] and (row["success"] is None or bool(row["success"]))
+
+
+def numbers(rows: Sequence[TableRow], column: str) -> FloatArray:
+    """A column as numbers, (rows,): flags as 0 and 1, NaN for texts and missing values."""
+    values = (row.get(column) for row in rows)
+    return np.array([float(value) if isinstance(value, int | float) else np.nan for value in values])
+
+
+def metric_numbers(rows: Sequence[TableRow], metric: str) -> FloatArray:
+    """Finite values of a metric over the runs that did not fail."""
+    found = numbers([row for row in rows if not row["failed"]], metric)
+    return found[np.isfinite(found)]
+
+
+def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Condition]) -> list[TableRow]:
+    """A dictionary per run: index, outcome, ``failed``, ``success``, sampled parameters, metrics, and cost.
+
+    Columns have the names of parameters and metrics; the prefix ``parameter:`` or ``metric:`` distinguishes equal names.
+    Values read back from the compiled model have the prefix ``model:``.
+    """
+    found = []
+    for row in rows:
+        sampled = dict(zip(design.parameters, design.rows[row.index], strict=True))
+        cells: TableRow = {
+            "run": row.index,
+            "outcome": row.outcome,
+            "failed": row.failed,
+            "success": is_success(row, conditions),
+            "message": row.message,
+            "phase": row.phase,
+        }
+        for kind, values in (("parameter", sampled), ("metric", row.metrics)):
+            cells |= {name if name not in cells else f"{kind}:{name}": _cell(value) for name, value in values.items()}
+        cells |= {f"model:{name}": value for name, value in row.model.items()}
+        found.append(cells | {"cpu": row.cpu, "wall_s": row.wall_s, "cpu_s": row.cpu_s})
+    return found
+
+
+def _cell(value: Any) -> Any:
+    """Value of a cell; a list becomes its JSON text."""
+    return json.dumps(value) if isinstance(value, list | tuple) else value
+
+
+def is_success(row: RunRow, conditions: Sequence[Condition]) -> bool | None:
+    """Whether a run meets the success conditions of the campaign; None if there are none."""
+    if not conditions:
+        return None
+    return not row.failed and all(each.holds(row.metrics) for each in conditions)
+
+
+def as_arrow(rows: Sequence[TableRow]) -> Any:
+    """A ``pyarrow.Table`` with every column that a row has; null in rows without it."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return pa.table({name: pa.array(_of_one_type([row.get(name) for row in rows])) for name in names})
+
+
+def _of_one_type(values: list[Any]) -> list[Any]:
+    """Values of a column converted to one type: mixed numbers and flags to floats, all other mixtures to texts."""
+    types = {type(value) for value in values if value is not None}
+    if len(types) <= 1:
+        return values
+    one: Callable[[Any], Any] = float if types <= {bool, int, float} else _as_text
+    return [None if value is None else one(value) for value in values]
+
+
+def _as_text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+_SHOWN = 3
+"""Number of failed runs that are listed."""
+EXCESS = "excess."
+"""Prefix of metrics with the residual of a failing check over its tolerance."""
+
+
+@dataclass(frozen=True)
+class FailingCheck:
+    """A check that fails in some runs.
+
+    Attributes:
+        name: Name of the check.
+        runs: Number of runs in which it fails.
+        excess: Largest residual over tolerance; infinite if one is not finite.
+        worst: Index of the run with the largest residual.
+    """
+
+    name: str
+    runs: int
+    excess: float
+    worst: int
+
+
+@dataclass(frozen=True)
+class Status:
+    """Progress of a campaign.
+
+    Attributes:
+        name: Name of the campaign.
+        runs: Number of runs of the design.
+        done: Number of runs that have a row.
+        failed: Number of failed runs: not completed, or a check fails.
+        outcomes: Number of runs by outcome.
+        messages: One line for each of the first failed runs.
+        checks: Failing checks, the most frequent first.
+        stopped: Why the campaign stopped early because runs fail; empty if it did not.
+        enough: Why the campaign ended early because a result is known; empty if it did not.
+        variants: Progress of each variant.
+    """
+
+    name: str
+    runs: int
+    done: int
+    failed: int
+    outcomes: Mapping[str, int]
+    messages: tuple[str, ...]
+    checks: tuple[FailingCheck, ...] = ()
+    stopped: str = ""
+    enough: str = ""
+    variants: Mapping[str, Status] = field(default_factory=dict)
+
+    @property
+    def left(self) -> int:
+        """Number of runs without a row."""
+        return self.runs - self.done
+
+
+def status_of(store: Store, name: str, runs: int) -> Status:
+    """Progress of a campaign according to its table.
+
+    Args:
+        store: The table.
+        name: Name of the campaign.
+        runs: Number of runs of the design.
+    """
+    outcomes = store.outcomes()
+    failed = store.failures(runs)
+    messages = tuple(f"run {row.index}: {_why(row)}" for row in failed[:_SHOWN])
+    return Status(name, runs, sum(outcomes.values()), store.failed(runs), outcomes, messages, failing_checks(failed))
+
+
+def failing_checks(failed: Iterable[RunRow]) -> tuple[FailingCheck, ...]:
+    """Failing checks of failed runs of any outcome, the most frequent first."""
+    found: dict[str, list[tuple[float, int]]] = {}
+    for row in failed:
+        for name, excess in _excesses(row).items():
+            found.setdefault(name, []).append((excess, row.index))
+    # The first of several runs with the largest excess.
+    worst = {name: max(each, key=lambda one: (one[0], -one[1])) for name, each in found.items()}
+    made = [FailingCheck(name, len(each), *worst[name]) for name, each in found.items()]
+    return tuple(sorted(made, key=lambda check: (-check.runs, -check.excess, check.name)))
+
+
+def _excesses(row: RunRow) -> dict[str, float]:
+    """Residual over tolerance of each check that fails in a run."""
+    excesses = {key.removeprefix(EXCESS): value for key, value in row.metrics.items() if key.startswith(EXCESS)}
+    return {
+        name.replace("_", " "): float(value) if isinstance(value, int | float) else math.inf
+        for name, value in excesses.items()
+    }
+
+
+def _why(row: RunRow) -> str:
+    """Reason for the failure of a run."""
+    if row.outcome == "completed":
+        fails = [f"{name} ({excess:.3g} times its tolerance)" for name, excess in _excesses(row).items()]
+        alone = row.metrics.get("fails_by_truncation", False)
+        short = " by the truncation of the step alone" if alone else ""
+        text = f"checks fail{short}: {', '.join(fails)}" if fails else f"a check fails{short}"
+        return f"{text}; truncation: not analysed" if alone is None else text
+    return f"{row.outcome}: {row.message}" if row.message else row.outcome
+
+
+def runs_to_keep(rows: Sequence[RunRow], keep: KeepConfig) -> list[int]:
+    """Indices of the runs whose logs the campaign file asks for; runs without a result have no log.
+
+    Args:
+        rows: All rows, in the order of their indices.
+        keep: Entry ``keep`` of the campaign file.
+    """
+    ended = [row for row in rows if row.outcome not in RETRIED]
+    wanted = [row.index for row in ended if row.failed][: keep.failures]
+    for metric, count in keep.worst.items():
+        known = [row for row in ended if isinstance(row.metrics.get(metric), int | float)]
+        wanted += [row.index for row in sorted(known, key=lambda row: -row.metrics[metric])[:count]]
+    return list(dict.fromkeys(wanted))

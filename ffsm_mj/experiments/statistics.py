@@ -1,0 +1,341 @@
+"""Statistics of results: intervals, convergence, failures, sensitivities, and paired differences of two campaigns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.experiments.results import Results, TableRow, is_good, metric_numbers, numbers
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """A proportion with Wilson's confidence interval.
+
+    Attributes:
+        count: Number of successes.
+        of: Number of trials, at least one.
+    """
+
+    count: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        """The proportion."""
+        return self.count / self.of
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's two-sided interval at the level CONFIDENCE."""
+        from scipy.stats import binomtest  # slow to import
+
+        found = binomtest(self.count, self.of).proportion_ci(CONFIDENCE, method="wilson")
+        return float(found.low), float(found.high)
+
+
+def mean_interval(values: FloatArray) -> tuple[float, float, float]:
+    """Mean of some values with Student's interval at the level CONFIDENCE; NaN for the ends below two values."""
+    from scipy.stats import t
+
+    n, mean = len(values), float(values.mean())
+    if n < 2:
+        return mean, math.nan, math.nan
+    half = float(t.ppf(0.5 * (1.0 + CONFIDENCE), n - 1) * values.std(ddof=1)) / math.sqrt(n)
+    return mean, mean - half, mean + half
+
+
+@dataclass(frozen=True)
+class Quantile:
+    """A quantile with a confidence interval between two order statistics.
+
+    Attributes:
+        share: Probability of the quantile.
+        value: Order statistic that estimates it.
+        low: Lower end of the interval; None if there are too few values for a lower bound.
+        high: Upper end of the interval; None if there are too few values for an upper bound.
+    """
+
+    share: float
+    value: float
+    low: float | None
+    high: float | None
+
+
+def quantile(values: FloatArray, share: float) -> Quantile:
+    """Estimate a quantile of the distribution of values.
+
+    The number of values below the quantile is binomial for every distribution; the ranks of the interval are quantiles of
+    that number. An end beyond the smallest or largest value does not exist.
+
+    Args:
+        values: At least one value, no NaN.
+        share: Probability of the quantile, in the open interval (0, 1).
+    """
+    from scipy.stats import binom
+
+    ordered = np.sort(values)
+    n, tail = len(ordered), 0.5 * (1.0 - CONFIDENCE)
+    lower, upper = int(binom.ppf(tail, n, share)), int(binom.ppf(1.0 - tail, n, share)) + 1  # ranks, from 1
+    return Quantile(
+        share,
+        float(ordered[max(math.ceil(n * share), 1) - 1]),
+        float(ordered[lower - 1]) if lower >= 1 else None,
+        float(ordered[upper - 1]) if upper <= n else None,
+    )
+
+
+def values_for_bound(share: float, confidence: float) -> int:
+    """Number of values whose largest exceeds a quantile with this confidence (Wilks)."""
+    return math.ceil(math.log(1.0 - confidence) / math.log(share))
+
+
+def values_for_upper_end(share: float) -> int:
+    """Number of values that :func:`quantile` needs for an upper end."""
+    return values_for_bound(share, 0.5 * (1.0 + CONFIDENCE))
+
+
+def is_constant(values: FloatArray) -> bool:
+    """Whether all values agree to rounding, which makes rank statistics meaningless."""
+    spread = float(np.ptp(values)) if len(values) else 0.0
+    return spread <= 1e-12 * float(np.max(np.abs(values), initial=0.0))
+
+
+SUCCESS = "success"
+_FIRST = 8
+
+
+@dataclass(frozen=True)
+class IntervalAtRuns:
+    """Estimate from the first runs, with its confidence interval.
+
+    Attributes:
+        runs: Number of runs.
+        value: Fraction of good runs, or median of a metric.
+        low: Lower end of the interval; None if unbounded.
+        high: Upper end of the interval; None if unbounded.
+    """
+
+    runs: int
+    value: float
+    low: float | None
+    high: float | None
+
+    @property
+    def width(self) -> float | None:
+        """Width of the interval; None if it is unbounded."""
+        return None if self.low is None or self.high is None else self.high - self.low
+
+
+def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None:
+    """Estimate of ``success`` or of the median of a metric from the first runs; None if none has the metric."""
+    rows = results.complete_part[:runs]
+    if what == SUCCESS:
+        share = Proportion(sum(map(is_good, rows)), len(rows))
+        return IntervalAtRuns(runs, share.value, *share.interval)
+    values = metric_numbers(rows, what)
+    if not len(values):
+        return None
+    median = quantile(values, 0.5)
+    return IntervalAtRuns(runs, median.value, median.low, median.high)
+
+
+def intervals(results: Results, what: str) -> list[IntervalAtRuns]:
+    """Estimates at all powers of 2 from 8 runs."""
+    counts = []
+    runs = _FIRST
+    while runs <= len(results.complete_part):
+        counts.append(runs)
+        runs *= 2
+    return [found for runs in counts if (found := interval_at(results, what, runs)) is not None]
+
+
+def narrow_enough(results: Results, what: str, width: float) -> bool:
+    """Whether the interval at the largest power of 2 is at most this wide."""
+    found = intervals(results, what)
+    return bool(found) and found[-1].width is not None and found[-1].width <= width
+
+
+NO_SUCCESS = "no success"
+"""Group of completed runs that pass their checks but do not meet the success condition."""
+_LEAST = 5
+"""Smallest number of runs on either side for a comparison."""
+
+
+@dataclass(frozen=True)
+class FailureGroup:
+    """Runs that failed in the same way.
+
+    Attributes:
+        how: Outcome, with the type of an ``error`` or ``internal_error``; for completed runs, what they do not pass.
+        phase: Last phase that began; empty if none did.
+        runs: Indices of the runs.
+        message: Message of the first run.
+    """
+
+    how: str
+    phase: str
+    runs: tuple[int, ...]
+    message: str
+
+
+def groups(results: Results) -> list[FailureGroup]:
+    """Groups of runs that are not good, the largest group first."""
+    found: dict[tuple[str, str], list[TableRow]] = {}
+    for row in results.rows:
+        if not is_good(row):
+            found.setdefault((_how(row), row["phase"]), []).append(row)
+    made = [
+        FailureGroup(how, phase, tuple(row["run"] for row in rows), rows[0]["message"])
+        for (how, phase), rows in found.items()
+    ]
+    return sorted(made, key=lambda group: (-len(group.runs), group.runs))
+
+
+def _how(row: TableRow) -> str:
+    if row["outcome"] == "completed":
+        short = row.get("fails_by_truncation") is True
+        how = "checks fail by the truncation of the step alone" if short else "a check fails"
+        return how if row["failed"] else NO_SUCCESS
+    error = ""
+    if row["outcome"] == "error":
+        error = row["message"].partition(":")[0]
+    elif row["outcome"] == "internal_error":  # "at t = 0.3 s: ZeroDivisionError: ..."
+        error = row["message"].partition(": ")[2].partition(":")[0]
+    return f"{row['outcome']} ({error})" if error else str(row["outcome"])
+
+
+@dataclass(frozen=True)
+class ParameterDifference:
+    """Difference of a parameter's distribution between good and other runs.
+
+    Attributes:
+        parameter: Column of the parameter.
+        statistic: Kolmogorov-Smirnov statistic: largest distance of the two distribution functions, 0 to 1.
+        probability: p-value, corrected for the number of parameters (Holm).
+    """
+
+    parameter: str
+    statistic: float
+    probability: float
+
+
+def differences(results: Results) -> list[ParameterDifference]:
+    """Differences by parameter, the smallest p-value first; empty if there are too few runs on either side."""
+    from scipy.stats import ks_2samp  # slow to import
+
+    good = np.array([is_good(row) for row in results.sample], dtype=np.bool_)
+    found = []
+    for parameter in results.parameters:
+        values = numbers(results.sample, parameter)
+        sides = [values[side & np.isfinite(values)] for side in (good, ~good)]
+        if min(map(len, sides)) >= _LEAST:
+            compared = ks_2samp(*sides)
+            found.append((parameter, float(compared.statistic), float(compared.pvalue)))
+    corrected = holm([probability for *_, probability in found])
+    made = [ParameterDifference(name, distance, p) for (name, distance, _), p in zip(found, corrected, strict=True)]
+    return sorted(made, key=lambda difference: (difference.probability, -difference.statistic))
+
+
+def holm(probabilities: Sequence[float]) -> list[float]:
+    """p-values with Holm's correction, which bounds the probability of any false positive."""
+    order = sorted(range(len(probabilities)), key=lambda i: probabilities[i])
+    corrected = [1.0] * len(probabilities)
+    greatest = 0.0
+    for rank, i in enumerate(order):
+        greatest = max(greatest, min(1.0, (len(probabilities) - rank) * probabilities[i]))
+        corrected[i] = greatest
+    return corrected
+
+
+_BOOTSTRAPS = 999
+_LEAST_POINTS = 8
+
+
+def rank_correlation(results: Results, parameter: str, metric: str) -> float | None:
+    """Spearman's rank correlation over the runs that did not fail and have both values.
+
+    Returns:
+        -1 to 1; None if a column is constant or has fewer than three numbers.
+    """
+    from scipy.stats import spearmanr  # slow to import
+
+    rows = [row for row in results.sample if not row["failed"]]
+    x, y = numbers(rows, parameter), numbers(rows, metric)
+    both = np.isfinite(x) & np.isfinite(y)
+    x, y = x[both], y[both]
+    if len(x) < 3 or is_constant(x) or is_constant(y):
+        return None
+    return float(spearmanr(x, y).statistic)
+
+
+@dataclass(frozen=True)
+class SobolIndices:
+    """Sobol indices of one parameter with bootstrap confidence intervals.
+
+    Attributes:
+        parameter: Column of the parameter.
+        first: First-order index: fraction of the variance due to the parameter alone.
+        first_interval: Confidence interval of ``first``.
+        total: Total index: fraction of the variance that remains if all other parameters are fixed.
+        total_interval: Confidence interval of ``total``.
+    """
+
+    parameter: str
+    first: float
+    first_interval: tuple[float, float]
+    total: float
+    total_interval: tuple[float, float]
+
+
+def sobol_indices(results: Results, metric: str) -> list[SobolIndices]:
+    """Sobol indices from a Saltelli design.
+
+    Raises:
+        ValueError: The design is of another kind, the metric is constant, or a run failed, has no row or lacks the metric:
+            the estimators need all values. The message gives the reason.
+    """
+    blocks = _all_values(results, metric).reshape(len(results.parameters) + 2, results.n)
+    estimates = _estimates(blocks)
+    rng, tail = np.random.default_rng(0), 0.5 * (1.0 - CONFIDENCE)
+    again = [_estimates(blocks[:, rng.integers(results.n, size=results.n)]) for _ in range(_BOOTSTRAPS)]
+    low, high = np.quantile(again, (tail, 1.0 - tail), axis=0)
+    first, total = ([(float(low[k, i]), float(high[k, i])) for i in range(len(results.parameters))] for k in (0, 1))
+    return [
+        SobolIndices(parameter, float(estimates[0, i]), first[i], float(estimates[1, i]), total[i])
+        for i, parameter in enumerate(results.parameters)
+    ]
+
+
+def _estimates(blocks: FloatArray) -> FloatArray:
+    """First-order and total indices, (2, d), from values at the points of a Saltelli design, (d + 2, n)."""
+    from scipy import stats
+
+    parts = {"f_A": blocks[None, 0], "f_B": blocks[None, 1], "f_AB": blocks[2:, None]}
+    found = stats.sobol_indices(func=parts, n=blocks.shape[1])
+    return np.array([np.ravel(found.first_order), np.ravel(found.total_order)])
+
+
+def _all_values(results: Results, metric: str) -> FloatArray:
+    if results.kind != "saltelli":
+        raise ValueError(f"Sobol indices need samples of kind saltelli, not {results.kind}")
+    if results.n < _LEAST_POINTS:
+        raise ValueError(f"n = {results.n} is too small for Sobol indices; at least {_LEAST_POINTS}, 128 give an estimate")
+    if not results.complete:
+        raise ValueError(f"{results.runs - len(results.rows)} runs have no result yet")
+    failed = [row["run"] for row in results.rows if row["failed"]]
+    if failed:
+        raise ValueError(f"{len(failed)} runs failed, first run {failed[0]}; Sobol indices need every run")
+    values = numbers(results.rows, metric)
+    lacking = np.flatnonzero(~np.isfinite(values))
+    if len(lacking):
+        raise ValueError(f"{len(lacking)} runs have no {metric}, first run {lacking[0]}; Sobol indices need every run")
+    if is_constant(values[: 2 * results.n]):
+        raise ValueError("constant")
+    return values

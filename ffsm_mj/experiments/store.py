@@ -1,0 +1,311 @@
+"""Table of a campaign: one SQLite file with one writer; a campaign has no other state."""
+
+from __future__ import annotations
+
+import json
+import math
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ffsm_mj.errors import InputError, LogWriteError
+
+ERROR, TIMEOUT, CRASHED = "error", "timeout", "crashed"
+"""An exception was raised; the run exceeded its wall time; its process ended."""
+RETRIED = (ERROR, CRASHED, TIMEOUT)
+"""Outcomes that a repetition may change."""
+
+
+_BESIDE = ("", "-journal", "-wal", "-shm")
+"""Suffixes of the files that SQLite opens for a database."""
+_JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
+_LARGEST = 2**63
+
+
+def refuse_foreign_file(path: Path) -> None:
+    """Refuse files that SQLite must not open.
+
+    Raises:
+        InputError: A file is a symbolic link, or the journal names a file to delete.
+    """
+    for ending in _BESIDE:
+        file = path.with_name(path.name + ending)
+        if file.is_symlink():
+            raise InputError(f"{file}: is a symbolic link; nothing is written through it")
+    journal = path.with_name(f"{path.name}-journal")
+    # SQLite file format, "The Rollback Journal": the magic number is at the end only after the name of a super-journal,
+    # which belongs to a transaction over several databases. Playing the journal back deletes the file of that name.
+    if journal.is_file() and journal.stat().st_size > len(_JOURNAL_MAGIC):
+        with journal.open("rb") as stream:
+            stream.seek(-len(_JOURNAL_MAGIC), 2)
+            if stream.read() == _JOURNAL_MAGIC:
+                raise InputError(f"{journal}: names another file; a journal of a campaign does not")
+
+
+def fault_of_tables(db: sqlite3.Connection, tables: str) -> str:
+    """What is wrong with a database; empty if it has exactly these tables and no damage.
+
+    Args:
+        db: The database.
+        tables: SQL statements that create the expected tables.
+
+    Raises:
+        sqlite3.DatabaseError: It cannot be read.
+    """
+    db.execute("PRAGMA trusted_schema=OFF")
+    expected = sqlite3.connect(":memory:")
+    expected.executescript(tables)
+    made, wanted = (_schema(each) for each in (db, expected))
+    expected.close()
+    if made != wanted:
+        other = next((name for name in made if name not in wanted), next(iter(wanted)))
+        return f"{' '.join(other[:2])} does not belong to a campaign"
+    # Damaged pages may refer to each other in circles; the check visits each page once.
+    damage = str(db.execute("PRAGMA quick_check(1)").fetchone()[0])
+    return "" if damage == "ok" else f"damaged: {' '.join(damage.split())}"
+
+
+def _schema(db: sqlite3.Connection) -> dict[tuple[str, str, str], None]:
+    found = db.execute("SELECT type, name, coalesce(sql, '') FROM sqlite_master ORDER BY type, name")
+    return {(str(kind), str(name), " ".join(str(sql).split())): None for kind, name, sql in found}
+
+
+def fault_of_row(texts: tuple[Any, ...], numbers: tuple[Any, ...], mappings: tuple[Any, ...]) -> str:
+    """What is wrong with a row; empty if it is valid.
+
+    Args:
+        texts: Values that must be texts.
+        numbers: Values that must be finite and not negative.
+        mappings: Values that must map names to numbers, flags, texts, None, or lists of these.
+    """
+    if not all(isinstance(text, str) for text in texts):
+        return "a text column holds no text"
+    if not all(isinstance(number, int | float) and 0.0 <= number < math.inf for number in numbers):
+        return "a number column holds no valid number"
+    if not all(isinstance(each, Mapping) and all(map(_is_plain, each.values())) for each in mappings):
+        return "metrics or model values are no mapping of plain values"
+    return ""
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, list):
+        return all(_is_plain(item) for item in value)
+    if isinstance(value, int):
+        return abs(value) < _LARGEST  # 64-bit integers of SQLite and Arrow
+    return value is None or isinstance(value, float | str)
+
+
+_TABLES = """
+CREATE TABLE settings (hash TEXT PRIMARY KEY, content TEXT NOT NULL);
+CREATE TABLE rows (
+    hash TEXT NOT NULL, i INTEGER NOT NULL, outcome TEXT NOT NULL, message TEXT NOT NULL, phase TEXT NOT NULL,
+    failed INTEGER NOT NULL, metrics TEXT NOT NULL, model TEXT NOT NULL, cpu TEXT NOT NULL,
+    wall_s REAL NOT NULL, cpu_s REAL NOT NULL,
+    PRIMARY KEY (hash, i)
+) WITHOUT ROWID;
+"""
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class RunRow:
+    """Result of a run.
+
+    Attributes:
+        index: Index of the run in the design.
+        outcome: Outcome of the run, or ``error``, ``timeout`` or ``crashed``, see
+            :mod:`ffsm_mj.experiments.store`.
+        message: Explanation of the outcome; for an error it begins with the type.
+        phase: Last phase that began; empty if none did.
+        metrics: Metrics by name; None if the run has no value.
+        model: Properties of the model that were set, read back from the compiled model.
+        cpu: Name of the processor model; the last bits of results may depend on it.
+        wall_s: Wall time, s.
+        cpu_s: CPU time, s.
+    """
+
+    index: int
+    outcome: str
+    message: str = ""
+    phase: str = ""
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    model: Mapping[str, Any] = field(default_factory=dict)
+    cpu: str = ""
+    wall_s: float = 0.0
+    cpu_s: float = 0.0
+
+    @property
+    def failed(self) -> bool:
+        """Whether the run did not complete, or does not pass its checks by the rule of the campaign."""
+        return self.outcome != "completed" or self.metrics.get("passes", self.metrics.get("checks_pass")) is False
+
+
+class Store:
+    """The SQLite file. Numbers are read as they were written, bit for bit: JSON has all digits of a double.
+
+    Attributes:
+        digest: Hash of the settings of its rows; empty before :meth:`begin`.
+        settings: These settings.
+    """
+
+    def __init__(self, path: Path | str, *, write: bool = True, max_pages: int | None = None) -> None:
+        """Open the file; with ``write``, create it if it does not exist.
+
+        Args:
+            path: The file, or ``:memory:``.
+            write: Whether rows will be written.
+            max_pages: Greatest number of database pages (for tests: a full disk).
+
+        Raises:
+            InputError: The file does not exist, or is not a table of a campaign.
+            LogWriteError: The file cannot be created.
+        """
+        self.path = Path(path)
+        in_memory = str(path) == ":memory:"
+        if not write and not in_memory and not self.path.is_file():
+            raise InputError(f"{self.path}: no such campaign")
+        if not in_memory:
+            refuse_foreign_file(self.path)
+        # The rollback journal, SQLite's default, also works on network file systems; WAL requires a single host.
+        with self._writing():
+            self._db = sqlite3.connect(str(path), timeout=60.0, check_same_thread=False)
+        try:
+            with self._reading():
+                if write:
+                    with self._writing():
+                        self._create(max_pages)
+                self._refuse_foreign()
+                found = self._db.execute("SELECT hash, content FROM settings").fetchone()
+        except BaseException:
+            self._db.close()
+            raise
+        self.digest, self.settings = (str(found[0]), str(found[1])) if found else ("", "")
+
+    def _refuse_foreign(self) -> None:
+        found = self._db.execute("PRAGMA user_version").fetchone()[0]
+        if found != _FORMAT:
+            raise InputError(f"{self.path}: is not a table of a campaign of this version")
+        if fault := fault_of_tables(self._db, _TABLES):
+            raise InputError(f"{self.path}: is not a table of a campaign ({fault})")
+
+    def _create(self, max_pages: int | None) -> None:
+        self._db.execute("PRAGMA synchronous=NORMAL")
+        if max_pages is not None:
+            self._db.execute(f"PRAGMA max_page_count={max_pages:d}")
+        if self._db.execute("PRAGMA schema_version").fetchone()[0] == 0:
+            self._db.executescript(f"BEGIN;{_TABLES}PRAGMA user_version={_FORMAT};COMMIT;")
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise LogWriteError(self.path, OSError(0, str(error))) from error
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Context for reading a file of unknown origin.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        try:
+            yield
+        except (sqlite3.Error, ValueError, OverflowError, RecursionError) as error:
+            raise InputError(f"{self.path}: is not a table of a campaign ({error})") from error
+
+    def begin(self, digest: str, settings: str) -> None:
+        """Write the settings and their hash if the file has none yet.
+
+        Raises:
+            LogWriteError: The disk is full.
+        """
+        if not self.digest:
+            with self._writing(), self._db:
+                self._db.execute("INSERT INTO settings VALUES (?, ?)", (digest, settings))
+            self.digest, self.settings = digest, settings
+
+    def add(self, rows: Iterable[RunRow]) -> None:
+        """Add rows; existing rows of the same runs are kept.
+
+        Raises:
+            LogWriteError: The disk is full.
+        """
+        with self._writing(), self._db:
+            self._db.executemany(
+                "INSERT OR IGNORE INTO rows VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                [_values(self.digest, row) for row in rows],
+            )
+
+    def drop(self, outcomes: Sequence[str]) -> int:
+        """Delete rows with these outcomes, so that their runs are repeated; returns their number."""
+        marks = ", ".join("?" * len(outcomes))
+        with self._writing(), self._db:
+            done = self._db.execute(f"DELETE FROM rows WHERE hash = ? AND outcome IN ({marks})", (self.digest, *outcomes))
+        return done.rowcount
+
+    def done(self) -> set[int]:
+        """Indices of the runs that have a row."""
+        with self._reading():
+            return {int(i) for (i,) in self._db.execute("SELECT i FROM rows WHERE hash = ?", (self.digest,))}
+
+    def last(self) -> int:
+        """Largest index of a run that has a row; -1 if there is none."""
+        with self._reading():
+            found = self._db.execute("SELECT max(i) FROM rows WHERE hash = ?", (self.digest,)).fetchone()[0]
+            return -1 if found is None else int(found)
+
+    def failed(self, first: int) -> int:
+        """Number of failed runs among the first runs of the design."""
+        with self._reading():
+            found = self._db.execute("SELECT count(*) FROM rows WHERE hash = ? AND i < ? AND failed", (self.digest, first))
+            return int(found.fetchone()[0])
+
+    def outcomes(self) -> dict[str, int]:
+        """Number of rows by outcome, the most frequent first."""
+        with self._reading():
+            found = self._db.execute(
+                "SELECT outcome, count(*) n FROM rows WHERE hash = ? GROUP BY outcome ORDER BY n DESC, outcome",
+                (self.digest,),
+            )
+            return {str(outcome): int(count) for outcome, count in found}
+
+    def failures(self, most: int) -> list[RunRow]:
+        """Rows of the first failed runs."""
+        return self._rows("hash = ? AND failed ORDER BY i LIMIT ?", self.digest, most)
+
+    def rows(self) -> list[RunRow]:
+        """All rows in the order of their indices."""
+        return self._rows("hash = ? ORDER BY i", self.digest)
+
+    def row(self, index: int) -> RunRow | None:
+        """Row of a run; None if it has none."""
+        return next(iter(self._rows("hash = ? AND i = ?", self.digest, index)), None)
+
+    def _rows(self, which: str, *values: Any) -> list[RunRow]:
+        columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
+        with self._reading():
+            return [self._row(*found) for found in self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values)]
+
+    def _row(
+        self, i: Any, outcome: Any, message: Any, phase: Any, metrics: str, model: str, cpu: Any, wall_s: Any, cpu_s: Any
+    ) -> RunRow:
+        try:
+            measured, read = json.loads(metrics), json.loads(model)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise InputError(f"{self.path}: row {i} cannot be read ({error})") from error
+        if fault := fault_of_row((outcome, message, phase, cpu), (i, wall_s, cpu_s), (measured, read)):
+            raise InputError(f"{self.path}: row {i} cannot be read ({fault})")
+        return RunRow(i, outcome, message, phase, measured, read, cpu, wall_s, cpu_s)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._db.close()
+
+
+def _values(digest: str, row: RunRow) -> tuple[Any, ...]:
+    result = row.outcome, row.message, row.phase, int(row.failed)
+    return (digest, row.index, *result, json.dumps(row.metrics), json.dumps(row.model), row.cpu, row.wall_s, row.cpu_s)

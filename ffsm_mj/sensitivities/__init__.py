@@ -1,1 +1,0 @@
-"""Sensitivity of the outcomes of a run to stated uncertainties of its scenario."""
