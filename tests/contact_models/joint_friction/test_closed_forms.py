@@ -61,6 +61,17 @@ def test_below_its_limit_it_does_not_creep(tmp_path):
     assert not heat(made).any()
 
 
+def test_a_motor_at_half_the_limit_moves_nothing(tmp_path):
+    """0.5 N against 1 N: not by rounding in 10 s, where MuJoCo's soft constraint creeps at 3.7e-4 m/s."""
+    (tmp_path / "push.csv").write_text("time_s,actuators.robot_m_applied_N\n0,0.5\n10,0.5\n")
+    law = [{"name": "push", "until": "end", "controller": {"kind": "playback", "file": "push.csv"}}]
+    made = run(tmp_path, slider(1.0), 0.01, duration_s=10.0, phases=law)
+    # Below 1e-15 a rate is rounding, and is left.
+    assert np.abs(made["state.v_robot_s_m_s"]).max() <= 1e-15
+    assert np.abs(made["state.q_robot_s_m"]).max() < 1e-14
+    np.testing.assert_allclose(made["contact.robot_s_friction_force_N"][1:], -0.5, atol=1e-15)
+
+
 @pytest.mark.parametrize("step_s", [0.01, 1e-3])
 def test_it_breaks_away_where_the_load_reaches_the_limit(tmp_path, step_s):
     """A load of 0.4 N/s t against 1 N, from 2.5 s on; with the shorter step at a tick of the grid."""
@@ -99,6 +110,7 @@ def test_an_impact_does_not_see_it(tmp_path):
     assert hit.impulse_N_s == pytest.approx(4.0 / 3.0, abs=1e-15)
     assert hit.qvel_after["robot/s"] == pytest.approx((-2.0 / 3.0,), abs=1e-15)
     assert max(map(abs, hit.qvel_after["robot/free"])) < 1e-15
+    assert hit.qvel_after["ball/free"][0] == pytest.approx(1.0 / 3.0, abs=1e-15)
     ((_, time_s, *senses),) = changes(made)
     assert (time_s, *senses) == (pytest.approx(0.1 + 20.0 / 63.0, abs=ROUNDING), -1, 0)
 

@@ -157,6 +157,26 @@ def test_events_are_those_of_an_independent_integration(tmp_path):
     assert [each[1] for each in changes(made)] == pytest.approx([stops, breaks, turns], abs=1e-10)
 
 
+def test_a_cord_of_a_boosted_and_rotated_arm(tmp_path):
+    """Drifting at 3 m/s and turned by 120 degrees about (1, 1, 1), it has the same events."""
+    v, w = np.array(INITIAL["rates"]["robot/free"]).reshape(2, 3)
+    boosted = [*np.add(np.roll(v, 1), (3.0, -1.0, 0.5)), *w]  # the axes of the body keep the spin
+    joints = INITIAL["joints"] | {"robot/free": [1.0, 2.0, -0.5, 0.5, 0.5, 0.5, 0.5]}
+    moved = {"joints": joints, "rates": INITIAL["rates"] | {"robot/free": boosted}}
+    plain, other = (
+        changes(ffsm_mj.run(rubbing(tmp_path, REACH.format(CORD, MOTORS), 2e-3, **SWUNG | {"initial": initial})))
+        for initial in (INITIAL, moved)
+    )
+    assert [each[2:] for each in plain] == [each[2:] for each in other] == EVENTS
+    assert [each[1] for each in other] == pytest.approx([each[1] for each in plain], abs=1e-11)
+
+
+def test_a_logged_run_goes_on_from_a_cord_that_sticks(tmp_path):
+    whole = ffsm_mj.run(rubbing(tmp_path, REACH.format(CORD, MOTORS), 4e-3, **SWUNG), out=tmp_path / "run", rerun=False)
+    again = ffsm_mj.resume(tmp_path / "run", 0.84)
+    assert np.array_equal(whole.log.rows[-len(again.log.rows) :], again.log.rows, equal_nan=True)
+
+
 def test_a_run_goes_on_from_a_cord_that_sticks(tmp_path):
     """In the middle of a stick, between two ticks; bit for bit, through bytes."""
     path = rubbing(tmp_path, REACH.format(CORD, MOTORS), 4e-3, **SWUNG)
