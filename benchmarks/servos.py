@@ -3,8 +3,8 @@
 ``uv run python benchmarks/servos.py``: process time of runs in memory, medians of interleaved ones. An arm of seven hinges
 on a free bus of 100 kg moves for 2 s in ticks of one step of 1 ms with balances and log; no law commands it, so that motors
 exert nothing and servos keep their first setpoint. Soft servos, with rates of 5 1/s, take explicit steps as they are; those
-of fast ones, with 200 1/s, are divided; stiff ones, with 1e5 1/s as those of an iiwa 14, take implicit steps. ``--only KIND``
-makes runs of one kind, for an instruction counter.
+of fast ones, with 200 1/s, are divided; stiff ones, with 1e5 1/s as those of an iiwa 14, take implicit steps. ``--only
+KIND`` makes runs of one kind, for an instruction counter.
 """
 
 # ruff: noqa: E402
