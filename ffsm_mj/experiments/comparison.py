@@ -65,13 +65,24 @@ class PairedDifference:
         mean, low, high = (0.0 - value for value in (self.mean, self.high, self.low))
         return PairedDifference(self.metric, self.n, self.second, self.first, mean, low, high, self.higher, self.lower)
 
-    def sentence(self, names: tuple[str, str]) -> str:
-        """What the numbers say; no campaign has less or more where the interval contains zero."""
-        says = {-1: f"less in {names[1]}", 0: "no difference shown", 1: f"more in {names[1]}"}[self.sign]
-        return (
-            f"{self.metric}: {says}; {self.first:.4g} and {self.second:.4g}, difference {self.mean:.3g} "
-            f"[{self.low:.3g}, {self.high:.3g}], less in {self.lower} and more in {self.higher} of {self.n} runs"
+    def sentence(self, first: str, second: str) -> str:
+        """What the difference shows; nothing is less or more where the interval contains zero.
+
+        Args:
+            first: Name of the first campaign or variant.
+            second: Name of the second one.
+        """
+        numbers = f"{self.second:.4g} and {self.first:.4g}, difference {self.mean:.3g}"
+        if self.n < 2:
+            return f"{self.metric}, {second} and {first}: {numbers} in one run."
+        if not self.lower and not self.higher:
+            return f"{self.metric}: equal in {second} and {first} ({self.second:.4g}; {self.n} runs)."
+        found = (
+            f"({numbers} [{self.low:.3g}, {self.high:.3g}]; {self.n} runs, less in {self.lower} and more in {self.higher})"
         )
+        if not self.sign:
+            return f"{self.metric}: no difference is shown between {second} and {first} {found}."
+        return f"{self.metric}: {'less' if self.sign < 0 else 'more'} in {second} than in {first} {found}."
 
 
 @dataclass(frozen=True)
@@ -112,7 +123,7 @@ class CampaignComparison:
             f"{one} and {other}: {self.n} runs with the same samples",
             *(f"outcomes of {name}: {text}" for name, text in zip(self.names, outcomes, strict=True)),
             f"good in both: {both}, in {one} only: {first}, in {other} only: {second}, in none: {none}",
-            *(each.sentence(self.names) for each in self.differences),
+            *(each.sentence(*self.names) for each in self.differences),
         ]
 
 

@@ -11,7 +11,6 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.conditions import Condition
 from ffsm_mj.experiments.comparison import (
     LEAST_RUNS,
-    PairedDifference,
     Ranking,
     VariantComparison,
     VariantResults,
@@ -114,7 +113,7 @@ def variant_lines(results: VariantResults) -> list[str]:
     for metric in shown:
         for pair in comparison.pairs:
             if metric in pair.differences:
-                lines.append(difference_sentence(pair.differences[metric], pair.first, pair.second))
+                lines.append(pair.differences[metric].sentence(pair.first, pair.second))
     return lines
 
 
@@ -177,28 +176,6 @@ def _against(reference: str, ranking: Ranking, comparison: VariantComparison) ->
             groups[each.differences[ranking.metric].sign * better].append(each.second)
     words = {1: f"better than {reference}: ", -1: f"worse than {reference}: ", 0: "no difference shown: "}
     return "; ".join(words[side] + _listed(names) for side, names in groups.items() if names) + "."
-
-
-def difference_sentence(found: PairedDifference, first: str, second: str) -> str:
-    """What a difference shows.
-
-    Args:
-        found: The difference, second less first.
-        first: Name of one variant.
-        second: Name of the other one.
-    """
-    numbers = f"{found.second:.4g} and {found.first:.4g}, difference {found.mean:.3g}"
-    if found.n < 2:
-        return f"{found.metric}, {second} and {first}: {numbers} in one run."
-    interval = f"[{found.low:.3g}, {found.high:.3g}]"
-    runs = f"{found.n} runs, less in {found.lower} and more in {found.higher}"
-    if not found.lower and not found.higher:
-        return f"{found.metric}: equal in {second} and {first} ({found.second:.4g}; {found.n} runs)."
-    if not found.sign:
-        return f"{found.metric}: no difference is shown between {second} and {first} ({numbers} {interval}; {runs})."
-    return (
-        f"{found.metric}: {'less' if found.sign < 0 else 'more'} in {second} than in {first} ({numbers} {interval}; {runs})."
-    )
 
 
 def _left_out(results: VariantResults) -> Iterator[str]:

@@ -18,7 +18,7 @@ from ffsm_mj.experiments.comparison import (
 from ffsm_mj.experiments.page import samples
 from ffsm_mj.experiments.planning import flow
 from ffsm_mj.experiments.statistics import SUCCESS, Proportion
-from ffsm_mj.experiments.summary import confidence_sentence, difference_sentence, sentences
+from ffsm_mj.experiments.summary import confidence_sentence, sentences
 from ffsm_mj.report.markdown_text import code, escaped, number, percent
 from ffsm_mj.report.text_table import markdown_table
 
@@ -157,7 +157,7 @@ def _differences(results: VariantResults, comparison: VariantComparison) -> Iter
             yield "Equal in all variants, run by run."
             continue
         if len(found) <= _MOST_SENTENCES:
-            yield _list([difference_sentence(each, pair.first, pair.second) for pair, each in found])
+            yield _list([each.sentence(pair.first, pair.second) for pair, each in found])
         yield markdown_table(_HEAD, [_row(pair, each) for pair, each in found], texts=("second", "shown"))
 
 

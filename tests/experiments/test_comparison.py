@@ -34,7 +34,7 @@ def test_a_small_shift_is_seen_through_a_large_spread_of_the_samples():
     assert found.low < found.mean < found.high
     assert found.high - found.low == pytest.approx(2.0 * 1.96 / np.sqrt(40.0), rel=0.2)
     assert (found.lower + found.higher, found.n) == (40, 40)
-    assert "more in other" in found.sentence(NAMES)
+    assert "more in other" in found.sentence(*NAMES)
     back = paired_comparison(*reversed(two(0.5, 1.0)), NAMES)["y1"]
     assert back.sign == -1
 
@@ -43,7 +43,7 @@ def test_no_campaign_wins_where_the_interval_contains_zero():
     found = paired_comparison(*two(0.0, 1.0), NAMES)["y1"]
     assert found.sign == 0
     assert found.low < 0.0 < found.high
-    assert "no difference shown" in found.sentence(NAMES)
+    assert "no difference is shown" in found.sentence(*NAMES)
     same = paired_comparison(*two(0.0, 0.0), NAMES)["y1"]
     assert (same.mean, same.low, same.high, same.lower, same.higher) == (0.0, 0.0, 0.0, 0, 0)
 
