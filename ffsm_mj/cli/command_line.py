@@ -34,6 +34,8 @@ COMMANDS = {
 }
 _SUCCESSORS = {"reproduce": ("validate", "seed-paper"), "study": ("campaign",)}
 """Commands of earlier versions, and what does their work."""
+_NEW_OPTIONS = {"--study": "--campaign"}
+"""Options of earlier versions: what they are now."""
 SHELLS = ("bash", "zsh", "fish")
 _EXPORTS = {
     "csv": "export a table as CSV, with units in the column names",
@@ -73,6 +75,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     if extra:
         words = [options.command, *([options.action] if "action" in options else [])] if options.command else []
         meant = did_you_mean(extra[0], _option_strings(words)) if extra[0].startswith("-") else ""
+        meant = f", now {_NEW_OPTIONS[extra[0]]!r}" if extra[0] in _NEW_OPTIONS else meant
         help_command = command(*words, "--help")
         raise InputError(f"{' '.join(['ffsm', *words])}: unexpected argument {extra[0]!r}{meant}; see '{help_command}'")
     refuse_idle(options)

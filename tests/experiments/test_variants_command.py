@@ -40,6 +40,8 @@ def test_a_study_is_checked_without_running_it(tmp_path: Path, capsys: pytest.Ca
 def test_old_names_suggest_the_new_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", "run", "laws-after-impact"]) == 2
     assert capsys.readouterr().err == "ffsm: unknown command 'study'; use 'ffsm campaign'\n"
+    assert main(["schema", "--study"]) == 2
+    assert "unexpected argument '--study', now '--campaign'" in capsys.readouterr().err
     path = variants_file(tmp_path, {"elastic": {}, "half": HALF})
     path.write_text(path.read_text().replace('"campaign"', '"study"'))
     for command in ("check", "run"):
