@@ -79,11 +79,12 @@ class TendonLimit(JointLimit):
 
     def bend(self, data: Any) -> float:
         """Second rate of the gap at zero generalised acceleration."""
-        if not self.moves:
-            return 0.0
+        return self.sign * self._row_of_length(data).row()[1] if self.moves else 0.0
+
+    def _row_of_length(self, data: Any) -> TendonRow:
         if self._of_length is None or self._of_length.data is not data:
             self._of_length = TendonRow(self._model, data, self.joint)
-        return self.sign * self._of_length.row()[1]
+        return self._of_length
 
     def closing_speed_bound(self, data: Any) -> float:
         """Bound on the closing rate for the velocities in ``data``, rad/s or m/s."""
@@ -108,8 +109,13 @@ class TendonLimit(JointLimit):
         return self.at_velocities(data, near)
 
     def second_rate(self, model: Any, data: Any, near: Proximity, point: FloatArray) -> SecondRate:  # noqa: ARG002
-        """Second rate of the gap; accelerations in ``data`` must be current."""
-        row, bend = self.row(model, data), self.bend(data)
+        """Second rate of the gap; accelerations in ``data`` must be current.
+
+        Not by :meth:`bend`, of which the stages of a step make use: checks of forces ask for this one.
+        """
+        row, bend = self.row(model, data), 0.0
+        if self.moves:
+            bend = self.sign * self._row_of_length(data).bend_by_differences()
         size = float(np.abs(row).sum() * np.abs(data.qacc).max()) + abs(bend)
         return SecondRate(float(row @ data.qacc) + bend, size, _NOWHERE)
 

@@ -9,6 +9,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+from tests.balance.test_driven_objects import berthing
+from tests.balance.test_tendon_springs import REACH, cord
+from tests.contact_models.grasp.test_moving_link import catching
+from tests.contact_models.test_tendon_limits import TAUT
+from tests.mechanisms.models import CHAIN
+from tests.mechanisms.test_impacts import hit_rocker
 from tests.scenes import HEAD, ball, scene
 
 OFF = {"kind": "off"}
@@ -289,4 +295,41 @@ def holds(folder: Path) -> Path:
             {"name": "meet", "for_s": 0.2, "arm": [*captures], "controller": law},
             {"name": "leave", "until": "end", "release": ["rigid", "slide"], "controller": law},
         ],
+    )
+
+
+def serves(folder: Path) -> Path:
+    """An arm grasps a spacecraft that drives itself by thrusters, wheels and a motor of its panel."""
+    return berthing(folder, "ball", duration_s=0.2)
+
+
+def links(folder: Path) -> Path:
+    """An arm grasps the panel of a tumbling object whose bus swings at it."""
+    return catching(folder, latch="ball", duration_s=0.2)
+
+
+def hits(folder: Path) -> Path:
+    """A ball hits the rocker of a closed four-bar linkage."""
+    return hit_rocker(folder, 0.6, crank=1.0, duration_s=0.2)
+
+
+def curves(folder: Path) -> Path:
+    """A joint of a chain follows another one by a polynomial."""
+    rates = {"robot/base": [0.05, -0.03, 0.02, 0.2, -0.1, 0.15], "j1": 3.0, "j2": -0.9}
+    initial = {"joints": {"j1": 0.5, "j2": -0.4, "robot/base": [1.0, 0.5, 0.2, *TURN]}, "rates": rates}
+    return scene(folder, CHAIN, {}, duration_s=0.2, time_step_s=2e-3, control_period_s=4e-3, initial=initial, phases=COAST)
+
+
+def tautens(folder: Path) -> Path:
+    """A cord from the tip of an arm to its base becomes taut, and stays so for a while."""
+    return scene(
+        folder,
+        REACH.format(cord(TAUT), ""),
+        {},
+        duration_s=0.6,
+        time_step_s=2e-3,
+        control_period_s=4e-3,
+        initial={"joints": {"a": 0.3, "b": -1.6}, "rates": {"robot/free": [0.1, -0.2, 0.05, 0.2, -0.1, 0.3], "b": 1.5}},
+        joint_limits={"cord": {"restitution": 0.0}},
+        phases=COAST,
     )

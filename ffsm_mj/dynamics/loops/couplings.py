@@ -207,7 +207,8 @@ class TendonRow:
         kinds, ids = model.wrap_type[path].tolist(), model.wrap_objid[path].tolist()
         self._fixed = np.zeros(model.nv)
         self._segments: list[tuple[int, int, float]] = []
-        self._scratch: Any = mujoco.MjData(model) if any(kind in _GEOMS for kind in kinds) else None
+        self._wraps = any(kind in _GEOMS for kind in kinds)
+        self._scratch: Any = None
         divisor, last = 1.0, -1
         for kind, place, parameter in zip(kinds, ids, model.wrap_prm[path].tolist(), strict=True):
             if kind == mujoco.mjtWrap.mjWRAP_JOINT:
@@ -227,8 +228,8 @@ class TendonRow:
 
     def row(self) -> tuple[FloatArray, float]:
         """Row of its rate, (nv,), and its second rate at zero generalised acceleration."""
-        if self._scratch is not None:
-            return tendon_rows(self._model, self.data)[self._id], self._bend_of_wraps()
+        if self._wraps:
+            return tendon_rows(self._model, self.data)[self._id], self.bend_by_differences()
         model, data, total, gamma = self._model, self.data, self._fixed.copy(), 0.0
         J, other, rate, other_rate = self._jacobians
         for first, last, divisor in self._segments:
@@ -246,12 +247,13 @@ class TendonRow:
             gamma += ((float(v @ v) - speed * speed) / size + float(along @ a)) / divisor
         return total, gamma
 
-    def _bend_of_wraps(self) -> float:
-        """Second rate by central differences of the row along the motion, for a path around geoms.
+    def bend_by_differences(self) -> float:
+        """Second rate by central differences of MuJoCo's own row along the motion, for any path.
 
         With Richardson's extrapolation over three steps the error is of rounding, but where a wrap begins or ends: there the
         row has a kink, and the second rate jumps.
         """
+        self._scratch = self._scratch or mujoco.MjData(self._model)
         model, scratch, found = self._model, self._scratch, []
         for step in _DIFFERENCE_S:
             ends = []

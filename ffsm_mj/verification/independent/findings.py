@@ -11,6 +11,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.independent.captures import captures
 from ffsm_mj.verification.independent.contact_geometry import contact_geometry
+from ffsm_mj.verification.independent.equalities import equalities
 from ffsm_mj.verification.independent.finding import Finding
 from ffsm_mj.verification.independent.friction_heat import friction_heat
 from ffsm_mj.verification.independent.grasp_bounds import grasp_bounds
@@ -48,6 +49,7 @@ def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: 
         lambda: sensor_times(rows, sensors),
         lambda: sensor_noise(rows, sensors),
         lambda: captures(scene, rows),
+        lambda: equalities(scene),
         lambda: grasp_bounds(scene, rows),
         lambda: contact_geometry(scene),
         lambda: several_contacts(scene, rows),

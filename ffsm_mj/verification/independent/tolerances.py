@@ -20,6 +20,8 @@ CAPTURE_TWIST = "capture twist"
 """After a capture the relative twist at the object's site is zero in the directions that the latch stops."""
 CAPTURE_IMPULSE = "capture impulse"
 """The change of the velocities in a capture is that by its impulse at the object's site, and by other closed grasps."""
+EQUALITIES = "equality constraints"
+"""Impacts and captures change no rate of an equality constraint."""
 GRASP_BOUNDS = "grasp bounds"
 """A grasp closes as soon as its bounds hold; no row is nearer than the closest approach of a near miss."""
 CONTACT_GEOMETRY = "contact geometry"
@@ -44,6 +46,8 @@ TOLERANCES = {
     # An impulse is the solution of equations with the mass matrix, as a load is.
     CAPTURE_TWIST: CHECK_TOLERANCE,
     CAPTURE_IMPULSE: CHECK_TOLERANCE,
+    # As a latch that is closed.
+    EQUALITIES: CHECK_TOLERANCE,
     # The instant is a root, known to 1e-14 s, and ratios to bounds change by up to 1e4 a second.
     GRASP_BOUNDS: CHECK_TOLERANCE,
     # Nearest points of ellipsoids and meshes are found to a distance of a few 1e-10 m, which is a few 1e-6 m along a surface

@@ -35,7 +35,9 @@ LATCHES = ["rigid", "ball", "hinge", "slide", "cylindrical"]
 def runs(tmp_path_factory):
     made = {"bouncing": bouncing, "chain": chain, "sliding": sliding, "holding": holding, "measuring": measuring}
     found = {name: make(tmp_path_factory.mktemp(name)) for name, make in made.items()}
-    of_mutants = {make.__name__: make(tmp_path_factory.mktemp("scene")) for make in (scenes.bounces, scenes.holds)}
+    of_mutants = {
+        make.__name__: make(tmp_path_factory.mktemp("scene")) for make in (scenes.bounces, scenes.hits, scenes.holds)
+    }
     return found | {name: ffsm_mj.run(path) for name, path in of_mutants.items()}
 
 
