@@ -9,7 +9,7 @@ from ffsm_mj.assembly.contact_notes import contact_notes, mesh_notes, rule_lines
 from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.damping import unstable_damping
 from ffsm_mj.assembly.initial_scene import initial_lines, initial_notes
-from ffsm_mj.assembly.loop_notes import loop_lines, loop_notes
+from ffsm_mj.assembly.loop_notes import friction_notes, loop_lines, loop_notes
 from ffsm_mj.assembly.pair_notes import disarmed_pairs, unwatched_overlaps
 from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -36,6 +36,7 @@ def notes(assembly: Assembly) -> list[str]:
         *undriven_actuators(assembly.system, assembly.controller.phases),
         *disarmed_pairs(assembly),
         *loop_notes(assembly),
+        *friction_notes(assembly),
         *never_armed(assembly.scenario),
     ]
 

@@ -1,4 +1,7 @@
-"""Closed loops of the models, and those that grasps of a scenario make where they are closed together, at the start."""
+"""Loads that the joints of a scenario do not determine, and its closed loops: of the models, and of grasps.
+
+Those of grasps are considered at the initial state, where several of one object are closed together.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
 from ffsm_mj.contact_models.grasp.record_kinds import NEARLY_SINGULAR
+from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.model.grasp import Grasp
@@ -64,6 +68,19 @@ def loop_notes(assembly: Assembly) -> Iterator[str]:
                 f"with {names} closed at the initial state, the mechanism is nearly singular: "
                 f"least singular value {weighted.least_ratio:.1e} of the largest; loads are large"
             )
+
+
+def friction_notes(assembly: Assembly) -> Iterator[str]:
+    """Loads that dry friction leaves undetermined: where contacts or limits may press a joint that sticks as well."""
+    on = friction_coordinates(assembly.system)
+    if on is None:
+        return
+    stops = any(limit.joint in on.names and limit.restitution < 1.0 for limit in assembly.limits)
+    if stops or any(pair.restitution < 1.0 for pair in assembly.contacts.pairs):
+        yield (
+            "where contacts or limits block a joint that its dry friction would hold as well, normal forces are not "
+            "determined; by the convention idle_friction the friction is idle, and contacts and limits carry what they can"
+        )
 
 
 def _together(assembly: Assembly) -> list[list[Grasp]]:

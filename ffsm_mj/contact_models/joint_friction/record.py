@@ -64,7 +64,7 @@ def friction_signals(joint: str, unit: str) -> tuple[Signal, Signal]:
             "contact",
             f"{name}_sliding",
             "",
-            f"dry friction of {joint} from this row on: 0 sticks, 1 slides up, -1 slides down, 2 sticks by contacts, idle",
+            f"dry friction of {joint} from this row on: 0 sticks, 1 or -1 slides up or down, 2 sticks (idle_friction)",
             joint,
         ),
         Signal(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.contact_models.joint_friction.scenes import changes, gear, grip, heat, run, slider
-from tests.scenes import box
+from ffsm_mj.assembly.prepare import prepare
+from tests.contact_models.joint_friction.scenes import changes, gear, grip, heat, rubbing, run, slider
+from tests.scenes import ball, box
 from tests.servos.scenes import START, link
 from tests.servos.test_servos import HOLD
 
@@ -97,3 +98,19 @@ def test_friction_is_idle_in_a_grip(tmp_path, mu, right, force, friction):
         assert abs(made[f"contact.{name}_box_box_force_y_N"][-1]) == pytest.approx(force, abs=1e-12)
         assert made[f"contact.robot_{name}_friction_force_N"][-1] == pytest.approx(sign * friction, abs=1e-12)
         assert abs(made[f"state.v_robot_{name}_m_s"][-1]) < 1e-14
+
+
+def test_the_convention_is_noted(tmp_path):
+    """Where a limit or a contact may block a joint with friction, and nowhere else."""
+
+    def noted(robot, objects=None, **keys):
+        return any("idle_friction" in note for note in prepare(rubbing(tmp_path, robot, objects=objects, **keys)).notes())
+
+    limited = 'range="-9 0.2" limited="true"'
+    rule = {"between": ["mass", "ball/ball"], "restitution": 0.5}
+    far = {"initial": {"joints": {"ball/free": [9, 0, 0, 1, 0, 0, 0]}}}
+    assert noted(slider(3.0, limited))
+    assert not noted(slider(3.0, limited), joint_limits={"s": {"restitution": 1.0}})
+    assert not noted(slider(0.0, limited))
+    assert not noted(slider(3.0))
+    assert noted(slider(3.0), {"ball": ball("ball")}, contacts={"rules": [rule]}, **far)
