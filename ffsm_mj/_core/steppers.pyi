@@ -3,6 +3,7 @@ from typing import Any
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.activations import Activations
+from ffsm_mj.dynamics.external_servos import ExternalServos
 from ffsm_mj.dynamics.force_limits import ForceLimits
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
@@ -24,8 +25,17 @@ class FreeStepper:
 
 class ActuatorPower:
     work: FloatArray
+    outside: ExternalServos | None
     kinked: bool
-    def __init__(self, data: Any, trees: IntArray, apart: IntArray, work: FloatArray, limits: ForceLimits) -> None: ...
+    def __init__(
+        self,
+        data: Any,
+        trees: IntArray,
+        apart: IntArray,
+        work: FloatArray,
+        limits: ForceLimits,
+        outside: ExternalServos | None = None,
+    ) -> None: ...
     def begin(self) -> None: ...
     def add(self, weight: float) -> None: ...
     def end(self, duration_s: float) -> None: ...

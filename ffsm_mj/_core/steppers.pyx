@@ -97,7 +97,7 @@ cdef class ActuatorPower:
         kinked: Whether a force was at its limit at some stages of the last step, and within it at others.
     """
 
-    cdef readonly object work
+    cdef readonly object work, outside
     cdef readonly bint kinked
     cdef bint is_first
     cdef const Py_ssize_t[::1] limited, limited_dofs
@@ -106,16 +106,18 @@ cdef class ActuatorPower:
     cdef double[::1] total, sums, forces, rates, force, velocity
     cdef const Py_ssize_t[::1] trees, apart, apart_trees
 
-    def __init__(self, data, const Py_ssize_t[::1] trees not None, apart, double[::1] work not None, limits):
+    def __init__(self, data, const Py_ssize_t[::1] trees not None, apart, double[::1] work not None, limits, outside=None):
         """Bind to data.
 
         Args:
             data: MuJoCo data of a motion.
             trees: Tree of each of its degrees of freedom, (nv,).
-            apart: Ids of actuators whose work is entered elsewhere, and the tree of each, (2, n); they are plain motors.
+            apart: Ids of actuators whose work is entered elsewhere, and the tree of each, (2, n).
             work: Receives the work, J, (number of trees,).
             limits: Its :class:`~ffsm_mj.dynamics.force_limits.ForceLimits`.
+            outside: Its :class:`~ffsm_mj.dynamics.external_servos.ExternalServos`, which are apart too; None without any.
         """
+        self.outside = outside
         self.limited, self.ranges = limits.servos, limits.ranges
         self.limited_dofs, self.dof_ranges = limits.dofs, limits.dof_ranges
         self.sides = np.zeros(len(limits.servos) + len(limits.dofs), dtype=np.intc)
@@ -130,9 +132,12 @@ cdef class ActuatorPower:
         """Begin the sum over the stages of a step."""
         self.clear()
 
-    cdef void clear(self) noexcept:
+    cdef int clear(self) except -1:
+        if self.outside is not None:
+            self.outside.begin()
         memset(&self.sums[0], 0, self.sums.shape[0] * sizeof(double))
         self.is_first, self.kinked = True, False
+        return 0
 
     cdef void look(self) noexcept:
         """Compare which forces are at their limits with those at the first stage."""
@@ -151,7 +156,7 @@ cdef class ActuatorPower:
                 self.kinked = True
         self.is_first = False
 
-    cpdef void add(self, double weight) noexcept:
+    cpdef int add(self, double weight) except -1:
         """Add the power of a stage, whose forces and rates are in the data, with its weight."""
         cdef Py_ssize_t i, k
         for i in range(self.rates.shape[0]):
@@ -159,13 +164,19 @@ cdef class ActuatorPower:
         for k in range(self.apart.shape[0]):
             i = self.apart[k]
             self.sums[self.apart_trees[k]] -= weight * self.force[i] * self.velocity[i]
+        if self.outside is not None:
+            self.outside.add(weight)
         self.look()
+        return 0
 
-    cpdef void end(self, double duration_s) noexcept:
+    cpdef int end(self, double duration_s) except -1:
         """End a step of a duration, over which the weights add up to 1."""
         cdef Py_ssize_t i
         for i in range(self.sums.shape[0]):
             self.total[i] = duration_s * self.sums[i]
+        if self.outside is not None:
+            self.outside.end(duration_s, self.work)
+        return 0
 
 
 cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:

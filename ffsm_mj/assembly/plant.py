@@ -55,8 +55,10 @@ def build_plant(
     control = _delayed_control(scenario, scene, actuation)
     models = contact_models_of(scenario, scene, motion, pairs, limits, held)
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
-    work = None if motion.power is None else motion.power.work
-    balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS, actuator_work=work)
+    power = motion.power
+    work, outside = (None, None) if power is None else (power.work, power.outside)
+    impulse = None if outside is None else outside.impulse
+    balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS, actuator_work=work, actuator_impulse=impulse)
     integrator.control = step_control(scenario, system, data, balance, motion)
     tip = (task.tip_site, task.axes, task.motion) if task is not None else (None,)
     state = StateSignals(system, data, *tip)

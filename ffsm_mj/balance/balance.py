@@ -68,6 +68,7 @@ class Balance:
         *,
         capacity: int = 1,
         actuator_work: FloatArray | None = None,
+        actuator_impulse: FloatArray | None = None,
     ) -> None:
         """Start the balance at the state in ``data`` (all derived quantities current).
 
@@ -78,6 +79,8 @@ class Balance:
             capacity: Capacity of the sample buffer.
             actuator_work: Array in which the work of the actuators in the last (sub-)step is kept, J, (number of trees,);
                 None: there are no servos.
+            actuator_impulse: The same of the impulse of servos that act from outside, (P, L about the world origin),
+                (number of trees, 6); None: there are none.
         """
         self._system = system
         robot_free = free_components(system, system.robot)
@@ -100,7 +103,7 @@ class Balance:
         held = self._numbers[ACCOUNTS:_OF_TREES]
         self._grasped_object = GraspedObjectBalance(system, data, momentum, held, self._of_trees)
         always = [part for part in (gravity, self._springs) if part is not None]
-        self.work = self._step_work(data, always, actuator_work)
+        self.work = self._step_work(data, always, actuator_work, actuator_impulse)
         self.momentum = momentum
         self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
         mujoco.mj_mulM(system.mj, data, momentum, data.qvel)
@@ -109,7 +112,9 @@ class Balance:
         )
         self.resume(np.zeros(len(self._statement.signals)))
 
-    def _step_work(self, data: Any, always: list[Any], actuator_work: FloatArray | None) -> StepWork:
+    def _step_work(
+        self, data: Any, always: list[Any], actuator_work: FloatArray | None, actuator_impulse: FloatArray | None
+    ) -> StepWork:
         """Accounts of the actuators over a (sub-)step: the robot's, and those of each object that has any."""
         system, accounts = self._system, self._accounts
         on_joint = elsewhere = np.asarray(system.mj.actuator_trntype) == int(mujoco.mjtTrn.mjTRN_JOINT)
@@ -118,6 +123,8 @@ class Balance:
             on_joint, elsewhere = np.zeros_like(on_joint), np.ones_like(on_joint)
             elsewhere[thruster_ids(system.mj)] = False
             always = [*always, StageWork(actuator_work[:1], accounts.work)]
+            if actuator_impulse is not None:
+                always = [*always, StageWork(actuator_impulse[0], accounts.external)]
         of_tree = np.array(system.actuator_trees, dtype=np.intp)
         outside = external_parts(system, data, 0, (accounts.work, accounts.external), elsewhere)
         for tree, account in enumerate(self._of_trees.actuators):
@@ -126,6 +133,8 @@ class Balance:
                 always = [*always, JointMotors(data, motors, account[:1])]
             if tree and actuator_work is not None:
                 always = [*always, StageWork(actuator_work[tree : tree + 1], account[:1])]
+                if actuator_impulse is not None:
+                    always = [*always, StageWork(actuator_impulse[tree], account[1:])]
             if tree:
                 outside += external_parts(system, data, tree, (account[:1], account[1:]), elsewhere)
         flags = (on_joint & (of_tree == 0)).astype(np.float64), external_actuators(system).astype(np.float64)

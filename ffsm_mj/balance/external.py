@@ -229,10 +229,10 @@ def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: 
 
 
 class StageWork:
-    """Enters the work of actuators that the stages of each (sub-)step have integrated."""
+    """Enters the work, or the impulse, of actuators that the stages of each (sub-)step have integrated."""
 
     def __init__(self, done: FloatArray, work: FloatArray) -> None:
-        """Bind to the work in the last (sub-)step, J, (1,), and to the account that receives it, (1,)."""
+        """Bind to what was done in the last (sub-)step, (n,), and to the account that receives it, (n,)."""
         self._done, self._work = done, work
 
     def open(self) -> None:

@@ -11,11 +11,12 @@ import numpy as np
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.activations import Activations
+from ffsm_mj.dynamics.external_servos import ExternalServos
 from ffsm_mj.dynamics.force_limits import ForceLimits
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
-from ffsm_mj.model.actuators import has_servos, thruster_ids
+from ffsm_mj.model.actuators import external_servos, has_servos, thruster_ids
 from ffsm_mj.model.system import System, Tree
 
 Push = Callable[[Any], None]
@@ -179,7 +180,12 @@ class Motion:
 
 
 def actuator_power(
-    system: System, model: Any, data: Any, trees: IntArray | None = None, work: FloatArray | None = None
+    system: System,
+    model: Any,
+    data: Any,
+    trees: IntArray | None = None,
+    work: FloatArray | None = None,
+    impulse: FloatArray | None = None,
 ) -> tuple[ActuatorPower, ForceLimits] | None:
     """Power of the actuators of a system, for its motion or that with a grasped object, and the limits of their forces.
 
@@ -189,20 +195,26 @@ def actuator_power(
         data: Data of the motion.
         trees: Tree in this system of each degree of freedom of the motion, (nv,); None: it is the motion of this system.
         work: Receives the work in a step, J, (number of trees,); None: an array of its own.
+        impulse: Receives the impulse of servos that act from outside, (number of trees, 6); likewise.
 
     Returns:
         None: there are no servos, and displacements give the work.
     """
     if not has_servos(system.mj):
         return None
-    thrusters = thruster_ids(system.mj)
-    apart = np.stack((thrusters, np.array(system.actuator_trees, dtype=np.intp)[thrusters]))
+    of_actuators, external = np.array(system.actuator_trees, dtype=np.intp), external_servos(system.mj)
+    ids = np.concatenate((thruster_ids(system.mj), external))
+    apart = np.stack((ids, of_actuators[ids]))
     trees, work = (
         system.dof_trees if trees is None else trees,
         np.zeros(len(system.trees)) if work is None else work,
     )
     limits = ForceLimits(model, data)
-    return ActuatorPower(data, trees, apart, work, limits), limits
+    outside = None
+    if external.size:
+        impulse = np.zeros((len(system.trees), 6)) if impulse is None else impulse
+        outside = ExternalServos(model, data, external, of_actuators[external], impulse)
+    return ActuatorPower(data, trees, apart, work, limits, outside), limits
 
 
 def _nothing() -> None:

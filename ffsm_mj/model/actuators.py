@@ -72,6 +72,14 @@ def thruster_ids(model: Any) -> IntArray:
     return np.flatnonzero(at_site & ~servo_mask(model))
 
 
+def external_servos(model: Any) -> IntArray:
+    """Servos that act from outside, at a site without reference site or on a free joint, (n,)."""
+    target, kind = model.actuator_trnid[:, 0], model.actuator_trntype
+    on_free = (kind == int(_JOINT)) & (model.jnt_type[np.where(kind == int(_JOINT), target, 0)] == int(_FREE))
+    at_site = (kind == int(_SITE)) & (model.actuator_trnid[:, 1] < 0)
+    return np.flatnonzero((at_site | on_free) & servo_mask(model))
+
+
 def without_servos(model: Any) -> Any:
     """A copy of a model whose servos exert no force; the model itself if it has none."""
     servos = servo_mask(model)
@@ -200,8 +208,11 @@ def _servo_faults(model: Any, i: int) -> Iterator[str]:
         or model.actuator_dyntype[i] == _DYN.mjDYN_USER
     ):
         yield f"has a law that is not supported, of orientation or of a user; {_INSTEAD}"
-    if not _acts_within(model, i):
-        yield f"is a servo that acts on the base or its body from outside, which is not supported; {_INSTEAD}"
+    if not (_acts_within(model, i) or _acts_on_free_tree(model, i)):
+        yield (
+            "is a servo that acts from outside other than on a tree with a free joint, at a site or on this joint, which is "
+            f"not supported; {_INSTEAD}"
+        )
     yield from _damping_faults(model, i)
 
 
@@ -217,6 +228,14 @@ def _acts_within(model: Any, i: int) -> bool:
         return bool((model.body_parentid[bodies] != 0).all())
     roots = np.unique(model.body_rootid[bodies])
     return len(roots) == 1 and bool(model.body_dofnum[roots[0]])
+
+
+def _acts_on_free_tree(model: Any, i: int) -> bool:
+    """Whether a servo acts from outside on a tree whose momentum nothing else holds."""
+    if i not in external_servos(model):
+        return False
+    root = model.body_rootid[driven_bodies(model, i)[0]]
+    return bool(model.body_jntnum[root] == 1 and model.jnt_type[model.body_jntadr[root]] == _FREE)
 
 
 def _damping_faults(model: Any, i: int) -> Iterator[str]:

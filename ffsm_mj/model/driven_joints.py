@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
-from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.actuators import external_servos, servo_mask
 from ffsm_mj.model.equalities import followers
 from ffsm_mj.model.system import Joint, System
 
@@ -152,7 +152,8 @@ def _needs_motors(system: System, joints: Mapping[str, Sequence[int]]) -> str:
 def joints_of_servos(system: System) -> dict[str, list[int]]:
     """Ids of the servos that move each hinge or slide joint of the robot, by joint name."""
     model, found = system.mj, dict[str, list[int]]()
-    servos = np.flatnonzero(servo_mask(model)).tolist()
+    # A servo that acts from outside moves the base through them, and holds none.
+    servos = np.setdiff1d(np.flatnonzero(servo_mask(model)), external_servos(model)).tolist()
     if servos:
         data, moments = mujoco.MjData(model), np.zeros((model.nout, model.nv))
         mujoco.mj_forward(model, data)  # moments are zero before

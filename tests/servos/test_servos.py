@@ -172,8 +172,7 @@ def test_setpoints_that_are_no_numbers_end_the_run(tmp_path):
     ("actuator", "expected"),
     [
         ('<pid name="servo" joint="j" kp="8" kv="0.6" ki="20"/>', "has several controls"),
-        ('<position name="servo" site="port" kp="1"/>', "acts on the base or its body from outside"),
-        ('<position name="servo" joint="free" kp="1"/>', "acts on the base or its body from outside"),
+        ('<orientation name="servo" site="port" refsite="port" kp="1"/>', "has several controls"),
         ('<adhesion name="servo" body="link" ctrlrange="0 1"/>', "is an <adhesion>"),
     ],
 )

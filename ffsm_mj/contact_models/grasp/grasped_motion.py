@@ -56,8 +56,10 @@ class GraspedMotion(Motion):
         (self._qpos, self._held_qpos), (self._dofs, self._held_dofs) = both = shared_joints(scene.system, system)
         data, trees = mujoco.MjData(system.mj), np.zeros(system.mj.nv, dtype=np.intp)
         trees[self._held_dofs] = scene.system.dof_trees[self._dofs]
-        work = None if free.power is None else free.power.work
-        super().__init__(system.mj, data, actuator_power(scene.system, system.mj, data, trees, work))
+        power = free.power
+        work, outside = (None, None) if power is None else (power.work, power.outside)
+        impulse = None if outside is None else outside.impulse
+        super().__init__(system.mj, data, actuator_power(scene.system, system.mj, data, trees, work, impulse))
         if free.stiff is not None:
             self.make_implicit()
         self.system, self.grasp = system, grasp.name
