@@ -115,9 +115,12 @@ def test_the_end_of_a_range_inside_a_step_spoils_the_order(tmp_path, monkeypatch
     assert max(abs(run[ANGLE][-1] - expected[0]), abs(run[RATE][-1] - expected[1])) > 10.0 * at_4_ms
 
 
-def test_a_run_goes_on_from_its_activation(tmp_path):
-    actuator = CASES["filter"][0]
-    path = link_scene(tmp_path, {"kind": "hold", "positions": [0.7]}, actuators=actuator, duration_s=0.1)
+@pytest.mark.parametrize("what", [what for what in CASES if what != "motor without inductance"])
+def test_a_run_goes_on_from_its_activation(tmp_path, what):
+    """From bytes, bit by bit, in every kind of activation."""
+    (tmp_path / "setpoints.csv").write_text(f"time_s,actuators.robot_servo_applied{CASES[what][1][1]}\n0,.7\n9,.7\n")
+    law = {"kind": "playback", "file": "setpoints.csv"}
+    path = link_scene(tmp_path, law, actuators=CASES[what][0], duration_s=0.1)
     with ffsm_mj.Simulator(path) as simulator:
         simulator.reset()
         while simulator.time_s < 0.05:
