@@ -82,6 +82,27 @@ def test_one_finger_at_a_wall_of_the_palm(tmp_path):
     assert abs(last(run, "v_robot_f2_m_s")[0]) < 1e-12
 
 
+@pytest.mark.parametrize("law", [{"force_N": 4.0}, {"action": "close", "bandwidth_rad_s": 60.0, "force_N": 4.0}])
+def test_the_law_of_a_gripper_closes_coupled_fingers(tmp_path, law):
+    """Its force is that at the joint that leads: both fingers press with half of it."""
+    ends = {"joints": ["f1"], "closed_at": 0.04, "open_at": 0.0}
+    path = mechanism(
+        tmp_path,
+        gripper('joint="f1"'),
+        {},
+        {},
+        objects={"box": box()},
+        contacts={"rules": [{"between": [finger, "box/box"], "restitution": 0.0} for finger in ("f1", "f2")]},
+        phases=[{"name": "grip", "until": "end", "controller": {"kind": "gripper", **ends, **law}}],
+        duration_s=0.2,
+        control_period_s=1e-3,
+    )
+    run = ffsm_mj.run(path)
+    assert_sound(run)
+    for finger in ("f1", "f2"):
+        assert run[f"contact.{finger}_box_box_force_N"][-1] == pytest.approx(2.0, abs=1e-9)
+
+
 def test_a_finger_that_would_have_to_pull_lets_go(tmp_path):
     """Of a box of 1 kg both contacts at rest would need -.0322 N s at the first finger: it opens instead."""
     run = gripped(tmp_path, mass=1.0)
