@@ -239,7 +239,7 @@ def resultants_with_friction(
     )
     u, mu = J @ data.qvel, np.array([each.pair.mu for each in points])
     kinds, rounding = _modes(closed, points, u)
-    A = np.linalg.solve(np.linalg.cholesky(M), motion.constrained(J.reshape(-1, J.shape[2])).T).T
+    A = _weighted(motion, M, J.reshape(-1, J.shape[2]))
     forces = _in_cones(A, _forces(A, b.ravel(), *_held(closed, points, axes, u, kinds)), mu, kinds)
     rates = (b.ravel() + A @ (A.T @ forces.ravel()))[::3]
     violation = _violation(forces, mu, kinds, rates, np.sum(A[::3] ** 2, axis=1), rounding)
@@ -248,6 +248,16 @@ def resultants_with_friction(
         vector = force[0] * _FIRST_ROW if isinstance(each.pair, JointLimit) else force @ across
         found[each.pair] = found.get(each.pair, np.zeros(3)) + vector
     return found, violation
+
+
+def _weighted(motion: Motion, M: FloatArray, J: FloatArray) -> FloatArray:
+    """Rows in mass-weighted coordinates, with closed loops and the joints that dry friction keeps at rest held, (n, nv).
+
+    In an impact these joints move: ``motion.constrained`` does not hold them.
+    """
+    L = np.linalg.cholesky(M)
+    # With the projection P = Mc^-1 M of the rows held, P M^-1 P^T = Mc^-1.
+    return np.linalg.solve(L, J.T).T if motion.loops is None else motion.loops.response(J) @ L
 
 
 def _axes(each: PointAgain) -> FloatArray:
@@ -464,8 +474,7 @@ class ForceCheck:
             if any(pair.mu > 0.0 for pair, *_ in points):
                 again = [PointAgain(*each, rate) for each, rate in zip(points, found_rates, strict=True)]
                 return resultants_with_friction(self._closed_set, again, contacts, motion, moving, M)
-            J = motion.constrained(np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts]))
-            A = np.linalg.solve(np.linalg.cholesky(M), J.T).T
+            A = _weighted(motion, M, np.stack([contact_jacobian(motion.model, moving, contact) for contact in contacts]))
         forces = least_norm(A, project(A, np.linalg.lstsq(A, rates, rcond=None)[0]))
         found: dict[UnilateralConstraint, Any] = {}
         for (pair, near, _), force in zip(points, forces.tolist(), strict=True):
