@@ -122,6 +122,8 @@ def test_the_log_reference_is_current():
         "docs/capture.md",
         "docs/probe-and-cone.md",
         "docs/berth.md",
+        "docs/linkage-gripper.md",
+        "docs/servo-arm.md",
         "docs/campaigns.md",
         "docs/variants.md",
         "docs/accuracy.md",
