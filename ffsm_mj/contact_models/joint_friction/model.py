@@ -186,10 +186,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def begin_step(self) -> None:
         """Decide which joints stick, and stop those exactly."""
-        before = self.senses.copy()
         self._decide()
-        if self._contacts.active and not np.array_equal(self.senses, before):
-            self.motion.refresh_forces()  # contacts, which begin their step after this, decide on what carries these forces
         self._at_start = None
         rates = self._moved.rates()[self.senses == 0.0]
         if rates.any() and np.abs(rates).max() > _ROUNDING * (1.0 + np.abs(self.motion.data.qvel).max()):
@@ -266,7 +263,10 @@ class JointFriction(EventSource, ForceSource, Replayable):
         state = self._smooth.state(others)
         if state is self._verified:
             return
+        before = self.senses.copy()
         self._set(self._decided(others, self.senses))
+        if self._contacts.active and not np.array_equal(self.senses, before):
+            self.motion.refresh_forces()  # contacts decide on what carries force under the friction of joints that slide now
         self._verified = state
 
     def _decided(self, others: FloatArray, before: FloatArray) -> Senses:

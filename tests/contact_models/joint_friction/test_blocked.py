@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from tests.contact_models.joint_friction.scenes import changes, gear, grip, heat, rubbing, run, slider
+from tests.contact_models.joint_friction.scenes import arm, changes, gear, grip, heat, rubbing, run, slider
 from tests.scenes import ball, box
 from tests.servos.scenes import START, link
 from tests.servos.test_servos import HOLD
@@ -59,6 +59,19 @@ def test_light_coupled_joints_stick_at_their_limit(tmp_path, load):
     made = run(tmp_path, model, 1e-2, duration_s=0.2, contact_models=push)
     assert np.abs(made["state.q_robot_b_rad"]).max() < 1e-12
     assert changes(made) == []
+
+
+def test_a_limit_carries_force_under_friction_that_begins_to_slide(tmp_path):
+    """One joint is pressed on its limit by the friction of the other alone, which slides from the first step on."""
+    robot = arm(0.0).replace('name="one" axis="0 0 1"', 'name="one" axis="0 0 1" range="0 90" limited="true"')
+    names = "time_s,actuators.robot_one_applied_N_m,actuators.robot_two_applied_N_m"
+    (tmp_path / "efforts.csv").write_text(f"{names}\n0,-0.55,-0.5\n1,-0.55,-0.5\n")
+    phases = [{"name": "all", "until": "end", "controller": {"kind": "playback", "file": "efforts.csv"}}]
+    made = run(tmp_path, robot, duration_s=2e-3, initial={"joints": {"two": 0.7}}, phases=phases)
+    assert made["contact.robot_two_sliding"][0] == -1.0
+    assert made["contact.robot_one_limit_torque_N_m"][0] > 0.0
+    assert len(made.records["limit_beginnings"]) == 1
+    assert not made.records["limit_changes"]
 
 
 @pytest.mark.parametrize("step_s", [5e-3, 1e-3])
