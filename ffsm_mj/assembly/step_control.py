@@ -49,7 +49,7 @@ def step_control(
     """
     accuracy, parts = scenario.accuracy, MOST_PARTS
     if has_servos(system.mj):
-        of_step = scenario.time_step_s * StiffActuators(system.mj, data, motion.constrained).fastest()
+        of_step = scenario.time_step_s * StiffActuators(system.mj, data, motion.response).fastest()
         if of_step > STIFF_STEP:
             motion.make_implicit()
             parts = max(parts, min(_MOST_IMPLICIT_PARTS, round(_TRANSIENT_PARTS * of_step)))

@@ -56,6 +56,9 @@ class StiffForces(Protocol):
             accelerations: Accelerations at the nodes under the forces evaluated there, (3, nv).
         """
 
+    def held(self) -> tuple[FloatArray, FloatArray]:
+        """Rows that these forces hold at the first node, and accelerations by forces along them without, (n, nv) each."""
+
 
 class ImplicitStep:
     """An implicit step, as the forces in its nodes see it.
@@ -132,6 +135,7 @@ class _Actuators:
         """Begin a step."""
         self._power, self._stiff, self._activations = stepper.power, stepper.stiff, stepper.activations
         self._step, self._duration_s, self.change = step, duration_s, 0.0
+        self._holds = False
         if self._activations is not None:
             self._activations.begin(duration_s, len(_PLACES))
         if self._stiff is not None:
@@ -164,6 +168,9 @@ class _Actuators:
         """Accelerations at the nodes after Newton's correction of those before, (3, nv)."""
         if self._stiff is None:
             return accelerations
+        if self._step.stiff is not None and not self._holds:
+            self._stiff.hold(*self._step.stiff.held())
+            self._holds = True
         return before + self._stiff.correction(self._step.weights, accelerations - before, self._acting)
 
     def end(self) -> None:

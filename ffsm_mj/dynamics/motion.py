@@ -93,7 +93,7 @@ class Motion:
 
     def make_implicit(self) -> None:
         """Make implicit steps from now on: servos, springs or dampers are too fast for explicit ones."""
-        self.stiff = StiffActuators(self.model, self.data, self.constrained)
+        self.stiff = StiffActuators(self.model, self.data, self.response)
         for stepper in (self._unpushed, self.flight):
             if isinstance(stepper, ForcedStepper):
                 stepper.stiff = self.stiff
@@ -149,6 +149,14 @@ class Motion:
         With them and the mass matrix, impulses along J change velocities by Mc^-1 J^T: those that keep the loops closed.
         """
         return J if self.loops is None or not self.loops.sources else self.loops.projected(J)
+
+    def response(self, J: FloatArray) -> FloatArray:
+        """J M^-1, (m, nv): accelerations by forces along rows, with closed loops and joints that stick held."""
+        if self.loops is not None:
+            return self.loops.response(J)
+        response = np.empty_like(J)
+        mujoco.mj_solveM(self.model, self.data, response, J)
+        return response
 
     def refresh_forces(self) -> None:
         """Evaluate the applied forces at the state in ``data`` again, after it was set; no effect if there are none."""

@@ -6,9 +6,9 @@ the nodes are corrected by the solution of
     da_i + M^-1 (D_i sum_j W_ij da_j + K_i sum_j (W^2)_ij da_j) = r_i,   W = h A
 
 with the residual r_i of the accelerations, and the stiffness K_i and damping D_i of what acts at node i: servos at a limit
-of their force are not part of it. Closed loops are in M^-1. All are those at the start of the step, but for the limits: the
-iterations converge to the same solution, only slower where K and D change (Hairer & Wanner, *Solving Ordinary Differential
-Equations II*, sec. IV.8).
+of their force are not part of it. Rows that are held are in M^-1: closed loops, joints that stick, closed contacts. All are
+those at the start of the step, but for the limits: the iterations converge to the same solution, only slower where K and D
+change (Hairer & Wanner, *Solving Ordinary Differential Equations II*, sec. IV.8).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.actuators import servo_mask, without_force_limits
+from ffsm_mj.tolerances import RANK
 
 _LENGTH, _RATE = 1e-4, 1e-4
 """Steps of differences, m or rad and m/s or rad/s."""
@@ -31,16 +32,15 @@ _LENGTH, _RATE = 1e-4, 1e-4
 class StiffActuators:
     """Stiffness and damping of the servos, springs and dampers of a model."""
 
-    def __init__(self, model: Any, data: Any, constrained: Callable[[FloatArray], FloatArray]) -> None:
+    def __init__(self, model: Any, data: Any, response: Callable[[FloatArray], FloatArray]) -> None:
         """Bind to a model and its data.
 
         Args:
             model: MuJoCo model.
             data: Its data.
-            constrained: Rows of velocities as they are with the closed loops, for rows without; see
-                :meth:`ffsm_mj.dynamics.motion.Motion.constrained`.
+            response: Accelerations by forces along some rows; see :meth:`ffsm_mj.dynamics.motion.Motion.response`.
         """
-        self._model, self._data, self._constrained = model, data, constrained
+        self._model, self._data, self._response = model, data, response
         self._servos: IntArray = np.flatnonzero(servo_mask(model))
         self._springs, self._unlimited = JointSprings(model), without_force_limits(model)
         self._moments = np.zeros((model.nout, model.nv))
@@ -53,6 +53,23 @@ class StiffActuators:
 
     def update(self) -> None:
         """Evaluate stiffness, damping and mobility at the state in the data, forces current."""
+        self._evaluate()
+        self._mobility = self._response(np.eye(self._model.nv))
+        self._token = b""  # of no pattern
+
+    def hold(self, rows: FloatArray, response: FloatArray) -> None:
+        """Take from the mobility what contacts hold.
+
+        Args:
+            rows: Rows J of their points that are held, (n, nv).
+            response: Accelerations by forces along them without these contacts, (n, nv).
+        """
+        if len(rows):
+            self._mobility = self._mobility - response.T @ np.linalg.lstsq(rows @ response.T, response, rcond=RANK)[0]
+            self._token = b""
+
+    def _evaluate(self) -> None:
+        """Evaluate stiffness and damping."""
         model, data, servos, springs = self._model, self._data, self._servos, self._springs
         mujoco.mju_sparse2dense(
             self._moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
@@ -65,10 +82,6 @@ class StiffActuators:
             tendons, rows = springs.tendons, springs.tendons.rows(data)
             self._spring_K = self._spring_K + rows.T @ (tendons.stiffness(data)[:, None] * rows)
             self._spring_D = self._spring_D + rows.T @ (tendons.damping(tendons.rates(data))[:, None] * rows)
-        unit = self._constrained(np.eye(model.nv))
-        self._mobility = np.zeros((model.nv, model.nv))
-        mujoco.mj_solveM(model, data, self._mobility, np.ascontiguousarray(unit))
-        self._token = b""  # of no pattern
 
     def acting(self) -> BoolArray:
         """Which servos are within the limits of their force at the state in the data, forces current, (n,)."""
@@ -109,7 +122,7 @@ class StiffActuators:
 
     def fastest(self) -> float:
         """Largest rate of q'' = -M^-1 (K q + D q') at the state in the data, 1/s, with all servos within their limits."""
-        self.update()
+        self._evaluate()
         K, D = self._stiffness(np.ones(len(self._servos), dtype=np.bool_))
         nv = self._model.nv
         inverse = np.linalg.inv(mass_matrix(self._model, self._data))

@@ -35,6 +35,9 @@ _UNITS = {
     "actuatorvel": "",
     "actuatorfrc": "",
     "jointactuatorfrc": "",
+    "tendonpos": "",
+    "tendonvel": "",
+    "tendonactuatorfrc": "",
     "ballquat": "",
     "ballangvel": "rad/s",
     "framepos": "m",
@@ -61,6 +64,7 @@ _ELEMENTS = {
     "geomfromto": "fromto",
 }
 """Elements of MJCF whose names differ from those of MuJoCo's types."""
+_HINGE = mujoco.mjtJoint.mjJNT_HINGE
 _DISTANCE_ONLY = 1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)
 _DIRECTIONS = ("framexaxis", "frameyaxis", "framezaxis")
 _ROTATIONS = ("framequat", "ballquat")
@@ -178,9 +182,13 @@ def _place(files: ModelFiles, kind: str, sensor: Any) -> str:
 
 def unit_of_sensor(spec: Any, kind: str, element: str) -> str:
     """Unit of a kind of sensor on an element of a specification."""
-    if not kind.startswith("joint"):
-        return _UNITS[kind]
-    joint = spec.joint(element)
-    slides = joint is not None and joint.type == mujoco.mjtJoint.mjJNT_SLIDE
-    units = {"jointpos": ("rad", "m"), "jointvel": ("rad/s", "m/s"), "jointactuatorfrc": ("N m", "N")}
-    return units[kind][slides]
+    kinds = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "actuatorfrc": ("N m", "N")}
+    if kind.startswith("joint"):
+        joint = spec.joint(element)
+        return kinds[kind.removeprefix("joint")][joint is not None and joint.type == mujoco.mjtJoint.mjJNT_SLIDE]
+    if kind.startswith("tendon"):
+        # The length of a fixed tendon of hinges alone is an angle, every other one a length.
+        path = spec.tendon(element).path
+        hinges = all(each.type == mujoco.mjtWrap.mjWRAP_JOINT and each.target.type == _HINGE for each in path)
+        return kinds[kind.removeprefix("tendon")][not hinges]
+    return _UNITS[kind]

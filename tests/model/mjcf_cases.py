@@ -503,8 +503,6 @@ MARKED: dict[str, Case] = {
         "in_body": '<camera name="c" resolution="2 2"/>',
         "in_sensor": '<camprojection name="probe" site="s" camera="c"/>',
     },
-    **{case: each for kind in ("pos", "vel") for case, each in _sensor(f"tendon{kind}", 'tendon="tf"').items()},
-    **_sensor("tendonactuatorfrc", 'tendon="tf"'),
     **{
         f"sensor/{what}limit{kind}": {
             "body/joint": {"range": "-1 1"},

@@ -228,3 +228,19 @@ def test_a_kink_inside_a_step_spoils_the_order(tmp_path, monkeypatch):
     monkeypatch.setattr(ForceLimits, "first_kink", lambda _, path, __: path.move_to(0.0))
     run = run_link(tmp_path, HOLD, actuators=CLAMPED, **steps(4e-3))
     assert abs(run[ANGLE][-1] - 0.892752953622) > 1e-7
+
+
+def test_tendons_are_measured(tmp_path):
+    """Length, rate and force of the servo's tendon, -2 of the joint; its setpoint is the length at the start, -0.4 rad."""
+    sensors = "".join(f'<{kind} name="{kind}" tendon="t"/>' for kind in ("tendonpos", "tendonvel", "tendonactuatorfrc"))
+    tendon = '<tendon><fixed name="t"><joint joint="j" coef="-2"/></fixed></tendon>'
+    model = link('<position name="servo" tendon="t" kp="2" kv="0.15"/>')
+    model = model.replace("</mujoco>", f"{tendon}<sensor>{sensors}</sensor></mujoco>")
+    run = run_link(tmp_path, {"kind": "off"}, model=model, duration_s=0.1)
+    length, rate = run["sensor.robot_tendonpos_rad"], run["sensor.robot_tendonvel_rad_s"]
+    np.testing.assert_allclose(length, -2.0 * run[ANGLE], rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(rate, -2.0 * run[RATE], rtol=0.0, atol=1e-15)
+    force = run["sensor.robot_tendonactuatorfrc_N_m"][1:]  # the first sample is taken before anything is powered
+    np.testing.assert_allclose(force, 2.0 * (-0.4 - length[1:]) - 0.15 * rate[1:], rtol=0.0, atol=1e-14)
+    assert passes(run)
+    assert_replayed(run)

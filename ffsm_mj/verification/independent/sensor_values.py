@@ -15,7 +15,10 @@ from ffsm_mj.verification.independent.scene import Latched, LoggedScene
 from ffsm_mj.verification.independent.sensor_settings import SensorSettings
 from ffsm_mj.verification.independent.tolerances import SENSOR_VALUES
 
-_OF_FORCES = ("accelerometer", "force", "torque", "framelinacc", "frameangacc", "touch", "actuatorfrc", "jointactuatorfrc")
+_OF_FORCES = (
+    *("accelerometer", "force", "torque", "framelinacc", "frameangacc", "touch"),
+    *("actuatorfrc", "jointactuatorfrc", "tendonactuatorfrc"),
+)
 """Kinds whose value depends on forces or accelerations."""
 
 

@@ -185,7 +185,7 @@ class ImplicitSlips:
 
     def __init__(self, here: ContactEvaluation) -> None:
         """Begin at the first evaluation of the first node."""
-        modes = here.modes
+        modes, self._first = here.modes, here
         self._free: IntArray = np.flatnonzero(modes.slides & ~here.problem.lines & ~modes.straight)
         self._nodes: dict[int, _Node] = {}
 
@@ -198,6 +198,12 @@ class ImplicitSlips:
         if len(self._free):
             self._nodes[node] = _Node(here, directions, stage.along.reshape(-1, 3))
         return stage, generalised
+
+    def held(self) -> tuple[FloatArray, FloatArray]:
+        """Rows that are held at the first evaluation, and accelerations by forces along them without, (n, nv) each."""
+        here = self._first
+        which = here.problem.held_rows(here.modes.kinds)
+        return here.rows.J[which], here.rows.response[which]
 
     def corrections(self, step: ImplicitStep, accelerations: FloatArray) -> FloatArray | None:
         """Changes of the accelerations with the directions of slip that solve the equations of the step."""
