@@ -20,6 +20,7 @@ from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
 from ffsm_mj.errors import Fault, ScenarioFaults, described, unknown_name
+from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig
@@ -196,7 +197,7 @@ def _refuse_second_claims(system: System, name: str, claims: list[int], owners: 
 
 
 def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[str]:
-    """Messages for actuators that nothing drives in a phase that drives others.
+    """Messages for motors that nothing drives in a phase that drives others; servos keep their setpoints.
 
     For a single law only motors of joints are listed, other than those of the base; a law of which it is not known what it
     drives gives a message if it is one of several.
@@ -218,7 +219,7 @@ def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[st
 def _undriven_by_parts(system: System, phase: Phase, parts: Parts) -> Iterator[str]:
     silent = [part for part in parts.parts if not isinstance(part.law, Drives)]
     claims = {i for part in parts.parts for i in claims_of(part.law)}
-    left = [i for i in range(system.mj.nu) if i not in claims]
+    left = [int(i) for i in np.flatnonzero(~servo_mask(system.mj)) if i not in claims]
     for part in silent:
         yield (
             f"part {part.name!r} ({part.kind}) of phase {phase.name!r} does not state which actuators it drives; "
@@ -231,9 +232,9 @@ def _undriven_by_parts(system: System, phase: Phase, parts: Parts) -> Iterator[s
 
 
 def _motors(system: System) -> set[int]:
-    """Ids of the motors of joints other than those of a base."""
+    """Ids of the motors of joints other than those of a base, servos aside."""
     model = system.mj
-    on_joints = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT))
+    on_joints = np.flatnonzero((model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)) & ~servo_mask(model))
     base = {dof for tree in system.trees for dof in range(tree.base_dofs.start, tree.base_dofs.stop)}
     return {int(i) for i in on_joints if model.jnt_dofadr[model.actuator_trnid[i, 0]] not in base}
 

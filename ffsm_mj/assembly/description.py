@@ -13,6 +13,11 @@ from ffsm_mj.assembly.loop_notes import friction_notes, loop_lines, loop_notes
 from ffsm_mj.assembly.pair_notes import disarmed_pairs, unwatched_overlaps
 from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
+from ffsm_mj.contact_models.impact.limit_record import force_unit
+from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
+from ffsm_mj.dynamics.stiff_actuators import StiffActuators
+from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.scenario.grasps import never_armed
 from ffsm_mj.scenario.phase_graph import graph_lines, is_branching
@@ -51,6 +56,8 @@ def describe(assembly: Assembly) -> list[str]:
         *(f"  {line}" for line in rule_lines(assembly.contacts)),
         *_limited_joints(assembly.limits),
         *spring_lines(scenario, system, assembly.data),
+        *_servos(assembly),
+        *_dry_friction(system),
         *loop_lines(assembly),
         *_sensors(assembly),
         *([f"  goes on from {initial.from_} at t = {initial.at_s:g} s"] if initial.from_ is not None else []),
@@ -105,3 +112,29 @@ def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:
         f"    {low.joint}: {low.limit:.4g} to {high.limit:.4g} {low.unit}, e = {low.restitution:g}" for low, high in ends
     ]
     return ["  joints that stop at their limits", *joints] if joints else []
+
+
+def _servos(assembly: Assembly) -> list[str]:
+    """A line on the servos, their fastest rate at the initial state, and the steps that it asks for; none without servos."""
+    model, integrator = assembly.system.mj, assembly.plant.integrator
+    servos = int(servo_mask(model).sum())
+    if not servos:
+        return []
+    motion = integrator.motion
+    fastest = StiffActuators(model, assembly.data, motion.constrained).fastest()
+    kind = "implicit" if motion.stiff is not None else "explicit"
+    divided = " and divided where their error needs it" if integrator.control is not None else ""
+    return [f"  servos: {servos}, fastest rate {fastest:.4g} 1/s with springs and dampers; steps are {kind}{divided}"]
+
+
+def _dry_friction(system: System) -> list[str]:
+    """A heading and a line for each joint and tendon with dry friction; none if there are none."""
+    on = friction_coordinates(system)
+    if on is None:
+        return []
+    kinds = ["joint"] * len(on.dofs) + ["tendon"] * len(on.tendons)
+    each = zip(kinds, on.names, on.limits, on.units, strict=True)
+    return [
+        "  dry friction",
+        *(f"    {kind} {name}: {limit:.4g} {force_unit(unit)}" for kind, name, limit, unit in each),
+    ]

@@ -59,7 +59,12 @@ class ModelFiles:
     @property
     def place(self) -> str:
         """Name of the main file in messages."""
-        return self.label + self.main
+        return self.place_of(self.main)
+
+    def place_of(self, name: str) -> str:
+        """Name of a file in messages, without a way up and down again from the current folder."""
+        place = self.label + name
+        return os.path.relpath(place) if place.startswith("..") else place
 
     @property
     def urdf(self) -> bool:

@@ -54,7 +54,7 @@ def mimic_place(written: Iterable[Mimic], follower: str, leader: str) -> str:
 def mimics(files: ModelFiles) -> list[Mimic]:
     """All ``<mimic>`` elements of a model and its attached URDFs; longest names first, as names may share an ending."""
     urdfs = [name for name, content in files.files.items() if has_urdf_root(content)]
-    found = [each for name in urdfs for each in _written(files.files[name], files.label + name)]
+    found = [each for name in urdfs for each in _written(files.files[name], files.place_of(name))]
     return sorted(found, key=lambda each: -len(each.joint))
 
 

@@ -60,7 +60,9 @@ class Places:
         if prefix not in self._elements:
             model = self._files[prefix]
             documents = {name: xml for name, xml in model.files.items() if name.lower().endswith((".xml", ".urdf"))}
-            self._elements[prefix] = [each for name, xml in documents.items() for each in elements(xml, model.label + name)]
+            self._elements[prefix] = [
+                each for name, xml in documents.items() for each in elements(xml, model.place_of(name))
+            ]
         return self._elements[prefix]
 
 

@@ -173,7 +173,7 @@ def _place(files: ModelFiles, kind: str, sensor: Any) -> str:
     found: list[Element] = []
     for name, content in files.files.items():
         with suppress(InputError):  # a mesh
-            found += elements(content, files.label + name)
+            found += elements(content, files.place_of(name))
     found = [each for each in found if each.tag == kind and "sensor" in each.parents]
     named = [each for each in found if each.attributes.get("name") == sensor.name]
     unnamed = [each for each in found if "name" not in each.attributes and sensor.objname in ("", *each.attributes.values())]

@@ -184,14 +184,14 @@ def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
             included |= found
     for name in others:
         if name not in included:
-            yield from elements(files.files[name], files.label + name)
+            yield from elements(files.files[name], files.place_of(name))
 
 
 def _written(files: ModelFiles, words: Iterable[str] = ("",)) -> Iterator[Element]:
     """Elements of the MJCF files in which one of some words stands: parsing a large file takes as long as compiling it."""
     for name, xml in files.files.items():
         if name.lower().endswith(".xml") and any(word.encode() in xml for word in words):
-            yield from elements(xml, files.label + name)
+            yield from elements(xml, files.place_of(name))
 
 
 def _place(files: ModelFiles, tag: str, attribute: str) -> str:

@@ -149,7 +149,10 @@ def _of_robot(system: System, kind: str) -> list[str]:
 
 
 def _last_link(system: System) -> int:
-    """The body with most joints between it and the base; of a hand with fingers alike, the hand."""
+    """The body with most joints between it and the base; of a hand with fingers alike, the hand.
+
+    A hand is beyond half of the joints, or has a site, as a gripper without an arm has between its fingers.
+    """
     model = system.mj
     above = {system.robot.root: 0}
     for body in system.robot.bodies[1:]:
@@ -159,24 +162,25 @@ def _last_link(system: System) -> int:
     if len(ends) > 1:
         chains = [list(ancestors(model, body)) for body in ends]
         hand = next(body for body in chains[0] if all(body in chain for chain in chains))
-        if above[hand] >= most / 2:
+        if above[hand] >= most / 2 or (hand != system.robot.root and hand in model.site_bodyid):
             return hand
     return ends[0]
 
 
 def _end_of(model: Any, data: Any, body: int, link: list[int]) -> FloatArray:
-    """Where a link ends, in the frame of a body of it: its surface beyond its geoms' middle, as seen from its joint."""
+    """Where a link ends, in the frame of a body of it: its surface beyond the geoms of this body, as seen from its joint."""
     geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] in link]
     if not geoms:
         return np.zeros(3)
-    anchor, middle = data.xpos[body], np.mean(data.geom_xpos[geoms], axis=0)
+    of_body = [g for g in geoms if model.geom_bodyid[g] == body] or geoms
+    anchor, middle = data.xpos[model.body_weldid[body]], np.mean(data.geom_xpos[of_body], axis=0)
     along = middle - anchor
     length = float(np.linalg.norm(along))
     along = along / length if length > 1e-3 else data.xmat[body].reshape(3, 3)[:, 2]
     far = length + float(max(model.geom_rbound[geoms])) + 1.0
     hits = [far - distance for g in geoms if (distance := _ray(model, data, g, anchor + far * along, -along)) >= 0.0]
     reach = max(hits, default=length)
-    return np.asarray(data.xmat[body].reshape(3, 3).T @ (reach * along))
+    return np.asarray(data.xmat[body].reshape(3, 3).T @ (anchor + reach * along - data.xpos[body]))
 
 
 def _ray(model: Any, data: Any, geom: int, start: FloatArray, direction: FloatArray) -> float:

@@ -158,6 +158,32 @@ def test_a_robot_that_floats_gets_no_base(vendor, capfd):
     assert line == "new: --base-mass: ../vendor/floating.xml floats already, no base is added; leave it out"
 
 
+def test_the_tip_of_a_hand_is_beyond_it(vendor):
+    """A hand that is fixed to the last link, whose own geoms are behind it; and a file is named as seen from here."""
+    palm = '<body name="palm" pos="0 0 0.35"><geom size="0.03" mass="0.2" friction="0.5"/>'
+    hand = SERVO_ARM.replace('<body name="left"', f'{palm}<body name="left"').replace(
+        "</body></body></body></w", "</body>" * 4 + "</w"
+    )
+    vendor("arm.xml", hand)
+    assert main(["new", "my", "--robot", "../vendor/arm.xml"]) == 0
+    prepared = prepare("my.yaml")
+    site = prepared.system.mj.site("robot/tip")
+    assert prepared.system.mj.body(site.bodyid[0]).name == "robot/palm"
+    np.testing.assert_allclose(site.pos, [0.0, 0.0, 0.03], atol=1e-4)  # its surface, written to 1e-4 m
+    (left_out,) = [line for line in prepared.describe() if "friction of geoms" in line]
+    assert left_out.startswith("note: my.xml: ")
+
+
+def test_the_tip_of_a_gripper_without_an_arm_is_the_site_between_its_fingers(vendor):
+    fingers = "".join(
+        f'<body pos="{x} 0 0.1"><joint name="f{x}" axis="0 1 0"/><geom size="0.01"/></body>' for x in (-0.05, 0.05)
+    )
+    mount = f'<body name="mount"><geom size="0.05"/><site name="pinch" pos="0 0 0.2"/>{fingers}</body>'
+    vendor("gripper.xml", f"<mujoco><worldbody>{mount}</worldbody></mujoco>")
+    assert main(["new", "my", "--robot", "../vendor/gripper.xml"]) == 0
+    assert prepare("my.yaml").scenario.task.tip == "pinch"
+
+
 @pytest.mark.parametrize(("tip", "body"), [("centre", "robot/lower"), ("upper", "robot/upper")])
 def test_the_tip_may_be_named(vendor, tip, body):
     """A site of the file, or a body; and the ball comes to it."""

@@ -7,6 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import effort
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.force_limits import ForceLimits
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.replay import replay_log
@@ -244,3 +245,33 @@ def test_tendons_are_measured(tmp_path):
     np.testing.assert_allclose(force, 2.0 * (-0.4 - length[1:]) - 0.15 * rate[1:], rtol=0.0, atol=1e-14)
     assert passes(run)
     assert_replayed(run)
+
+
+@pytest.mark.parametrize(
+    ("kp", "line"),
+    [
+        (KP, "  servos: 1, fastest rate 4.472 1/s with springs and dampers; steps are explicit"),  # sqrt(kp / I)
+        (
+            1e6,
+            "  servos: 1, fastest rate 1581 1/s with springs and dampers; steps are implicit and divided where their "
+            "error needs it",
+        ),
+    ],
+)
+def test_check_says_how_fast_servos_are_and_which_steps_they_need(tmp_path, kp, line):
+    actuator = f'<position name="servo" joint="j" kp="{kp}" kv="{KV}"/>'
+    assert line in prepare(link_scene(tmp_path, HOLD, actuators=actuator)).describe()
+
+
+@pytest.mark.parametrize(
+    "keys", [{"controller": {**HOLD, "joints": ["j"]}}, {"controllers": {"one": {**HOLD, "joints": ["j"]}}}]
+)
+def test_a_servo_that_no_law_commands_is_not_called_free(tmp_path, keys):
+    """It keeps its setpoint; of a motor in its place the note stays."""
+    second = '<body name="two"><joint name="k" axis="0 1 0"/><geom size="0.1" mass="1"/></body>'
+    notes = []
+    for other in ('<position name="other" joint="k" kp="1"/>', '<motor name="other" joint="k"/>'):
+        phases = [{"name": "all", "until": "end", **keys}]
+        path = link_scene(tmp_path, {}, model=link(SERVO + other, link_body=second), phases=phases)
+        notes.append([line for line in prepare(path).describe() if line.startswith("note: no") and "robot/other" in line])
+    assert [len(each) for each in notes] == [0, 1]

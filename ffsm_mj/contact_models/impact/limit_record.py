@@ -110,7 +110,7 @@ def _sentence(record: LimitImpactRecord) -> str:
     status = "" if record.status == "ok" else f", {record.status.replace('_', ' ')}"
     return (
         f"joint {record.joint} hits its {record.side} limit of {record.limit:g} {record.unit}: impulse {_impulse(record)}, "
-        f"e = {record.restitution:g}, approach {max(record.approach_rate, 0.0):.4g} {record.unit}/s, {after}{status}"
+        f"e = {record.restitution:g}, approach {max(0.0, record.approach_rate):.4g} {record.unit}/s, {after}{status}"
     )
 
 

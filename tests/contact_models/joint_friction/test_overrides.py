@@ -42,6 +42,9 @@ def test_a_scenario_gives_the_friction(tmp_path):
     assert "model.robot.upper.joints.one.frictionloss is 0.15; without it 0.5" in [
         each.sentence for each in prepared.system.changes
     ]
+    lines = prepared.describe()
+    friction = lines.index("  dry friction")
+    assert lines[friction + 1 : friction + 3] == ["    joint robot/one: 0.15 N m", "    joint robot/two: 0.06 N m"]
     made = ffsm_mj.run(path)
     same = run(tmp_path, arm(), 4e-3, duration_s=1.0, initial=INITIAL)
     np.testing.assert_array_equal(state(made), state(same))
