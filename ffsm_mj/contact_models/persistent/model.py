@@ -503,8 +503,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         if self._landing or self._active_set.touches_elsewhere():
             self._landing = False
             return EventEffect((), leaves_to_impacts=True)
-        self._drop(self._changes.left_at_once())
-        news = self._changes.pending() or self._changes.during_step()
+        left = self._changes.left_at_once()
+        self._drop(left)
+        # Limits that are left at once are found before a step: no step has changed the modes of the others.
+        news = self._changes.pending() or (None if left else self._changes.during_step())
         if news is None:
             return None
         kind, pairs = news
