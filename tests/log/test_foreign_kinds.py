@@ -56,8 +56,9 @@ def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch
     (package / "grips.py").write_text(
         "import nothing_of_that_name"
         if broken
-        else "from ffsm_mj.contact_models.interface import ContactModel, EventSource\nfrom tests.log.grips import GRIP\n"
-        "class Gripper(ContactModel, EventSource):\n    kind = 'gripper'\n    records = (GRIP,)\n"
+        else "from ffsm_mj.config import StrictModel\n"
+        "from ffsm_mj.contact_models.interface import ContactModel, EventSource\nfrom tests.log.grips import GRIP\n"
+        "class Gripper(ContactModel, EventSource):\n    kind = 'gripper'\n    Config = StrictModel\n    records = (GRIP,)\n"
     )
     monkeypatch.syspath_prepend(package)
     monkeypatch.delitem(sys.modules, "grips", raising=False)
