@@ -7,7 +7,6 @@ where a state is not steady.
 
 import numpy as np
 
-from ffsm_mj._core.steppers import WEIGHTS
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.persistent.clearance import LEVEL_M
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs, Shares
@@ -195,8 +194,6 @@ cdef class RuleColumns:
 
 cdef double _DRIFT_M = DRIFT_M, _DRIFT_M_S = DRIFT_M_S, _FEATURE_BOUND_M = FEATURE_BOUND_M, _LEVEL_M = LEVEL_M
 cdef double GAP_M = PROJECTED_GAP_M, RATE_M_S = PROJECTED_RATE_M_S, SLIP_M_S = PROJECTED_SLIP_M_S
-cdef double[::1] _WEIGHTS = WEIGHTS
-STEP = slice(-5, -1)  # the stages of an explicit step; the last one of all is at its end
 
 
 cdef class SteadyContacts:
@@ -405,19 +402,25 @@ cdef class SteadyContacts:
         """The same into energies, impulse of the robot, and impulses of fixed bodies, (21,); returns whether it is steady."""
         cdef list stages
         cdef StageInMemory stage
+        cdef const double[::1] weights
         cdef double part, power, total = 0.0, own = 0.0, heat_J = 0.0
         cdef const double* wrench
-        cdef Py_ssize_t s, i, g
+        cdef Py_ssize_t s, i, g, n, first
         if not self.holds():
             return False
-        stages = self.closed.stages[STEP]
-        if len(stages) < 4 or not all([isinstance(each, StageInMemory) for each in stages]):
+        stages, weights = self.closed.stages, self.closed.motion.forced.weights
+        n = weights.shape[0]
+        first = len(stages) - 1 - n  # the last one of all is at the end of the step
+        if first < 0:
+            return False
+        stages = stages[first : first + n]
+        if not all([isinstance(each, StageInMemory) for each in stages]):
             return False
         if self.sliding and not all([(<StageInMemory>each).slides for each in stages]):
             return False
         memset(sums, 0, 21 * sizeof(double))
-        for s in range(4):
-            stage, part = stages[s], duration_s * _WEIGHTS[s]
+        for s in range(n):
+            stage, part = stages[s], duration_s * weights[s]
             for i in range(stage.nv):
                 power = part * stage.powers[i]
                 total += power
