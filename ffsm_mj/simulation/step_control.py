@@ -145,6 +145,7 @@ class StepControl(Stateful):
             whether the motion bound excludes any event in it.
         """
         before: tuple[float, float] | None = None
+        rates: dict[float, float] = {}
         trial_s = left_s / math.ceil(left_s / self._reach_s) if self._reach_s < left_s else left_s
         while True:
             clear, motion.path.at_s = motion.step(trial_s), trial_s
@@ -155,7 +156,7 @@ class StepControl(Stateful):
                 self._error.begin(measured=True)
                 continue
             error = self._error.relative(trial_s, exchanged(trial_s), grasped=motion.grasped_object is not None)
-            rate = error / trial_s
+            rate = rates[trial_s] = error / trial_s
             # The caller notices states that are not finite.
             if rate <= self._rate or error <= self._least or not math.isfinite(error):
                 return self._plan_one(trial_s, clear)
@@ -170,7 +171,8 @@ class StepControl(Stateful):
                 continue
             if trial_s <= self._shortest_s:
                 falls = before is not None and rate < before[1] * (trial_s / before[0]) ** _FALLS
-                return self._plan_shortest(motion, (trial_s, left_s), error, falls=falls)
+                as_good_s = max(each_s for each_s, of in rates.items() if of <= 2.0 * min(rates.values()))
+                return self._plan_shortest(motion, (trial_s, as_good_s), error, falls=falls)
             before = trial_s, rate
             coarser = min(_MOST_COARSER, max(2, math.ceil(parts / _AT_ONCE), _AT_ONCE * (error > _COARSE)))
             trial_s = max(trial_s / coarser, min(self._shortest_s, trial_s))
@@ -180,11 +182,11 @@ class StepControl(Stateful):
 
         Args:
             motion: The current motion, at the start of the trial.
-            durations_s: Durations of the trial and of the rest of the time step, s.
+            durations_s: Durations of the trial, and of the longest one whose error per time is about the least, s.
             error: Relative error of the trial.
             falls: Whether the error falls with the duration, as truncation does.
         """
-        trial_s, left_s = durations_s
+        trial_s, as_good_s = durations_s
         if error > _LOST or (falls and error > _SMALL):
             times = error / trial_s / self._rate
             raise StepLimitError(f"steps of {trial_s:.3g} s exceed the allowed error {times:.3g} times")
@@ -192,9 +194,10 @@ class StepControl(Stateful):
             self._planned, self._planned_s, self._reach_s = _AT_ONCE, trial_s / _AT_ONCE, trial_s
             return None
         # The error is not truncation, or an event left an equally short rest of the step: shorter steps do not help.
-        # One step over the rest is as good, and the checks evaluate it.
-        clear, motion.path.at_s = motion.step(left_s), left_s
-        return self._plan_one(left_s, clear)
+        # The longest trial that is as good does, and the checks evaluate it. It need not be the whole rest: at high rates
+        # the error of short steps is rounding, while that of a time step is far above it.
+        clear, motion.path.at_s = motion.step(as_good_s), as_good_s
+        return self._plan_one(as_good_s, clear)
 
     def _plan_one(self, duration_s: float, clear: bool) -> bool:
         """Make the trial itself the sub-step."""

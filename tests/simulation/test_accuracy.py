@@ -184,6 +184,15 @@ def test_what_a_shorter_step_does_not_mend_is_left_to_the_checks(tmp_path, monke
     assert run.summary()["sub_steps"] == run.summary()["steps"]
 
 
+def test_rounding_of_short_steps_does_not_make_a_step_long(tmp_path, monkeypatch):
+    """With rounding of 1e-12 in each sub-step, above the share of any: its own truncation would be 1e-6 in a whole step."""
+    honest = StepError.relative
+    monkeypatch.setattr(StepError, "relative", lambda self, t, *a, **k: honest(self, t, *a, **k) + 1e-12)
+    run = ffsm_mj.run(whirling(tmp_path, accuracy=1e-9, duration_s=0.1))
+    assert run.outcome == "completed"
+    assert all(check.passes for check in run.checks())
+
+
 @pytest.mark.parametrize(("value", "said"), [("1e-12", "greater than or equal"), ("1", "less than"), ("yes", "number")])
 def test_an_accuracy_that_is_none_is_refused(tmp_path, value, said):
     path = whirling(tmp_path)
