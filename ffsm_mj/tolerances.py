@@ -167,7 +167,8 @@ MODE_STEP = 0.3
 """Largest h w of a mode of joint springs: RK4 takes (h w)^6 / 72 = 1e-5 of its energy in each step."""
 STIFF_STEP = 0.3
 """Largest h lambda of servos in explicit steps: RK4 resolves a decay exp(-lambda t) to (h lambda)^5 / 120 = 2e-5 of it."""
-RESOLVED_STEP = 0.02
-"""Largest h lambda of servos at which steps need no control: the truncation of a step is 3e-11 of what decays in it."""
+RESOLVED_STEP = 0.01
+"""Largest h lambda of servos at which steps need no control: their truncation, (h lambda)^5 / 120 each, is in 1 / lambda
+(h lambda)^4 / 120 = 8e-11 of the energy, a tenth of what the checks allow."""
 DAMPER_STEP = 2.7
 """Largest h d / I of a damper: RK4 is stable up to 2.785 on the negative real axis."""

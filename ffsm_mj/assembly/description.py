@@ -121,10 +121,11 @@ def _servos(assembly: Assembly) -> list[str]:
     if not servos:
         return []
     motion = integrator.motion
-    fastest = StiffActuators(model, assembly.data, motion.constrained).fastest()
+    fastest = max(StiffActuators(model, assembly.data, motion.constrained).fastest())
     kind = "implicit" if motion.stiff is not None else "explicit"
     divided = " and divided where their error needs it" if integrator.control is not None else ""
-    return [f"  servos: {servos}, fastest rate {fastest:.4g} 1/s with springs and dampers; steps are {kind}{divided}"]
+    steps = f"steps are {kind}{divided}"
+    return [f"  servos: {servos}, fastest rate {fastest:.4g} 1/s with springs, dampers and activations; {steps}"]
 
 
 def _dry_friction(system: System) -> list[str]:

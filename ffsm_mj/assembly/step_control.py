@@ -49,12 +49,12 @@ def step_control(
     """
     accuracy, parts = scenario.accuracy, MOST_PARTS
     if has_servos(system.mj):
-        of_step = scenario.time_step_s * StiffActuators(system.mj, data, motion.response).fastest()
-        if of_step > STIFF_STEP:
+        mechanical, fastest = StiffActuators(system.mj, data, motion.response).fastest()
+        of_step = scenario.time_step_s * mechanical
+        if of_step > STIFF_STEP:  # activations are known functions of the time, or no part of Newton's matrix
             motion.make_implicit()
             parts = max(parts, min(_MOST_IMPLICIT_PARTS, round(_TRANSIENT_PARTS * of_step)))
-        if motion.activations is not None:  # known functions of the time, or no part of Newton's matrix
-            of_step = max(of_step, scenario.time_step_s * motion.activations.fastest())
+        of_step = scenario.time_step_s * max(mechanical, fastest)
         # Where no balance can tell the error, steps are as long as the scenario says.
         if accuracy is None and of_step > RESOLVED_STEP and not system.faults:
             accuracy = _OF_SERVOS

@@ -20,8 +20,6 @@ from ffsm_mj.model.actuators import INTEGRAL_LIMIT, SLEW_RATE, controllers_of
 
 _INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-_STEP = 1e-4
-"""Step of differences of activations."""
 _FULL = 1.0 - 1e-9
 """An integral this close to its limit, relative to it, is at the limit."""
 
@@ -58,17 +56,6 @@ class Activations:
     def __bool__(self) -> bool:
         """Whether there is anything to do in the stages, or a kink to be found."""
         return bool(len(self._start)) or bool(self._kinks)
-
-    def fastest(self) -> float:
-        """Largest rate at which an activation decays by itself at the state in the data, 1/s."""
-        data, kept, rates = self._data, self._data.act.copy(), []
-        for sign in (1.0, -1.0):
-            data.act[:] = kept + sign * _STEP
-            mujoco.mj_fwdActuation(self._model, data)
-            rates.append(data.act_dot.copy())
-        data.act[:] = kept
-        mujoco.mj_fwdActuation(self._model, data)
-        return float(np.abs(rates[0] - rates[1]).max(initial=0.0)) / (2.0 * _STEP)
 
     def begin(self, duration_s: float, nodes: int = 0) -> None:
         """Begin a step at the state in the data, forces current; with the number of nodes if it is implicit."""

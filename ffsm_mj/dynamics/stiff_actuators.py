@@ -25,8 +25,8 @@ from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.actuators import servo_mask, without_force_limits
 from ffsm_mj.tolerances import RANK
 
-_LENGTH, _RATE = 1e-4, 1e-4
-"""Steps of differences, m or rad and m/s or rad/s."""
+_LENGTH, _RATE, _ACTIVATION = 1e-4, 1e-4, 1e-4
+"""Steps of differences, m or rad, m/s or rad/s, and of activations."""
 
 
 class StiffActuators:
@@ -120,29 +120,68 @@ class StiffActuators:
         K = self._spring_K + rows.T @ ((self._k * acting)[:, None] * rows)
         return K, self._spring_D + rows.T @ ((self._d * acting)[:, None] * rows)
 
-    def fastest(self) -> float:
-        """Largest rate of q'' = -M^-1 (K q + D q') at the state in the data, 1/s, with all servos within their limits."""
+    def fastest(self) -> tuple[float, float]:
+        """Largest rates of the loops at the state in the data, with all servos within their limits.
+
+        The gain of some servos, and the time constant of a muscle, depend on the control: the largest rates are those with
+        the controls in the data, or all at the same end of their ranges.
+
+        Returns:
+            Of q'' = -M^-1 (K q + D q'), and with the activations as further states, 1/s.
+        """
+        model, data = self._model, self._data
+        kept, found = data.ctrl.copy(), []
+        for controls in (
+            kept,
+            *np.where(model.actuator_ctrllimited.astype(bool)[:, None], model.actuator_ctrlrange, kept[:, None]).T,
+        ):
+            data.ctrl[:] = controls
+            found.append(self._rates())
+        data.ctrl[:] = kept
+        mujoco.mj_fwdActuation(model, data)
+        mechanical, all_states = np.max(found, axis=0).tolist()
+        return mechanical, all_states
+
+    def _rates(self) -> tuple[float, float]:
+        """Largest rates with the controls in the data, without and with activations, 1/s."""
         self._evaluate()
-        K, D = self._stiffness(np.ones(len(self._servos), dtype=np.bool_))
-        nv = self._model.nv
-        inverse = np.linalg.inv(mass_matrix(self._model, self._data))
-        system = np.block([[np.zeros((nv, nv)), np.eye(nv)], [-inverse @ K, -inverse @ D]])
-        return float(np.abs(np.linalg.eigvals(system)).max(initial=0.0))
+        model, data, rows, servos = self._model, self._data, self._rows, self._servos
+        K, D = self._stiffness(np.ones(len(servos), dtype=np.bool_))
+        nv, na = model.nv, model.na
+        inverse = np.linalg.inv(mass_matrix(model, data))
+        system = np.zeros((2 * nv + na, 2 * nv + na))
+        system[:nv, nv : 2 * nv] = np.eye(nv)
+        system[nv : 2 * nv, : 2 * nv] = -inverse @ np.hstack((K, D))
+        owners = np.repeat(np.arange(model.nactuator), model.actuator_actnum)
+        own = (owners[:, None] == servos) @ rows  # transmission of the servo of each activation, (na, nv)
+        for part, values, step in ((0, data.actuator_length, _LENGTH), (nv, data.actuator_velocity, _RATE)):
+            slopes = _differences(self._unlimited, data, values, servos, step)[1]
+            system[2 * nv :, part : part + nv] = slopes[:, None] * own
+        for i in range(na):
+            forces, slopes = _differences(self._unlimited, data, data.act, [i], _ACTIVATION)
+            system[nv : 2 * nv, 2 * nv + i] = inverse @ rows.T @ forces[servos]
+            system[2 * nv :, 2 * nv + i] = slopes
+        of_states = [np.abs(np.linalg.eigvals(each)).max(initial=0.0) for each in (system[: 2 * nv, : 2 * nv], system)]
+        return float(of_states[0]), float(of_states[1])
 
 
 def _slopes(model: Any, data: Any, servos: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Stiffness and damping of servos along their transmissions: -dp/dl and -dp/dl', (n,) each.
+    """Stiffness and damping of servos along their transmissions: -dp/dl and -dp/dl', (n,) each."""
+    along = ((data.actuator_length, _LENGTH), (data.actuator_velocity, _RATE))
+    K, D = (-_differences(model, data, values, servos, step)[0][servos] for values, step in along)
+    return K, D
 
-    By central differences of the force without limits, which are exact where the law is affine; servos do not act on each
-    other.
+
+def _differences(model: Any, data: Any, values: FloatArray, some: Any, step: float) -> tuple[FloatArray, FloatArray]:
+    """Slopes of the forces of all actuators and of the rates of all activations by some values in the data.
+
+    By central differences without limits, which are exact where the law is affine; servos do not act on each other.
     """
-    found = []
-    for values, step in ((data.actuator_length, _LENGTH), (data.actuator_velocity, _RATE)):
-        kept, forces = values[servos].copy(), []
-        for sign in (1.0, -1.0):
-            values[servos] = kept + sign * step
-            mujoco.mj_fwdActuation(model, data)
-            forces.append(data.actuator_force[servos].copy())
-        values[servos] = kept
-        found.append((forces[1] - forces[0]) / (2.0 * step))
-    return found[0], found[1]
+    kept, found = values[some].copy(), []
+    for sign in (1.0, -1.0):
+        values[some] = kept + sign * step
+        mujoco.mj_fwdActuation(model, data)
+        found.append((data.actuator_force.copy(), data.act_dot.copy()))
+    values[some] = kept
+    forces, rates = ((plus - minus) / (2.0 * step) for plus, minus in zip(*found, strict=True))
+    return forces, rates

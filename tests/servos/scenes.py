@@ -30,10 +30,10 @@ def run_link(folder, controller, *, actuators=SERVO, model=None, **scenario):
     return ffsm_mj.run(link_scene(folder, controller, actuators=actuators, model=model, **scenario))
 
 
-def link_scene(folder, controller, *, actuators=SERVO, model=None, **scenario):
-    """Its scenario file."""
+def link_scene(folder, controller, *, actuators=SERVO, model=None, others=None, **scenario):
+    """Its scenario file; with models of other objects by name."""
     phases = [{"name": "all", "until": "end", "controller": controller}]
-    return scene(folder, model or link(actuators), {}, **{"initial": START, "phases": phases} | scenario)
+    return scene(folder, model or link(actuators), others or {}, **{"initial": START, "phases": phases} | scenario)
 
 
 def steps(step_s):

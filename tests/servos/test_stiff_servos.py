@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly import step_control
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from tests.replays import assert_replayed
 from tests.servos.scenes import INERTIA, link, link_scene, steps
 from tests.servos.test_servos import ANGLE, HOLD, RATE, passes
@@ -72,3 +75,32 @@ def test_a_stiff_servo_presses_on_a_limit(tmp_path):
     np.testing.assert_allclose(run["contact.robot_j_limit_torque_N_m"][rests], -KP * 0.2, rtol=1e-8)
     assert passes(run)
     assert_replayed(run)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "mechanical", "with_activations"),
+    [
+        # I_r q'' = kp (u - q) - kv q' + ki z, z' = u - q.
+        (
+            '<pid name="servo" joint="j" kp="8" kv=".6" ki="4000" input="pos"/>',
+            [INERTIA, 0.6, 8.0],
+            [INERTIA, 0.6, 8.0, 4000.0],
+        ),
+        # kp (w - q) - kv q', w' = (u - w) / .002 s.
+        (
+            '<position name="servo" joint="j" kp="8" kv=".6" timeconst=".002"/>',
+            [INERTIA, 0.6, 8.0],
+            np.polymul([INERTIA, 0.6, 8.0], [1.0, 500.0]),
+        ),
+        # -kv u q' with the greatest u, which is not that at the start.
+        ('<damper name="servo" joint="j" kv="3" ctrlrange="0 50"/>', [INERTIA, 150.0], [INERTIA, 150.0]),
+    ],
+)
+def test_the_fastest_rate_is_that_of_the_whole_loop(tmp_path, actuator, mechanical, with_activations):
+    """The largest root of its characteristic polynomial, with the control at either end of its range."""
+    model = prepare(link_scene(tmp_path, {"kind": "off"}, actuators=actuator)).system.mj
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    found = StiffActuators(model, data, lambda rows: rows).fastest()
+    expected = [np.abs(np.roots(polynomial)).max() for polynomial in (mechanical, with_activations)]
+    np.testing.assert_allclose(found, expected, rtol=1e-7)  # differences of 1e-4 of a force of about 1
