@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 import ffsm_mj
+from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.activations import Activations
 from ffsm_mj.replay import replay_log
 from tests.scenario.test_scenario import faults
@@ -113,6 +115,23 @@ def test_the_end_of_a_range_inside_a_step_spoils_the_order(tmp_path, monkeypatch
     actuator, given, expected, at_4_ms = CASES["integrator to the end of its range, at .101 s"]
     run = run_of(tmp_path, actuator, *given, **steps(2e-3))
     assert max(abs(run[ANGLE][-1] - expected[0]), abs(run[RATE][-1] - expected[1])) > 10.0 * at_4_ms
+
+
+@pytest.mark.parametrize(("what", "least"), [("filter", 1e-4), ("motor with inductance", 1e-3)])
+def test_activations_of_the_next_step_or_by_steps_of_mujoco_are_wrong(tmp_path, what, least):
+    """The control: MuJoCo's own steps at 4 ms, and forces from the activation of the next step, as its motors have them."""
+    actuator, (setpoint, _, start, duration_s), expected, _ = CASES[what]
+    model = prepare(link_scene(tmp_path, {"kind": "off"}, actuators=actuator)).system.mj
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 4e-3
+    for early in (0, 1):
+        model.actuator_actearly[:] = early
+        data = mujoco.MjData(model)
+        j = model.joint("robot/j")
+        data.qpos[j.qposadr], data.qvel[j.dofadr], data.qvel[5], data.ctrl[0], data.act[0] = 0.2, -0.3, 0.06, setpoint, start
+        while data.time < duration_s - 1e-9:
+            mujoco.mj_step(model, data)
+        errors = data.qpos[j.qposadr] - expected[0], data.qvel[j.dofadr] - expected[1]
+        assert np.abs(errors).max() > least
 
 
 @pytest.mark.parametrize("what", [what for what in CASES if what != "motor without inductance"])
