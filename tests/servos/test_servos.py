@@ -13,7 +13,7 @@ from ffsm_mj.errors import ControllerError
 from ffsm_mj.replay import replay_log
 from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
-from tests.scenes import HEAD
+from tests.scenes import ARM, HEAD, ball
 from tests.servos.scenes import INERTIA, KP, KV, SERVO, link, link_scene, run_link, steps
 from tests.simulation.restored import is_rest_of, rest, told
 
@@ -278,3 +278,22 @@ def test_a_servo_that_no_law_commands_is_not_called_free(tmp_path, keys):
         path = link_scene(tmp_path, {}, model=link(SERVO + other, link_body=second), phases=phases)
         notes.append([line for line in prepare(path).describe() if line.startswith("note: no") and "robot/other" in line])
     assert [len(each) for each in notes] == [0, 1]
+
+
+def test_an_arm_whose_servos_are_made_motors_tracks_as_one_with_motors(tmp_path):
+    """Bit by bit; with its servos the law says which to make motors."""
+    tip = ARM.replace('<geom name="tip"', '<site name="tip" pos="0.5 0 0"/><geom name="tip"')
+    gains = {"kp_1_s2": 1.0, "kd_1_s": 2.0}
+    law = {"kind": "track", "robot_site": "tip", "object_site": "ball/centre", "position": gains}
+    initial = {"joints": {"shoulder": 0.4, "elbow": 0.8, "ball/free": [1.0, 0.8, 0, 1, 0, 0, 0]}}
+    given = {"others": {"ball": ball()}, "initial": initial, "duration_s": 0.3}
+    servos = tip.replace("<motor", '<position kp="50" kv="5"')
+    path = link_scene(tmp_path, law, model=servos, **given)
+    assert any("write 'actuators: {robot/shoulder: {kind: torque}" in fault for fault in faults(path=path)), faults(
+        path=path
+    )
+    run = ffsm_mj.run(path, {"actuators": {name: {"kind": "torque"} for name in ("shoulder", "elbow")}})
+    motors = run_link(tmp_path, law, model=tip, **given)
+    np.testing.assert_array_equal(run.log.rows, motors.log.rows)
+    assert abs(run.qvel[-1]).max() > 0.01
+    assert passes(run)
