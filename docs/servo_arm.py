@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.report.plots.style import BLUE, ORANGE, VERMILION, WIDTH_IN, publication, write
+from ffsm_mj.report.plots.style import BLUE, GREEN, ORANGE, VERMILION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "servo-arm"
 JOINTS = ("pan", "lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
@@ -23,6 +23,7 @@ MOTORS = {
 SMOOTH = {"robot.strip": ["frictionloss"]}
 DRIVES: dict[str, tuple[dict[str, Any], str, str]] = {
     "servos": ({}, BLUE, "-"),
+    "servos, no friction": (SMOOTH, GREEN, "--"),
     "ideal motors": (MOTORS, VERMILION, "-"),
     "ideal motors, no friction": (MOTORS | SMOOTH, ORANGE, "--"),
 }
@@ -92,8 +93,8 @@ def main() -> None:
             torque.step(run.time, torque_N_m(run, "elbow"), where="post", **looks)
             heat.plot(run.time, heat_J(run), **looks)
         moved.set(ylabel="tip from its place, mm")
-        moved.legend(loc="upper right")
         torque.set(ylabel="torque of the elbow, N m")
+        torque.legend(loc="lower right")
         heat.set(xlim=(0.1, 1.6), xlabel="time, s", ylabel="heat of friction, J")
     FOLDER.mkdir(parents=True, exist_ok=True)
     write(figure, FOLDER, "drives", ("svg",))
