@@ -1,9 +1,8 @@
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj._core.steppers import FreeStepper
-from ffsm_mj._core.tick import Limits, RowFiller, StepWork, TickLaw
+from ffsm_mj._core.tick import Limits, RowFiller, SteadyForces, StepWork, TickLaw
 from ffsm_mj._core.travel import Travel
 
 class FreeTicks:
@@ -33,7 +32,7 @@ class FreeTicks:
         self,
         move: Callable[[float], bool] | None,
         stepper: FreeStepper,
-        contacts: SteadyContacts | None,
+        forces: SteadyForces | None,
         event_bound: float,
         travels: tuple[Travel, ...],
         bound_within: float,

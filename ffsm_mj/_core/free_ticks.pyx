@@ -11,9 +11,8 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport isfinite
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel
-from ffsm_mj._core.steady cimport SteadyContacts
 from ffsm_mj._core.steppers cimport FreeStepper
-from ffsm_mj._core.tick cimport Limits, RowFiller, StepWork, TickLaw
+from ffsm_mj._core.tick cimport Limits, RowFiller, SteadyForces, StepWork, TickLaw
 from ffsm_mj._core.travel cimport Travel
 
 
@@ -75,7 +74,7 @@ cdef class FreeTicks:
         self,
         move,
         FreeStepper stepper not None,
-        SteadyContacts contacts,
+        SteadyForces forces,
         double event_bound,
         tuple travels not None,
         double bound_within,
@@ -96,7 +95,7 @@ cdef class FreeTicks:
         Args:
             move: Makes a step of the motion of a given duration, where that is more than a step of the stepper, or None.
             stepper: Stepper of the motion.
-            contacts: Closed contacts that exert its applied forces; None: there are no applied forces.
+            forces: All of its applied forces; None: there are none.
             event_bound: Motion bound from which other events are possible.
             travels: Motions of the coordinates.
             bound_within: The same bound while all these are within their reach.
@@ -136,7 +135,7 @@ cdef class FreeTicks:
             if report is not None:
                 self.count()
                 report(now)
-            if changes or not self.step(move, stepper, contacts, event_bound, own, interrupted, warnings):
+            if changes or not self.step(move, stepper, forces, event_bound, own, interrupted, warnings):
                 return
 
     cdef int record(self, double time_s) except -1:
@@ -154,7 +153,7 @@ cdef class FreeTicks:
         return 0
 
     cdef bint excludes_events(self, FreeStepper stepper, double event_bound) except -1:
-        """Whether the motion so far excludes every event but those of steady contacts."""
+        """Whether the motion so far excludes every event but those of the applied forces."""
         if stepper.motion_bound < event_bound:
             return True
         if not self.travels or not stepper.motion_bound < self.bound_within:
@@ -168,7 +167,7 @@ cdef class FreeTicks:
         self,
         move,
         FreeStepper stepper,
-        SteadyContacts contacts,
+        SteadyForces forces,
         double event_bound,
         TickLaw law,
         interrupted,
@@ -180,7 +179,7 @@ cdef class FreeTicks:
         for i in range(self.steps_per_tick):
             if interrupted is not None:
                 interrupted()
-            if not self.excludes_events(stepper, event_bound) or (contacts is not None and not contacts.goes_on(self.step_s)):
+            if not self.excludes_events(stepper, event_bound) or (forces is not None and not forces.goes_on(self.step_s)):
                 return False
             self.work.open()
             if move is None:
@@ -195,12 +194,12 @@ cdef class FreeTicks:
                 or len(warnings)
                 or not isfinite(stepper.energy)
                 or (law is not None and i + 1 == self.steps_per_tick and not law.arrives())
-                or (contacts is not None and not contacts.exchange_into(self.step_s, exchange))
+                or (forces is not None and not forces.exchange_into(self.step_s, exchange))
             ):
                 self.has_stepped = True
                 return False
             self.work.close(self.step_s)
-            if contacts is not None:
+            if forces is not None:
                 self.work.add(exchange, exchange + 3, exchange + 9)
             for each in self.after_step:
                 each(self.step_s)

@@ -9,7 +9,7 @@ from ffsm_mj.dynamics.body_twists import chain
 from ffsm_mj.dynamics.loops.latch import BoundLatch, LENGTH_M
 
 from libc.math cimport atan2, fabs, rint, sqrt
-from libc.string cimport memcmp, memcpy
+from libc.string cimport memcmp, memcpy, memset
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjOBJ_XBODY
 
@@ -31,23 +31,8 @@ cdef inline void turned(const double* matrix, const double* v, double* out) noex
         out[i] = matrix[3 * i] * v[0] + matrix[3 * i + 1] * v[1] + matrix[3 * i + 2] * v[2]
 
 
-cdef struct Body:
-    double[3] centre
-    double[3] omega
-    double[3] velocity  # of the material point at the centre
-    double[3] alpha
-    double[3] acceleration
-
-
 cdef class Latch:
     """One latch in a model."""
-
-    cdef Py_ssize_t first, second, start, count
-    cdef bint together, about_axis
-    cdef double[::1] on_first, on_second, point_in_first, point_in_second
-    cdef Py_ssize_t[::1] of_first, of_second, dofs  # degrees of freedom that move each body, and both relative to each other
-    cdef double[:, ::1] components  # linear rows, then angular ones, along axes of the first body
-    cdef double[:, ::1] axes_in_first, axes_in_second  # by row
 
     def __init__(self, model, bound, start):
         latch = bound.latch
@@ -118,21 +103,6 @@ cdef class JointRow:
 
 cdef class LoopStage:
     """Rows R = T B of some sources in the stages of a step."""
-
-    cdef readonly object J, R, response, factor, gamma, y
-    cdef object model, data, seen
-    cdef const mjModel* m
-    cdef mjData* d
-    cdef list places
-    cdef Py_ssize_t n, r, nv
-    cdef bint current, begun
-    cdef double[:, ::1] cdof, cdof_dot, cvel, centres, xpos, xmat
-    cdef int[::1] roots
-    cdef Py_ssize_t[::1] columns  # degrees of freedom that take part in any row
-    cdef double[::1] qpos, qvel, passive, bias, actuator, applied, ctrl, seen_ctrl
-    cdef double[::1] last_qpos, last_qvel, all_gamma, every_error, force, own_gamma, own_y
-    cdef double[:, ::1] rows, T, others, own_R, own_response, own_factor, start_response, turn
-    cdef double vanishes
 
     def __init__(self, model, data, bound, seen, rank):
         """Take the rows of bound sources; ``rank`` is the share of the largest singular value below which others vanish."""
@@ -329,7 +299,7 @@ cdef class LoopStage:
                     raise np.linalg.LinAlgError("rows of closed loops depend on each other within a step")
         return 0
 
-    def fits(self):
+    cpdef bint fits(self) except -1:
         """Whether the combinations T are independent here, and the others vanish."""
         cdef Py_ssize_t i, j, k, column
         cdef double total, most = 0.0, left = 0.0
@@ -356,7 +326,7 @@ cdef class LoopStage:
         self.begun = True
         return 0
 
-    def turns_over(self):
+    cpdef bint turns_over(self) except -1:
         """Whether the rows have lost rank since the step began: the determinant of R_0 M^-1 R^T, 1 at first, changes sign.
 
         A singular value that passes zero within a step may be as large at its end as at its start.
@@ -444,14 +414,19 @@ cdef class LoopStage:
 
     def drift(self):
         """Largest error in position, and largest velocity, of the rows R."""
+        cdef double gap, rate
+        self.find_drift(&gap, &rate)
+        return gap, rate
+
+    cdef int find_drift(self, double* gap, double* rate) except -1:
         cdef Py_ssize_t i
-        cdef double gap = 0.0, rate = 0.0
+        gap[0] = rate[0] = 0.0
         self.write_errors()
         self.evaluate()
         for i in range(self.r):
-            rate = max(rate, fabs(self.product(&self.qvel[0], &self.own_R[i, 0])))
-            gap = max(gap, fabs(self.error(i)))
-        return gap, rate
+            rate[0] = max(rate[0], fabs(self.product(&self.qvel[0], &self.own_R[i, 0])))
+            gap[0] = max(gap[0], fabs(self.error(i)))
+        return 0
 
     cdef int solve(self, const double* force) except -1:
         """Forces y of the rows R."""
@@ -474,6 +449,41 @@ cdef class LoopStage:
             self.own_y[i] = -self.own_y[i]
         return 0
 
+    cdef double force_along(self, Py_ssize_t k) noexcept:
+        """Force of one of all rows, of least norm, after :meth:`solve`."""
+        cdef Py_ssize_t i
+        cdef double total = 0.0
+        for i in range(self.r):
+            total += self.own_y[i] * self.T[i, k]
+        return total
+
+    cdef int write_loads(self, const Py_ssize_t[::1] counts, double* loads) except -1:
+        """Write the loads of the first sources after :meth:`solve`, so many numbers of each.
+
+        They are force, and torque about the point, of a latch on its second body, world axes, or the force along one row.
+        """
+        cdef double[6] wrench
+        cdef double force
+        cdef Py_ssize_t which, i, at = 0
+        cdef int c
+        cdef Latch latch
+        for which in range(counts.shape[0]):
+            place = self.places[which]
+            if isinstance(place, Latch):
+                latch = <Latch>place
+                memset(wrench, 0, sizeof(wrench))
+                for i in range(latch.count):
+                    force = self.force_along(latch.start + i)
+                    for c in range(3):
+                        wrench[c] += force * latch.components[i, c]
+                        wrench[3 + c] += force * latch.components[latch.count + i, c]
+                for i in range(0, counts[which], 3):
+                    turned(&self.xmat[latch.first, 0], wrench + i, loads + at + i)
+            else:
+                loads[at] = self.force_along((<JointRow>place).start if isinstance(place, JointRow) else place[1])
+            at += counts[which]
+        return 0
+
     cdef void add_to(self, double* generalised) noexcept:
         cdef Py_ssize_t i, j
         for i in range(self.r):
@@ -489,7 +499,7 @@ cdef class LoopStage:
         self.add_to(&generalised[0])
         return found
 
-    def push(self):
+    cpdef int push(self) except -1:
         """Add the generalised forces of the rows to ``data.qfrc_applied``."""
         cdef Py_ssize_t i
         if self.data is not self.seen:

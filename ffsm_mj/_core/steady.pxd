@@ -2,6 +2,7 @@ from ffsm_mj._core.contacts cimport ContactEvaluation, StageForces
 from ffsm_mj._core.forces cimport StuckPatches
 from ffsm_mj._core.rows cimport RowEvaluator, RowMemory
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
+from ffsm_mj._core.tick cimport SteadyForces
 
 
 cdef class RuleColumns:
@@ -29,7 +30,7 @@ cdef class RuleColumns:
     cdef void add_impulses(self, double part, const double* wrenches) noexcept
 
 
-cdef class SteadyContacts:
+cdef class SteadyContacts(SteadyForces):
     cdef object closed, modes, solver, system, tables, accounts
     # Closed contacts, as they were taken over
     cdef object points, pressing, generation, point_modes, evaluator
@@ -63,6 +64,4 @@ cdef class SteadyContacts:
     cdef bint evaluate(self, place, load, pushes) except -1
     cdef int find_rows(self, place) except -1
     cdef bint touches_nowhere_else(self) except -1
-    cpdef bint goes_on(self, double left_s=*) except -1
     cdef bint slide_on(self, double left_s) except -1
-    cdef bint exchange_into(self, double duration_s, double* sums) except -1

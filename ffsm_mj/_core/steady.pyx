@@ -28,6 +28,7 @@ from ffsm_mj._core.memory cimport numbers, room
 from ffsm_mj._core.rows cimport find_extremes, RowEvaluator, RowMemory, sum_up
 from ffsm_mj._core.slip_layers cimport allows_step
 from ffsm_mj._core.stages cimport Smooth, StageInMemory
+from ffsm_mj._core.tick cimport SteadyForces
 
 
 cdef double _PRESSING = PRESSING, _STICKING = STICKING, _SLIDING = SLIDING
@@ -196,7 +197,7 @@ cdef double _DRIFT_M = DRIFT_M, _DRIFT_M_S = DRIFT_M_S, _FEATURE_BOUND_M = FEATU
 cdef double GAP_M = PROJECTED_GAP_M, RATE_M_S = PROJECTED_RATE_M_S, SLIP_M_S = PROJECTED_SLIP_M_S
 
 
-cdef class SteadyContacts:
+cdef class SteadyContacts(SteadyForces):
     """Closed contacts of which all points carry force, and all with friction stick or all slide."""
 
     def __init__(self, closed, system):

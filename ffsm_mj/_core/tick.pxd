@@ -44,6 +44,11 @@ cdef class StepWork:
     cdef void add(self, const double* energy, const double* contact, const double* fixed) noexcept
 
 
+cdef class SteadyForces:
+    cpdef bint goes_on(self, double left_s=*) except -1
+    cdef bint exchange_into(self, double duration_s, double* sums) except -1
+
+
 cdef class TickLaw:
     cdef bint command(self, Limits limits) except -1
     cdef bint arrives(self) except -1

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from libc.math cimport floor, isfinite, isnan
+from libc.math cimport floor, isfinite, isnan, NAN
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
@@ -338,6 +338,18 @@ cdef class Limits:
             self.table[i, 1], self.table[i, 2], self.table[i, 3] = applied, lower, upper
             self.ctrl[i] = applied / self.gear[i]
         return True
+
+
+cdef class SteadyForces:
+    """Forces that act in steps of the core while nothing about them changes but their size."""
+
+    cpdef bint goes_on(self, double left_s=NAN) except -1:
+        """Begin a step of a duration in s, if nothing changes at the state in ``data``; returns whether it has begun."""
+        raise NotImplementedError
+
+    cdef bint exchange_into(self, double duration_s, double* sums) except -1:
+        """End the step; energies, impulse of the robot, and impulses of fixed bodies, (21,); returns whether nothing changed."""
+        raise NotImplementedError
 
 
 cdef class TickLaw:

@@ -29,7 +29,7 @@ from ffsm_mj.records.signals import Layout
 from ffsm_mj.records.wrench import Wrench
 
 if TYPE_CHECKING:
-    from ffsm_mj._core.steady import SteadyContacts
+    from ffsm_mj._core.tick import SteadyForces
 
 __all__ = [
     "ContactModel",
@@ -239,7 +239,7 @@ class ForceSource(Source):
         """Called instead of :meth:`begin_step` where a trial step goes on in shorter steps, with what it chose kept."""
         self.begin_step()
 
-    def begin_steady_steps(self) -> SteadyContacts | None:
+    def begin_steady_steps(self) -> SteadyForces | None:
         """Begin (sub-)steps that the core makes while nothing changes, without :meth:`begin_step`; None: it cannot."""
         return None
 

@@ -91,7 +91,7 @@ class LoggedFlight:
         plant, first = self._plant, tick * self._per_tick
         steps = plant.integrator.begin_core_steps()
         limits = plant.actuation.limits(self._command, plant.data, self._driven)
-        if steps is None or steps.contacts is not None or limits is None:
+        if steps is None or steps.forces is not None or limits is None:
             return 0
         self._rows.complete(line)
         self._law.go_to(line)

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj._core.steppers import FreeStepper
+from ffsm_mj._core.tick import SteadyForces
 from ffsm_mj._core.travel import Travel
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import (
@@ -39,7 +39,7 @@ class CoreSteps(NamedTuple):
     Attributes:
         move: Makes a step of the motion, where that is more than a step of its model; None: the stepper makes it.
         stepper: Stepper of the motion.
-        contacts: Closed contacts, which exert its applied forces; None: there are none.
+        forces: Its applied forces, all of closed contacts or of closed loops; None: there are none.
         event_bound: Motion bound from which other events are possible.
         travels: Motions of the coordinates.
         bound_within: The same bound while all these are within their reach.
@@ -47,7 +47,7 @@ class CoreSteps(NamedTuple):
 
     move: Callable[[float], bool] | None
     stepper: FreeStepper
-    contacts: SteadyContacts | None
+    forces: SteadyForces | None
     event_bound: float
     travels: tuple[Travel, ...]
     bound_within: float
@@ -195,7 +195,7 @@ class EventDrivenIntegrator:
         return bool(self._active)
 
     def begin_core_steps(self) -> CoreSteps | None:
-        """Begin steps that the core makes: of a fixed length, under steady contacts at most.
+        """Begin steps that the core makes: of a fixed length, under steady forces of one kind at most.
 
         Returns:
             None: the core cannot make them.
@@ -209,10 +209,13 @@ class EventDrivenIntegrator:
             return CoreSteps(move, motion.flight, None, *self._bounds(()))
         if type(motion) is not Motion:
             return None
-        contacts = self._active[0].begin_steady_steps() if len(self._active) == 1 and not self._after_substeps else None
-        if contacts is None:
+        # Where forces watch for events themselves, as closed contacts do, others may have to be told of each sub-step: no
+        # motion bound excludes it.
+        told = self._after_substeps and isinstance(self._active[0], EventSource)
+        forces = self._active[0].begin_steady_steps() if len(self._active) == 1 and not told else None
+        if forces is None:
             return None
-        return CoreSteps(None, motion.flight, contacts, *self._bounds(self._active))
+        return CoreSteps(None, motion.flight, forces, *self._bounds(self._active))
 
     def _bounds(self, active: Sequence[Source]) -> tuple[float, tuple[Travel, ...], float]:
         """Event bound of the models that are not active, motions of the coordinates, and the bound within their reach."""

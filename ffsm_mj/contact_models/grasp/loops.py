@@ -19,10 +19,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.mechanisms import LoadSample, SteadyLoops
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.grasp.equality_loads import EqualityLoads
+from ffsm_mj.contact_models.grasp.equality_loads import load_signals
 from ffsm_mj.contact_models.grasp.loop_exchange import LoopExchange
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.contact_models.state_projection import StateProjection
@@ -98,9 +99,11 @@ class LoopForces(ForceSource):
         super().__init__(scene)
         equalities = equalities_of(scene.system.mj)
         self.equalities: tuple[RowSource, ...] = tuple(each.source for each in equalities)
-        self._loads = EqualityLoads(scene.system.mj, equalities)
         if equalities:
-            self.columns = (Columns(self._loads.signals, self._loads.values, None, self._sample, None, self._loads_now),)
+            signals = [load_signals(scene.system.mj, each) for each in equalities]
+            self._loads = LoadSample(np.array([len(each) for each in signals]), others)
+            every = tuple(signal for each in signals for signal in each)
+            self.columns = (Columns(every, self._loads.values, None, self._loads, None, self._loads_now),)
         self._latches: dict[str, LatchedBodies] = {}
         self._resting: tuple[RowSource, ...] = ()
         self._rubs = rubs
@@ -121,6 +124,8 @@ class LoopForces(ForceSource):
             self.motion.loops = None
         super().bind(motion)
         self._smooth, self._known = Smooth(motion, self.scene.data), None
+        if self.equalities:
+            self._loads.bind(self._smooth)
         self._update()
 
     def _update(self) -> None:
@@ -232,6 +237,14 @@ class LoopForces(ForceSource):
         self._projected = None
         self._exchanged.clear()
 
+    def begin_steady_steps(self) -> SteadyLoops | None:
+        """Rows that exchange nothing between the subsystems, in explicit steps; see :class:`ForceSource`."""
+        loops = self.motion.loops
+        if loops is None or self._exchanged.crosses or self.motion.stiff is not None:
+            return None
+        self.continue_step()
+        return SteadyLoops(loops.evaluated())
+
     def snapshot(self) -> Callable[[], None]:
         """Return a function that restores which rows are independent, and which coordinates are at rest."""
         motion, loops, resting = self.motion, self.motion.loops, self._resting
@@ -306,12 +319,8 @@ class LoopForces(ForceSource):
 
     def _loads_now(self) -> FloatArray:
         """Loads of the equality constraints at the state in ``data`` under its efforts."""
-        assert self.motion.loops is not None
-        self._loads.write(self.motion.loops, self._under_efforts().forces)
+        self._loads(float(self.scene.data.time))
         return self._loads.values.copy()
-
-    def _sample(self, _: float) -> None:
-        self._loads_now()
 
     def load(self, name: str) -> FloatArray:
         """Force in N, and torque about the object's site in N m, of a latch on the object, world axes, (6,).

@@ -177,8 +177,8 @@ class ClosedLoops:
 
         return restore
 
-    def _evaluated(self) -> LoopStage:
-        """The independent rows at the state in ``data``."""
+    def evaluated(self) -> LoopStage:
+        """The stage, with independent rows at the state in ``data``."""
         if self._combinations is None:
             self.choose()
         try:
@@ -220,20 +220,20 @@ class ClosedLoops:
         Args:
             force: All other generalised forces less the bias, (nv,); positions and velocities current.
         """
-        return self._evaluated().generalised(force)
+        return self.evaluated().generalised(force)
 
     def independent(self) -> tuple[FloatArray, FloatArray]:
         """Independent combinations of the rows, (r, nv), and their errors in position, (r,): those that motions change."""
-        here = self._evaluated()
+        here = self.evaluated()
         return here.R, here.errors()
 
     def drift(self) -> tuple[float, float]:
         """Largest error in position, and largest velocity, of these combinations."""
-        return self._evaluated().drift()
+        return self.evaluated().drift()
 
     def response(self, J: FloatArray) -> FloatArray:
         """J Mc^-1, (m, nv): accelerations by forces along other rows, with these held."""
-        response, here = np.empty_like(J), self._evaluated()
+        response, here = np.empty_like(J), self.evaluated()
         if len(J):
             mujoco.mj_solveM(self._model, self._data, response, J)
             response -= _solved(here.factor, here.R.dot(response.T)).T.dot(here.response)
@@ -241,7 +241,7 @@ class ClosedLoops:
 
     def acceleration(self) -> FloatArray:
         """Generalised acceleration -M^-1 B^T (B M^-1 B^T)^+ gamma that keeps the rates of the rows at zero, (nv,)."""
-        here = self._evaluated()
+        here = self.evaluated()
         return np.asarray(-_solved(here.factor, here.gamma).dot(here.response))
 
     def projected(self, J: FloatArray) -> FloatArray:
