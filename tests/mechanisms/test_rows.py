@@ -6,12 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
+from ffsm_mj._core.mechanisms import LoadSample
+from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.contact_models.grasp import loops as loop_forces
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import no_contacts, project
 from ffsm_mj.tolerances import MECHANISM_RANK
-from tests.mechanisms.models import CHAIN
+from tests.mechanisms.models import CHAIN, mechanism
 
 TREE = """<mujoco><option gravity="0 0 0"/><worldbody>
 <body name="b"><freejoint/><geom size=".1" mass="3"/><site name="s0" pos=".2 .1 .3" euler="20 30 40"/>
@@ -164,3 +167,18 @@ def test_a_state_beside_the_constraints_is_projected_onto_them(rng):
     project(motion, lambda: no_contacts(model.nv), np.ones(6, dtype=np.bool_), np.empty((0, 6)))
     assert np.abs(motion.loops.errors()).max() < 1e-12  # one step of Newton's method squares the error
     assert np.abs(motion.loops.rows().J @ data.qvel).max() < 1e-13
+
+
+@pytest.mark.parametrize(("strip", "expected"), [([], {"ClosedLoops", "LoadSample"}), (["equalities"], set())])
+def test_without_constraints_nothing_is_built_or_evaluated(tmp_path, monkeypatch, strip, expected):
+    """A run of the same model without its rows has neither rows nor samples of their loads."""
+    built = set()
+
+    def noted(kind):
+        return lambda *parts, **options: built.add(kind.__name__) or kind(*parts, **options)
+
+    for kind in (ClosedLoops, LoadSample):
+        monkeypatch.setattr(loop_forces, kind.__name__, noted(kind))
+    path = mechanism(tmp_path, CHAIN, {}, {"j1": 0.2}, duration_s=0.02)
+    assert prepare(path, {"robot.strip": strip}).run().outcome == "completed"
+    assert built == expected
