@@ -13,7 +13,6 @@ _SLOW = "the steps of their stiff servos take minutes"
 NOT_YET = {
     **dict.fromkeys(("agility_cassie", "pal_talos", "pal_tiago", "unitree_g1"), _SLOW),
     "pal_tiago_dual": "energy is off by 1.4e-9, of which checks allow 1e-9, and its steps take minutes",
-    "stanford_tidybot": "momentum is off by 3e-8 where stiff servos press a base joint on its limit",
 }
 """Robots that may fail, and what is missing."""
 
