@@ -104,10 +104,7 @@ def test_an_effort_limit_under_several_actuators_is_refused(tmp_path):
         ),
         ({"actuator": '<adhesion body="link" ctrlrange="0 1"/>'}, "is an <adhesion>: it acts by MuJoCo's contact forces"),
         ({"actuator": '<motor joint="j" gear="0"/>'}, "has gear or gain 0: it drives nothing"),
-        (
-            {"actuator": '<position joint="free" kp="1"/>'},
-            "is a servo that acts on the base or its body from outside",
-        ),
+        ({"actuator": '<pid joint="j" kp="1"/>'}, "has several controls or forces, or no control, which is not supported"),
     ],
 )
 def test_actuators_that_cannot_be_modelled_are_refused_with_their_line(tmp_path, parts, expected):
