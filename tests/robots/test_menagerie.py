@@ -10,7 +10,7 @@ from tests.robots.menagerie import FILES, FOLDER, tried, without_meshes, write_r
 REFUSED = {"flybody": "adhesion", "shadow_dexee": "plugins are not modelled", "honi_robot": "one tree of moving bodies"}
 """Robots that are refused, with what the reason names; the last is an arm fixed to the world that is welded to a vehicle."""
 _SLOW = "the steps of their stiff servos take minutes"
-NOT_YET = dict.fromkeys(("agility_cassie", "pal_talos", "pal_tiago", "unitree_g1"), _SLOW)
+NOT_YET = dict.fromkeys(("pal_talos", "unitree_g1"), _SLOW)
 """Robots that may fail, and what is missing."""
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no robots in {FOLDER}; FFSM_MENAGERIE names their folder")
