@@ -11,7 +11,7 @@ REFUSED = {"flybody": "adhesion", "shadow_dexee": "plugins are not modelled", "h
 """Robots that are refused, with what the reason names; the last is an arm fixed to the world that is welded to a vehicle."""
 _SLOW = "the steps of their stiff servos take minutes"
 NOT_YET = dict.fromkeys(("pal_talos", "unitree_g1"), _SLOW)
-"""Robots that may fail, and what is missing."""
+"""Robots that may take longer than the test allows, and why."""
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no robots in {FOLDER}; FFSM_MENAGERIE names their folder")
 
