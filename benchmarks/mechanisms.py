@@ -23,9 +23,9 @@ import time
 from pathlib import Path
 
 import mujoco
+from scenes import run_s
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.assembly.run import simulate
 
 TICKS = 2000
 ACTUATORS = {
@@ -87,16 +87,6 @@ def prepared(folder: Path, actuator: str, *, rows: bool) -> PreparedRun:
     path = folder / f"{actuator}-{rows}.yaml"
     path.write_text(json.dumps(scenario))
     return prepare(path)
-
-
-def run_s(run: PreparedRun) -> float:
-    """Process time of a run in memory, without its set-up, s."""
-    assembly = run.assemble()
-    began = time.process_time()
-    done = simulate(assembly)
-    spent = time.process_time() - began
-    assert done.outcome == "completed", done.message
-    return spent
 
 
 def bare_s(*, rows: bool) -> float:

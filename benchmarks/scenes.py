@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,6 +13,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
+from ffsm_mj.assembly.run import simulate
 
 LINK_M, AWAY_M = 0.3, 20.0
 MOST_KNOBS = 223
@@ -124,3 +126,13 @@ def _prepared(joints: int, objects: int, duration_s: float, changes: dict[str, A
         path = Path(folder) / "scene.yaml"
         path.write_text(json.dumps(scenario | changes))  # JSON is YAML
         return prepare(path)
+
+
+def run_s(run: PreparedRun) -> float:
+    """Process time of a run in memory, without its set-up, s."""
+    assembly = run.assemble()
+    began = time.process_time()
+    done = simulate(assembly)
+    spent = time.process_time() - began
+    assert done.outcome == "completed", done.message
+    return spent

@@ -19,11 +19,11 @@ import argparse
 import json
 import statistics
 import tempfile
-import time
 from pathlib import Path
 
+from scenes import run_s
+
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.assembly.run import simulate
 
 TICKS = 2000
 KINDS = {
@@ -71,16 +71,6 @@ def prepared(folder: Path, kind: str) -> PreparedRun:
     path = folder / f"{name}.yaml"
     path.write_text(json.dumps(scenario))
     return prepare(path)
-
-
-def run_s(run: PreparedRun) -> float:
-    """Process time of a run in memory, without its set-up, s."""
-    assembly = run.assemble()
-    began = time.process_time()
-    done = simulate(assembly)
-    spent = time.process_time() - began
-    assert done.outcome == "completed", done.message
-    return spent
 
 
 def main() -> None:

@@ -148,3 +148,29 @@ def _direction(fromto: FloatArray) -> FloatArray:
     """Unit vector between two witness points; not divided by the returned distance, which is less accurate."""
     difference = fromto[3:] - fromto[:3]
     return np.asarray(difference / np.linalg.norm(difference))
+
+
+class HalfSpaceNormal(NormalSearch):
+    """Gap and normal of a pair of which one geom is a plane, in closed form; nothing is searched, and no estimate is kept.
+
+    MuJoCo gives planes to fixed bodies only, and the size of a plane is that of its picture: it bounds a half-space. The
+    normal is its z axis, from a or towards it, whatever the other geom does, and the gap is the height of the lowest point
+    of that one.
+    """
+
+    def distance(self, model: Any, data: Any, limit: float) -> float:
+        """Signed distance in m, negative when overlapping; ``limit`` if it is larger."""
+        shapes = Shape(model, data, self._a), Shape(model, data, self._b)
+        return min(separation(*shapes, _of_plane(shapes)), limit)
+
+    def normal(self, model: Any, data: Any, shapes: tuple[Shape, Shape]) -> ContactNormal:  # noqa: ARG002
+        """Contact normal at the state of both geoms; see :meth:`NormalSearch.normal`."""
+        normal = _of_plane(shapes)
+        features = facing(*shapes, normal)
+        return ContactNormal(normal, features, 0.5 * (features[0].mean(axis=0) + features[1].mean(axis=0)))
+
+
+def _of_plane(shapes: tuple[Shape, Shape]) -> FloatArray:
+    """Unit normal of a pair of a plane and a geom, from a to b, world axes, (3,)."""
+    a, b = shapes
+    return np.array(a.axis) if a.is_plane else -b.axis

@@ -13,11 +13,10 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.caps import lowest_of_rims
-from ffsm_mj.contact.half_space import HalfSpaceNormal
 from ffsm_mj.contact.manifold import flush_offset, touching_set
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import separation
-from ffsm_mj.contact.normal_search import NormalSearch
+from ffsm_mj.contact.normal_search import HalfSpaceNormal, NormalSearch
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact.second_rate import SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius

@@ -15,6 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ffsm_mj.errors import InputError
+from ffsm_mj.installation import add_extra
 from ffsm_mj.model.collection import Shelf, collect
 from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.packages import SCHEME, find_in_package
@@ -214,3 +215,27 @@ class _LogFiles(Shelf):
 
     def packaged(self, written: str, home: str, place: str) -> bytes:  # noqa: ARG002
         raise InputError(f"{place}: {SCHEME}{written} is not in the log")
+
+
+def menagerie_file(name: str) -> Path:
+    """Absolute path of the main file of a robot of MuJoCo Menagerie; it is downloaded if it is not there yet.
+
+    The package ``mujoco-menagerie`` does that once. Run folder and log keep the files: no rerun or replay downloads any.
+
+    Args:
+        name: Name of the robot; ``NAME/FILE`` for another one of its files, without ``.xml``.
+
+    Raises:
+        InputError: The package is not installed, knows no such robot, or cannot download it.
+    """
+    try:
+        import mujoco_menagerie as package  # type: ignore[import-not-found,unused-ignore]
+    except ImportError as error:
+        command = add_extra("menagerie", "mujoco-menagerie")
+        raise InputError(f"robots of MuJoCo Menagerie need the package mujoco-menagerie; install it: {command}") from error
+    robot, _, entry = name.partition("/")
+    try:
+        found = package.get(robot)
+        return Path(found.xml(entry or found.default_model)).absolute()
+    except (package.MenagerieError, OSError) as error:  # its messages name what is similar
+        raise InputError(f"{name}: MuJoCo Menagerie: {' '.join(str(error).split())}") from error

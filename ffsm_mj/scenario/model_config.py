@@ -20,10 +20,9 @@ from pydantic import (
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.files import REST
+from ffsm_mj.model.files import REST, menagerie_file
 from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.inline import InlineModel, inline_model
-from ffsm_mj.model.menagerie import menagerie_file
 from ffsm_mj.model.properties import Pose
 from ffsm_mj.model.strip import LimitsMode, Strippable
 

@@ -22,8 +22,7 @@ from ffsm_mj.invocation import command
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.driven_joints import driven_joints
-from ffsm_mj.model.files import ModelFiles, read_model
-from ffsm_mj.model.menagerie import menagerie_file
+from ffsm_mj.model.files import ModelFiles, menagerie_file, read_model
 from ffsm_mj.model.system import System
 from ffsm_mj.templates.pose import (
     Tip,

@@ -86,3 +86,29 @@ class Outline:
         """Transform a vector from world axes to body axes."""
         x, y, z = vector.tolist()
         return self._motion.local((x, y, z))
+
+
+class PlaneOutline(Outline):
+    """Outline of a half-space along its normal, the only direction in which it ends: a face without sides.
+
+    Contact with it is at the corners of the other geom, or at its lowest point where that is round.
+    """
+
+    flat = True
+
+    def __init__(self, model: Any, data: Any, geom: int, outward: FloatArray, tolerance: float) -> None:
+        """Find the face; see :class:`Outline`."""
+        super().__init__(model, data, geom, outward, tolerance)
+        self._normal: FloatArray = self._rotation[:, 2]
+
+    def corners(self) -> list[Core]:
+        """None."""
+        return []
+
+    def edges(self, *, bounded: bool) -> Iterator[Line]:  # noqa: ARG002
+        """None."""
+        yield from ()
+
+    def face(self) -> Face | None:
+        """The plane, without bounds."""
+        return Face("face", self._body, self._place(self._position), self._turned(self._normal), ())

@@ -16,8 +16,7 @@ import mujoco
 from ffsm_mj.contact.features.body_motion import Vector, cross, dot, minus, shifted
 from ffsm_mj.contact.features.cores import Circle, Core, Curve, Ellipsoid, Face, Line, Point
 from ffsm_mj.contact.features.gap_function import Feature, FeatureState, GapFunction
-from ffsm_mj.contact.features.outline import Outline
-from ffsm_mj.contact.features.plane_outline import PlaneOutline
+from ffsm_mj.contact.features.outline import Outline, PlaneOutline
 from ffsm_mj.contact.features.point_line_gaps import LineOnCurve, PointOnCurve, PointOnFace, PointOnPoint
 from ffsm_mj.contact.features.polytope_outline import PolytopeOutline
 from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRim, level_crossings, rim_towards

@@ -23,18 +23,18 @@ from ffsm_mj._core.mechanisms import LoadSample, SteadyLoops
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.grasp.equality_loads import load_signals
 from ffsm_mj.contact_models.grasp.loop_exchange import LoopExchange
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
-from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.dynamics.loops.equalities import Equality, equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import needs_projection, no_contacts
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 
@@ -343,3 +343,24 @@ class LoopForces(ForceSource):
     def _wrench(self, which: int, forces: FloatArray) -> FloatArray:
         assert self.motion.loops is not None
         return np.concatenate(self.motion.loops.wrench(which, forces)[1:])
+
+
+_AT_ROW = "under the efforts of this row; of least norm where the rows of constraints depend on each other"
+
+
+def load_signals(model: Any, equality: Equality) -> tuple[Signal, ...]:
+    """Signals of the load of a constraint: force, of a weld torque too, or the force along the one row of a coupling."""
+    name = str(model.equality(equality.id).name)
+    start, kind = identifier(name), mujoco.mjtEq(model.eq_type[equality.id])
+    if isinstance(equality.source, LatchedBodies):
+        second = model.body(equality.source.second).name
+        forces = [(f"force_{x}_N", "N", f"force of {name} on {second}, world axes") for x in "xyz"]
+        torques = [(f"torque_{x}_N_m", "N m", f"torque of {name} on {second} about its point, world axes") for x in "xyz"]
+        columns = forces + (torques if kind == mujoco.mjtEq.mjEQ_WELD else [])
+    else:
+        joint = int(model.eq_obj1id[equality.id])
+        turns = kind == mujoco.mjtEq.mjEQ_JOINT and model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
+        follower = (model.joint if kind == mujoco.mjtEq.mjEQ_JOINT else model.tendon)(joint).name
+        size, unit = ("torque_N_m", "N m") if turns else ("force_N", "N")
+        columns = [(size, unit, f"{size.partition('_')[0]} of {name} on {follower}")]
+    return tuple(Signal("contact", f"{start}_{key}", unit, f"{what}, {_AT_ROW}", name) for key, unit, what in columns)

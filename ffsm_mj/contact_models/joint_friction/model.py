@@ -28,7 +28,7 @@ import numpy as np
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.crossing import just_after
+from ffsm_mj.contact_models.event import just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.joint_friction.box import least_use

@@ -28,7 +28,7 @@ from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.crossing import just_after
+from ffsm_mj.contact_models.event import just_after
 from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.friction.tangents import tangents
