@@ -37,7 +37,7 @@ from ffsm_mj.similar_names import similar_file
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.progress import Start
 from ffsm_mj.state import StateError, as_mappings, from_bytes
-from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml import plain_value
 
 TOLERANCE = 1e-6
 """Allowed difference from the logged state, relative to max(1, |x|): another processor rounds otherwise."""

@@ -9,7 +9,7 @@ from ffsm_mj.log.earlier_run import BEFORE
 from ffsm_mj.model.files import logged_name, stored_with
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
-from ffsm_mj.yaml.parser import write_yaml
+from ffsm_mj.yaml import write_yaml
 
 
 def resolved_yaml(scenario: ScenarioConfig, system: System, recorded: RecordedFiles) -> str:

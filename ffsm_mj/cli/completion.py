@@ -143,7 +143,7 @@ def _keys(words: Sequence[str]) -> list[str]:
     from ffsm_mj.scenario.key_paths import ANY, key_paths
     from ffsm_mj.scenario.scenario import ScenarioConfig
     from ffsm_mj.scenario.source import read_yaml
-    from ffsm_mj.yaml.parser import read_node
+    from ffsm_mj.yaml import read_node
 
     for word in words[1:]:
         try:

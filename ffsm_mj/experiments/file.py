@@ -15,7 +15,7 @@ from ffsm_mj.errors import Fault, InputError, unknown_name
 from ffsm_mj.experiments.distributions import Dispersion
 from ffsm_mj.scenario.shipped import scenarios_dir
 from ffsm_mj.similar_names import similar_file
-from ffsm_mj.yaml.parser import read_node
+from ffsm_mj.yaml import read_node
 
 Name = Annotated[str, Field(min_length=1)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -30,7 +30,7 @@ from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.report.output_place import refuse_link
 from ffsm_mj.similar_names import similar_file
-from ffsm_mj.yaml.parser import YamlFault, plain_value, write_yaml
+from ffsm_mj.yaml import YamlFault, plain_value, write_yaml
 
 LOCK = "driver.lock"
 

@@ -24,8 +24,7 @@ from ffsm_mj.scenario.loading import load_scenario, stated_source
 from ffsm_mj.scenario.scenario import located
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
-from ffsm_mj.yaml.node import KeyPath
-from ffsm_mj.yaml.parser import read_node
+from ffsm_mj.yaml import KeyPath, read_node
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from ffsm_mj.model.sites import AddedSite
 from ffsm_mj.model.strip import STRIPPABLE, to_strip
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.yaml.parser import YamlFault, plain_value
+from ffsm_mj.yaml import YamlFault, plain_value
 
 
 @dataclass(frozen=True)

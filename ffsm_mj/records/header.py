@@ -8,7 +8,7 @@ from typing import Any
 
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.records.signals import Layout
-from ffsm_mj.yaml.parser import write_yaml
+from ffsm_mj.yaml import write_yaml
 
 
 @dataclass(frozen=True)

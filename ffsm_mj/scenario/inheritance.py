@@ -16,8 +16,7 @@ from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.shipped import scenario_names, scenarios_dir
 from ffsm_mj.similar_names import similar_file
-from ffsm_mj.yaml.node import Node
-from ffsm_mj.yaml.parser import read_node
+from ffsm_mj.yaml import Node, read_node
 
 EXTENDS = "extends"
 MAX_DEPTH = 8

@@ -17,8 +17,7 @@ from ffsm_mj.invocation import override
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.inheritance import ALTERNATIVES, read_inherited
 from ffsm_mj.similar_names import did_you_mean
-from ffsm_mj.yaml.node import KeyPath, Node
-from ffsm_mj.yaml.parser import MAX_DEPTH, YamlFault, plain_value
+from ffsm_mj.yaml import MAX_DEPTH, KeyPath, Node, YamlFault, plain_value
 
 _KIND = "kind"
 _POSITION = re.compile(r"[0-9]{1,9}")

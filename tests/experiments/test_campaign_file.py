@@ -13,7 +13,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.file import campaign_names, campaign_path, is_campaign
 from ffsm_mj.experiments.planning import load_campaign
 from ffsm_mj.scenario.shipped import scenarios_dir
-from ffsm_mj.yaml.parser import read_node
+from ffsm_mj.yaml import read_node
 from tests.experiments.files import campaign_file, two_rocks
 
 GOOD = {"contacts.rules.0.restitution": {"uniform": [0.1, 0.9]}}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ffsm_mj.experiments.planning import load_campaign
-from ffsm_mj.yaml.parser import plain_value
+from ffsm_mj.yaml import plain_value
 from tests.experiments.files import campaign_file, two_rocks
 from tests.scenes import HEAD
 

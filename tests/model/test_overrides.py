@@ -23,7 +23,7 @@ from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import BodyProperties, Overrides, property_value
 from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.scenario.shipped import scenario_names
-from ffsm_mj.yaml.parser import plain_value, write_yaml
+from ffsm_mj.yaml import plain_value, write_yaml
 from tests.scenes import ARM, HEAD, ball, scene, two_balls
 
 FULL = '<inertial mass="3" pos="0.1 0 0.2" fullinertia="0.1 0.2 0.15 0.01 0.02 0.03"/>'

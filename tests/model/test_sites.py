@@ -14,7 +14,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
-from ffsm_mj.yaml.parser import plain_value, write_yaml
+from ffsm_mj.yaml import plain_value, write_yaml
 from tests.scenes import ARM, ball, scene
 
 

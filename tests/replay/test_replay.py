@@ -11,7 +11,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
-from ffsm_mj.yaml.parser import plain_value, write_yaml
+from ffsm_mj.yaml import plain_value, write_yaml
 from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import ball, two_balls
 

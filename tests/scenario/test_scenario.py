@@ -20,7 +20,7 @@ from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path, scenarios_dir
 from ffsm_mj.scenario.source import read_yaml
-from ffsm_mj.yaml.parser import parse, plain_value, write_yaml
+from ffsm_mj.yaml import parse, plain_value, write_yaml
 from tests.conftest import MJCF
 from tests.scenario import editor
 from tests.scenes import ball, scene, two_balls

@@ -27,7 +27,7 @@ from ffsm_mj.report.plots.style import BLACK, VERMILION, WIDTH_IN, plain, public
 from ffsm_mj.report.text_table import table, wrapped
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 from ffsm_mj.scenario.source import read_yaml
-from ffsm_mj.yaml.parser import write_yaml
+from ffsm_mj.yaml import write_yaml
 
 _SHOWN = {
     "impulse_N_s": ("impulse\nN s", "impulse"),
