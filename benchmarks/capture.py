@@ -53,7 +53,7 @@ class Cost(NamedTuple):
 def holding() -> PreparedRun:
     """The box is caught, held and let go, under one law."""
     phases = [
-        {"name": "approach", "until": "capture", "arm": ["grasp"], "controller": LAW},
+        {"name": "approach", "until": "grasp", "arm": ["grasp"], "controller": LAW},
         {"name": "carry", "for_s": HELD_S, "controller": LAW},
         {"name": "leave", "until": "end", "release": ["grasp"], "controller": LAW},
     ]
@@ -63,7 +63,7 @@ def holding() -> PreparedRun:
 def undeclared() -> PreparedRun:
     """The same until shortly before it would be caught, by nobody."""
     phases = [{"name": "approach", "until": "end", "controller": LAW}]
-    return prepare("capture-planar", {"captures": {}, "phases": phases, "duration_s": HIT_S - 0.1})
+    return prepare("capture-planar", {"grasps": {}, "phases": phases, "duration_s": HIT_S - 0.1})
 
 
 def measured(prepared: PreparedRun) -> Cost:
@@ -108,7 +108,7 @@ def measured(prepared: PreparedRun) -> Cost:
     of_blocks = (
         min((1e6 * spent for spent, holding in blocks if holding == held), default=np.nan) for held in (False, True)
     )
-    return Cost(free, held, *of_blocks, *(took.get(name, float("nan")) for name in ("CaptureRecord", "ReleaseRecord")))
+    return Cost(free, held, *of_blocks, *(took.get(name, float("nan")) for name in ("GraspRecord", "ReleaseRecord")))
 
 
 def _of_stretches(ticks: list[tuple[float, bool]], *, held: bool) -> float:

@@ -67,7 +67,7 @@ def holding(hands: tuple[str, ...], duration_s: float) -> PreparedRun:
             "joints": {"plate/free": [1.6, 0.03, -0.02, 0.998, 0.03, 0.02, 0.05], **joints},
             "rates": {"plate/free": [-0.05, 0.1, 0.02, 0.2, -0.1, 0.15]},
         },
-        "captures": grasps,
+        "grasps": grasps,
         "phases": [{"name": "hold", "until": "end", "arm": [*hands], "controller": law}],
     }
     with TemporaryDirectory() as folder:

@@ -30,17 +30,17 @@ def distance_m(run: ffsm_mj.Run) -> np.ndarray:
 
 def load(run: ffsm_mj.Run, grasp: str, what: str) -> np.ndarray:
     """Norm of force (``force_{}_N``) or torque (``torque_{}_N_m``) of a grasp on the satellite, by row; NaN while open."""
-    start = f"contact.capture_{grasp}_"
+    start = f"contact.grasp_{grasp}_"
     size = np.linalg.norm([run[f"{start}{what.format(x)}"] for x in "xyz"], axis=0)
     return np.where(run[f"{start}closed"] > 0.0, size, np.nan)
 
 
 def table(run: ffsm_mj.Run) -> None:
     """Print the closings and the peak loads."""
-    intervals = {each.grasp: each for each in run.captures}
+    intervals = {each.grasp: each for each in run.grasps}
     print("| grasp | t, s | rank | mobility | loss, J | impulse, N s | peak force, N | peak torque, N m | opens, s |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for record in run.records["capture_impulses"]:
+    for record in run.records["grasp_impulses"]:
         each = intervals[record.grasp]
         counted = f"{record.rank} | {record.mobility}"
         effect = f"{record.loss_J:.2e} | {np.linalg.norm(record.impulse_N_s):.3f}"

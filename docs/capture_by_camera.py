@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 DELAYS_S = {"mekf": (0.0, 0.05, 0.1, 0.2, 0.4, 1.6), "direct": (0.0, 0.05, 0.1, 0.2)}
 """Delays of the camera by estimator."""
 NAMES = {"truth": "true state", "mekf": "filter", "direct": "no filter"}
-METRICS = ["captures.count", "captures.0.time_s", "captures.0.loss_J", "impacts.count", "near_misses.0.failed"]
+METRICS = ["grasps.count", "grasps.0.time_s", "grasps.0.loss_J", "impacts.count", "near_misses.0.failed"]
 LIMIT_S = 30.0
 BOUNDS = {"position_m": "position", "angle_rad": "angle", "speed_m_s": "speed", "rate_rad_s": "rate"}
 COLUMNS = (
@@ -86,7 +86,7 @@ def results(kind: str, delay_s: float | None) -> list[dict[str, Any]]:
             "scenario": str(scenarios_dir() / "capture-camera.yaml"),
             "overrides": overrides_of(kind, delay_s),
             "metrics": METRICS,
-            "success": "captures.count == 1",
+            "success": "grasps.count == 1",
             "keep": {"failures": 0},
             "limits": {"timeout_s": 1200, "max_failed": 1.0},
         }
@@ -97,7 +97,7 @@ def results(kind: str, delay_s: float | None) -> list[dict[str, Any]]:
 
 def captured(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The runs that captured the satellite."""
-    return [row for row in rows if row.get("captures.count") == 1]
+    return [row for row in rows if row.get("grasps.count") == 1]
 
 
 def missed(rows: list[dict[str, Any]]) -> str:
@@ -110,8 +110,8 @@ def line(kind: str, delay_s: float | None, rows: list[dict[str, Any]]) -> str:
     """Line of the table."""
     caught = captured(rows)
     touched = sum((row.get("impacts.count") or 0) > 0 for row in rows)
-    times = [row["captures.0.time_s"] for row in caught]
-    losses = [1e3 * row["captures.0.loss_J"] for row in caught]
+    times = [row["grasps.0.time_s"] for row in caught]
+    losses = [1e3 * row["grasps.0.loss_J"] for row in caught]
     told = (f"{np.median(times):.1f}", f"{max(times):.1f}", f"{np.median(losses):.2f}") if caught else ("", "", "")
     late = "" if delay_s is None else f"{1000 * delay_s:g} ms"
     cells = (NAMES[kind], late, f"{len(caught)} of {len(rows)}", f"{touched}", *told, missed(rows))
@@ -127,10 +127,10 @@ def breaks(found: dict[tuple[str, float | None], list[dict[str, Any]]]) -> list[
             sentences.append(f"With the estimator `{kind}` every start is captured up to {1000 * delays[-1]:g} ms.")
             continue
         rows = found[kind, worse[0]]
-        lost = [row for row in rows if row.get("captures.count") != 1]
+        lost = [row for row in rows if row.get("grasps.count") != 1]
         touched = sum((row.get("impacts.count") or 0) > 0 for row in lost)
         sentences.append(
-            f"With the estimator `{kind}` captures are missed from {1000 * worse[0]:g} ms on, {len(lost)} of {len(rows)} "
+            f"With the estimator `{kind}` grasps are missed from {1000 * worse[0]:g} ms on, {len(lost)} of {len(rows)} "
             f"there: what breaks first is the bound on the {missed(lost)}, and {touched} of them touch the satellite."
         )
     return sentences

@@ -12,7 +12,7 @@ FOLDER = Path(__file__).parent / "figures" / "capture-planar"
 
 def main() -> None:
     """Run the scenario, draw where it goes and what the grip bears."""
-    save(ffsm_mj.run("capture-planar"), FOLDER, ("motion", "captures"), ("svg",))
+    save(ffsm_mj.run("capture-planar"), FOLDER, ("motion", "grasps"), ("svg",))
 
 
 if __name__ == "__main__":

@@ -32,7 +32,7 @@ def _angular_momentum(system: Any, run: Any, row: int) -> tuple[float, float, fl
 
 if __name__ == "__main__":
     run = ffsm_mj.run("capture")
-    system, (capture,) = ffsm_mj.Scenario.load("capture").system, run.captures
+    system, (capture,) = ffsm_mj.Scenario.load("capture").system, run.grasps
     times = {
         "start": 0.0,
         "capture": capture.time_s,

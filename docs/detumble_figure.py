@@ -28,7 +28,7 @@ def helped(number: int) -> Any:
 
 def draw(axes: Axes, run: Any, title: str) -> None:
     """Angular momentum of the wheels and of the stack without them, over the time since the capture."""
-    time = np.asarray(run.time) - run.captures[0].time_s
+    time = np.asarray(run.time) - run.grasps[0].time_s
     axes.semilogy(time, run[LEFT], color=BLUE, label="stack without wheels")
     axes.semilogy(time, run[WHEELS], color=BLACK, label="wheels")
     axes.axhline(1e-6, color=VERMILION, linewidth=0.8, linestyle="--", label="check at the end")

@@ -12,7 +12,7 @@ import ffsm_mj
 from ffsm_mj.report.plots.style import BLUE, VERMILION, WIDTH_IN, publication, write
 
 FOLDER = Path(__file__).parent / "figures" / "probe-and-cone"
-LOADS = tuple(f"contact.capture_{load}" for load in ("force_{}_N", "torque_{}_N_m"))
+LOADS = tuple(f"contact.grasp_{load}" for load in ("force_{}_N", "torque_{}_N_m"))
 
 
 def relative_motion(run: ffsm_mj.Run) -> dict[str, np.ndarray]:
@@ -36,15 +36,15 @@ def relative_motion(run: ffsm_mj.Run) -> dict[str, np.ndarray]:
 
 
 def table(run: ffsm_mj.Run, moved: dict[str, np.ndarray]) -> None:
-    """Print the captures, and the largest axial load while only the soft latch holds."""
+    """Print the grasps, and the largest axial load while only the soft latch holds."""
     print("| latch | t, s | stopped components | loss, J | impulse, N s | distance along the axis, m | roll, rad |")
     print("|---|---|---|---|---|---|---|")
-    for record in run.records["capture_impulses"]:
+    for record in run.records["grasp_impulses"]:
         row = int(np.searchsorted(run.time, record.time_s))
         size = float(np.linalg.norm(record.impulse_N_s))
         place = f"{moved['distance_m'][row]:.3f} | {moved['roll_rad'][row]:.3f}"
         print(f"| {record.grasp} | {record.time_s:.3f} | {record.rank} | {record.loss_J:.2e} | {size:.3f} | {place} |")
-    soft = run["contact.capture_grasp"] == 1.0
+    soft = run["contact.grasp_closed"] == 1.0
     axial, across = (float(np.abs(moved[name][soft]).max()) for name in ("axial_N", "across_N"))
     print(f"\nsoft latch: largest force across the axis {across:.2e} N, along it {axial:.0e} N")
 
@@ -67,9 +67,9 @@ def main() -> None:
         force.set(xlabel="time, s", ylabel="force on the\nsatellite, mN")
         force.legend()
         for axes in (distance, roll, force):
-            for record in run.records["capture_impulses"]:
+            for record in run.records["grasp_impulses"]:
                 axes.axvline(record.time_s, color="0.6", linewidth=0.7)
-        for record in run.records["capture_impulses"]:
+        for record in run.records["grasp_impulses"]:
             distance.text(record.time_s + 0.15, 160.0, f"{record.grasp} latch", fontsize=6, color="0.4")
     FOLDER.mkdir(parents=True, exist_ok=True)
     write(figure, FOLDER, "approach", ("svg",))

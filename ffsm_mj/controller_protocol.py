@@ -211,7 +211,7 @@ class Observation(NamedTuple):
             computed when they are first read: a law that needs them later keeps ``tuple(observation.contacts)``.
         free: MuJoCo data of the scene as it began, in which every object keeps its own joints; while nothing is held the
             same as ``data``.
-        grasps: Names of the closed captures. The first one of the robot comes first: in ``data`` its object is a child of
+        grasps: Names of the closed grasps. The first one of the robot comes first: in ``data`` its object is a child of
             its link. What further ones hold is not in this model.
         measured: Newest sample of each sensor that has arrived, by the full name of the sensor.
         phase_start_s: Time at which the phase began, s: for ``start``, which is called again where a grasp closes or opens.
@@ -229,7 +229,7 @@ class Observation(NamedTuple):
 
     @property
     def attached(self) -> str:
-        """Name of the capture whose object is a child of a link in ``data``; empty where ``data`` is ``free``."""
+        """Name of the grasp whose object is a child of a link in ``data``; empty where ``data`` is ``free``."""
         return self.grasps[0] if self.grasps and self.data is not self.free else ""
 
 

@@ -1,14 +1,14 @@
 """Exact impacts, usable alone on any MuJoCo model: ``resolve``, ``reflect`` and the paper's own system as the oracle.
 
 ``linearize`` gives the saltation matrix of an impact, and the changes of its time and impulse with the state before it;
-``linearize_capture`` that of the closing of a grasp.
+``linearize_grasp`` that of the closing of a grasp.
 
 :class:`ImpactLaw` is the interface of impact laws, ``register_law`` makes one known; see ``docs/impact-laws.md``.
 """
 
 from __future__ import annotations
 
-from ffsm_mj.contact_models.grasp.linearize import CaptureSaltation, linearize_capture
+from ffsm_mj.contact_models.grasp.linearize import GraspSaltation, linearize_grasp
 from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
 from ffsm_mj.contact_models.impact.installed_laws import register as register_law
 from ffsm_mj.contact_models.impact.law import Coverage, ImpactLaw, ImpactProblem, ImpactSolution
@@ -20,10 +20,10 @@ from ffsm_mj.contact_models.impact.with_friction import Friction
 from ffsm_mj.records.events import ImpactRecord
 
 __all__ = [
-    "CaptureSaltation",
     "Contact",
     "Coverage",
     "Friction",
+    "GraspSaltation",
     "Impact",
     "ImpactLaw",
     "ImpactProblem",
@@ -36,7 +36,7 @@ __all__ = [
     "compare_laws",
     "contact_jacobian",
     "linearize",
-    "linearize_capture",
+    "linearize_grasp",
     "reflect",
     "register_law",
     "resolve",

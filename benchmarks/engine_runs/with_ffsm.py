@@ -66,7 +66,7 @@ def prepared(scene: Scene, step_s: float) -> PreparedRun:
     sites = _sites(scene)
     if scene.weld:
         when, handle = {"within": {"position_m": 1e-6}}, f"{scene.weld[1]}/handle"
-        data["captures"] = {"grasp": {"robot_site": "grip", "object_site": handle, "when": when}}
+        data["grasps"] = {"grasp": {"robot_site": "grip", "object_site": handle, "when": when}}
     with TemporaryDirectory() as folder:
         for name, file in files.items():
             (Path(folder) / file).write_text(_model(scene, name, sites.get(name, "")))
@@ -96,7 +96,7 @@ def _phases(scene: Scene) -> list[dict[str, Any]]:
             {"name": "push", "until": "end", "controller": _constant(then)},
         ]
     last = {"name": "coast", "until": "end", "controller": OFF}
-    return [{"name": "close", "until": "capture", "arm": ["grasp"], "controller": OFF}, last] if scene.weld else [last]
+    return [{"name": "close", "until": "grasp", "arm": ["grasp"], "controller": OFF}, last] if scene.weld else [last]
 
 
 def _sites(scene: Scene) -> dict[str, str]:

@@ -41,9 +41,9 @@ class Phase:
         kind: Kind of its controller; with several parts ``name: kind`` of each.
         controller: What drives the robot in it.
         endings: What ends it, in the order in which they count at one instant.
-        arm: Names of the captures that may close while it lasts.
+        arm: Names of the grasps that may close while it lasts.
         release: Names of those that let go as it begins.
-        held: The same law made for the systems in which objects are held, by the name of the capture.
+        held: The same law made for the systems in which objects are held, by the name of the grasp.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Phase:
     held: Mapping[str, Controller] = field(default_factory=dict)
 
     def law(self, grasp: str) -> Controller:
-        """The controller of the system in which a capture holds; empty: the free one."""
+        """The controller of the system in which a grasp is closed; empty: the free one."""
         return self.held[grasp] if grasp else self.controller
 
 

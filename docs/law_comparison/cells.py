@@ -94,7 +94,7 @@ _PLANAR_START = {
 }
 _FOLLOW = {
     "duration_s": 14.0,
-    "captures": {},
+    "grasps": {},
     "task": {
         "tip": "tip",
         "target_m": [1.9, 0.0, 0.4],

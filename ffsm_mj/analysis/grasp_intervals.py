@@ -1,4 +1,4 @@
-"""Intervals from capture to release of a grasp, computed from rows and records."""
+"""Intervals from closing to release of a grasp, computed from rows and records."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
-from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
+from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record_kinds import GRASP, RELEASE
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.load_columns import load_columns_of
 from ffsm_mj.records.record import Values, declared, record
@@ -21,16 +21,16 @@ class GraspInterval:
     """Interval in which an object was grasped."""
 
     grasp: str = declared("Name of the grasp.")
-    time_s: float = declared("Time of the capture.")
+    time_s: float = declared("Time of closing.")
     release_s: float | None = declared(
         "Time of the release, or at which another grasp of the same two sites takes over; None if the grasp is closed at "
         "the end of the log.",
         column="time of the release, or at which another grasp takes over; NaN if closed at the end of the log",
     )
-    loss_J: float = declared("Kinetic energy lost at the capture.")
+    loss_J: float = declared("Kinetic energy lost at closing.")
     impulse: Values = declared(
-        "Impulse on the object at the capture, world axes.",
-        column="impulse on the object at the capture, world frame",
+        "Impulse on the object at closing, world axes.",
+        column="impulse on the object at closing, world frame",
         unit="N s",
         components="xyz",
     )
@@ -45,7 +45,7 @@ class GraspInterval:
 class _OpenGrasp:
     """Accumulator for one interval."""
 
-    def __init__(self, begins: CaptureRecord, layout: Layout) -> None:
+    def __init__(self, begins: GraspRecord, layout: Layout) -> None:
         self.begins, self.end_s = begins, math.inf
         columns = load_columns_of(layout, begins.grasp)
         self._places = (layout.places(columns.loads), layout.places(columns.event_loads)) if columns is not None else None
@@ -88,7 +88,7 @@ class GraspIntervals:
 
     def event(self, event: Event) -> None:
         """Process the next record; other kinds are ignored."""
-        if isinstance(event, CaptureRecord):
+        if isinstance(event, GraspRecord):
             self._end(event.replaces, event.time_s)
             self._spells.append(_OpenGrasp(event, self._layout))
             self._awaited.append(self._spells[-1])
@@ -96,7 +96,7 @@ class GraspIntervals:
             self._end(event.grasp, event.time_s)
 
     def _end(self, grasp: str, time_s: float) -> None:
-        """End the interval of a grasp; without one its capture is in a damaged part of the log."""
+        """End the interval of a grasp; without one its closing is in a damaged part of the log."""
         spell = next((each for each in self._spells if each.begins.grasp == grasp and each.end_s == math.inf), None)
         if spell is not None:
             spell.end_s = time_s
@@ -113,7 +113,7 @@ class GraspIntervals:
         return tuple(spell.interval() for spell in self._spells)
 
 
-def grasp_records(log: RunLog) -> list[CaptureRecord | ReleaseRecord]:
+def grasp_records(log: RunLog) -> list[GraspRecord | ReleaseRecord]:
     """Captures and releases in a log, in order."""
-    found = [record for kind in (CAPTURE, RELEASE) for record in log.records.get(kind.plural, ())]
-    return sorted(found, key=lambda record: (record.time_s, isinstance(record, CaptureRecord)))
+    found = [record for kind in (GRASP, RELEASE) for record in log.records.get(kind.plural, ())]
+    return sorted(found, key=lambda record: (record.time_s, isinstance(record, GraspRecord)))

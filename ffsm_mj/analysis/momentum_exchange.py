@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
 from ffsm_mj.dynamics.rigid_body import cross, external_actuators
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.model.actuators import servo_mask
@@ -98,8 +98,8 @@ class MomentumExchange:
         self._last = rows[-1].copy()
 
     def event(self, event: Any) -> None:
-        """Note a capture or a release."""
-        if isinstance(event, CaptureRecord | ReleaseRecord):
+        """Note the closing or release of a grasp."""
+        if isinstance(event, GraspRecord | ReleaseRecord):
             self._events.append(event)
 
     def _moments(self, row: FloatArray, held: FloatArray) -> _OuterLoad:

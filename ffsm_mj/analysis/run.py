@@ -101,8 +101,8 @@ class Run(LoggedSignals):
         return self.digest.contacts.intervals()
 
     @property
-    def captures(self) -> tuple[GraspInterval, ...]:
-        """Grasps, each from capture to release."""
+    def grasps(self) -> tuple[GraspInterval, ...]:
+        """Grasps, each from closing to release."""
         return self.digest.grasps.intervals()
 
     @property
@@ -181,7 +181,7 @@ class Run(LoggedSignals):
         return self._given or digest(self.log)
 
     def table(self, name: str = "samples") -> Table:
-        """A table of named columns with units: ``samples``, ``contacts``, ``captures``, ``checks``, or records by kind.
+        """A table of named columns with units: ``samples``, ``contacts``, ``grasps``, ``checks``, or records by kind.
 
         Raises:
             KeyError: No such table.

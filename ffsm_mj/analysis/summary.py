@@ -11,14 +11,14 @@ import numpy as np
 
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
+from ffsm_mj.contact_models.grasp.record_kinds import GRASP
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.check_result import Check, Truncation, all_by_truncation
 from ffsm_mj.verification.checks import CheckAccumulator
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Version of the schema; later versions only add keys."""
 _NOT_ANALYSED = "not analysed"
 
@@ -73,7 +73,7 @@ def summarise(log: RunLog, digest: Digest) -> dict[str, Any]:
 
 
 def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[str, Any]]]:
-    """Lists of records by kind, contacts and captures; a phase ends at the start of the next one."""
+    """Lists of records by kind, contacts and grasps; a phase ends at the start of the next one."""
     contacts = {"contacts": [all_fields(contact) for contact in digest.contacts.intervals()]}
     lists = {
         kind.plural: [kind.summary(record) for record in log.records.get(kind.plural, ())]
@@ -83,8 +83,8 @@ def _records(log: RunLog, digest: Digest, end_s: float) -> dict[str, list[dict[s
     ends = [phase.start_s for phase in log.phases[1:]] + [end_s] * bool(log.phases)
     for phase, end in zip(lists.get("phases", ()), ends, strict=True):
         phase["end_s"] = end
-    captures = [all_fields(capture) for capture in digest.grasps.intervals()]
-    declared = {"captures": captures} if CAPTURE.name in log.header.kinds else {}
+    grasps = [all_fields(grasp) for grasp in digest.grasps.intervals()]
+    declared = {"grasps": grasps} if GRASP.name in log.header.kinds else {}
     return {"impacts": lists.pop("impacts"), **contacts, **declared, **lists}
 
 

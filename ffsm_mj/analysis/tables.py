@@ -16,7 +16,7 @@ from ffsm_mj.analysis.digest import digest
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.momentum_table import MomentumRow, momentum_rows
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
+from ffsm_mj.contact_models.grasp.record_kinds import GRASP
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.record import columns_of
@@ -84,12 +84,12 @@ def _package(name: str, purpose: str) -> Any:
 
 
 def table_names(log: RunLog) -> tuple[str, ...]:
-    """Names of the tables of a run: samples, one per kind of record that it may have, contacts, captures and checks.
+    """Names of the tables of a run: samples, one per kind of record that it may have, contacts, grasps and checks.
 
     ``angular_momentum`` needs the models of the run: see :func:`momentum_table`.
     """
-    captures = ("captures",) if CAPTURE in log.kinds else ()
-    return "samples", *(kind.plural for kind in log.kinds), "contacts", *captures, CHECKS_TABLE
+    grasps = ("grasps",) if GRASP in log.kinds else ()
+    return "samples", *(kind.plural for kind in log.kinds), "contacts", *grasps, CHECKS_TABLE
 
 
 def momentum_table(found: dict[str, Any] | None) -> Table:
@@ -114,10 +114,8 @@ def table(log: RunLog, name: str) -> Table:
         return _of_columns(
             name, columns_of(ContactInterval), [_ended(contact) for contact in digest(log).contacts.intervals()]
         )
-    if name == "captures" and CAPTURE in log.kinds:
-        return _of_columns(
-            name, columns_of(GraspInterval), [_released(capture) for capture in digest(log).grasps.intervals()]
-        )
+    if name == "grasps" and GRASP in log.kinds:
+        return _of_columns(name, columns_of(GraspInterval), [_released(grasp) for grasp in digest(log).grasps.intervals()])
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))
@@ -134,9 +132,9 @@ def _joined(values: Sequence[Any]) -> Sequence[Any]:
     return [", ".join(value) if isinstance(value, tuple) else value for value in values]
 
 
-def _released(capture: GraspInterval) -> GraspInterval:
+def _released(grasp: GraspInterval) -> GraspInterval:
     """Capture with NaN in place of a missing release."""
-    return replace(capture, release_s=nan) if capture.release_s is None else capture
+    return replace(grasp, release_s=nan) if grasp.release_s is None else grasp
 
 
 def samples(layout: Layout, rows: FloatArray) -> Table:

@@ -57,7 +57,7 @@ class Assembly:
         recorded: Files that the control laws name.
         start: Finds the state at which the run begins, by simulating where that is needed; None: it begins at t = 0.
         before: Files of the run that it goes on from, contents by name.
-        held: The systems in which captures hold, by the names of these.
+        held: The systems in which grasps hold, by the names of these.
         start_notes: Notes on the initial state, one line each.
     """
 
@@ -129,7 +129,7 @@ def assemble(
         system: Robot and objects, with a model that is the run's own: the run writes its time step.
         laws: Control laws of a script, classes by kind, beside those that are installed.
         controller_system: System of the controller model, likewise the run's own; None: control laws know the plant.
-        held: The systems in which captures hold, likewise the run's own, by the names of these.
+        held: The systems in which grasps hold, likewise the run's own, by the names of these.
         estimators: Estimators of a script, classes by kind, beside those that are installed.
         recorded: Files that the control laws name; None: they name none.
         start: See :class:`Assembly`.
@@ -223,11 +223,11 @@ def _refuse_endless(scenario: ScenarioConfig, contacts: Contacts) -> None:
             if end.event in ("contact_slips", "contact_sticks") and not any(pair.mu > 0.0 for pair in contacts.pairs):
                 faults.append(Fault("nothing slips or sticks: no contact rule has friction, mu > 0", keys))
     names = [*(rule.name for rule in contacts.rules), *(pair.name for pair in contacts.pairs)]
-    for name, capture in scenario.captures.items():
-        for k, touched in enumerate(capture.when.touch or ()):
+    for name, grasp in scenario.grasps.items():
+        for k, touched in enumerate(grasp.when.touch or ()):
             if touched not in names:
                 fault = unknown_name("contact rule or pair", touched, names)
-                faults.append(Fault(fault, ("captures", name, "when", "touch", k)))
+                faults.append(Fault(fault, ("grasps", name, "when", "touch", k)))
     if faults:
         raise ScenarioFaults(faults)
 

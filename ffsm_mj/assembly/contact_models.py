@@ -100,7 +100,7 @@ def record_kinds(
         *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
         *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),
         *((EFFORT_CHANGE,) if any(isinstance(each, DelayedControl) for each in sources) else ()),
-        *(KINDS if scenario.captures else ()),
+        *(KINDS if scenario.grasps else ()),
         *((STICK_SLIP,) if any(isinstance(each, JointFriction) for each in sources) else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
     ]

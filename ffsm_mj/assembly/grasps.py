@@ -44,7 +44,7 @@ def grasps_of(scenario: ScenarioConfig, system: System) -> tuple[Grasp, ...]:
         ScenarioFaults: An unknown site, a site of the wrong model, or an object that cannot be grasped.
     """
     grasps, faults = [], []
-    for name, config in scenario.captures.items():
+    for name, config in scenario.grasps.items():
         sites: dict[str, str] = {}
         for key, given, of in (
             ("object_site", config.object_site, _object_site),
@@ -53,7 +53,7 @@ def grasps_of(scenario: ScenarioConfig, system: System) -> tuple[Grasp, ...]:
             try:
                 sites[key] = of(system, given, sites)
             except LookupError as error:
-                faults.append(Fault(str(error.args[0]), ("captures", name, key)))
+                faults.append(Fault(str(error.args[0]), ("grasps", name, key)))
         if len(sites) < 2:
             continue
         tree, site_body = _tree(system, sites["object_site"]), system.mj.site(sites["object_site"]).bodyid[0]
@@ -147,7 +147,7 @@ def held_systems(
         try:
             check_grasped_system(system, held, grasp)
         except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("captures", grasp.name, "object_site")))
+            faults.append(Fault(str(error.args[0]), ("grasps", grasp.name, "object_site")))
         controller_system = compiled(grasp, True) if scenario.has_controller_model else None
         found[grasp.name] = GraspedSystem(grasp, held, controller_system)
     if faults:
@@ -178,10 +178,10 @@ def grasp_models_of(
     if friction is not None:
         others = (*others, friction)
     loops = friction.loops if friction is not None else LoopForces(scene, others)
-    if not scenario.captures:
+    if not scenario.grasps:
         return (loops if friction is not None or scene.system.equalities else None), None
     grasps = [
-        (grasp, scenario.captures[grasp.name], held[grasp.name].system if grasp.name in held else None)
+        (grasp, scenario.grasps[grasp.name], held[grasp.name].system if grasp.name in held else None)
         for grasp in grasps_of(scenario, scene.system)
     ]
     return loops, GraspModel(scene, free, grasps, loops, others)

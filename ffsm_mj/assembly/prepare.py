@@ -414,7 +414,7 @@ class PreparedRun:
         system: Robot and objects; its model is copied, never run.
         laws: Control laws of a script, classes by kind.
         controller_system: System of the controller model, likewise copied; None: control laws know the plant.
-        held: The systems in which captures hold, likewise copied, by the names of these.
+        held: The systems in which grasps hold, likewise copied, by the names of these.
         estimators: Estimators of a script, classes by kind.
         recorded: Files that the control laws name.
         origin: The instant of another run at which it begins; None: t = 0.

@@ -63,7 +63,7 @@ def resume(
     Args:
         run: Folder of the logged run.
         from_s: The instant, s: the run goes on from the first control tick or event at or after it.
-        overrides: Settings that change there: of phases, task, contacts, captures, actuators and limits, or the duration. If
+        overrides: Settings that change there: of phases, task, contacts, grasps, actuators and limits, or the duration. If
             phases or task change, the control law of the phase under way begins anew. Phases may have control laws of other
             kinds there, which begin without memory.
         controllers: See :func:`ffsm_mj.run`, likewise the others.

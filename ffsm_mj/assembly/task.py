@@ -63,7 +63,7 @@ def _site(name: str, scenario: ScenarioConfig, system: System) -> int:
     tree, _, _ = full.partition("/")
     if tree == "robot":
         raise ScenarioFaults([Fault(f"{full} is a site of the robot; a site of an object is needed", path)])
-    if any(system.resolve("site", capture.object_site).startswith(f"{tree}/") for capture in scenario.captures.values()):
+    if any(system.resolve("site", grasp.object_site).startswith(f"{tree}/") for grasp in scenario.grasps.values()):
         message = (
             f"{tree} may be grasped, and would then carry the target with the tip; use the law 'track' or 'impedance' "
             "with 'object_site', which know of grasps"

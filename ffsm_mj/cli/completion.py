@@ -15,7 +15,7 @@ from ffsm_mj.experiments.file import campaign_names
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 
 _PLACES = ("--out", "--save", "--plots", "--robot", "--package-path")
-_TABLES = ("samples", "checks", "contacts", "captures")
+_TABLES = ("samples", "checks", "contacts", "grasps")
 """Tables besides those of records."""
 # shtab treats the output of a function with "file" in its name as file names, so bash appends a slash to folders.
 _FUNCTIONS = {

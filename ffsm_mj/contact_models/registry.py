@@ -28,7 +28,7 @@ from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
 
 GROUP = "ffsm_mj.contact_models"
-BUILT_IN_KINDS = ("impact", "contact", "capture")
+BUILT_IN_KINDS = ("impact", "contact", "grasp")
 """Kinds of the built-in contact models, which no other may have."""
 
 BUILT_IN_RECORDS = (

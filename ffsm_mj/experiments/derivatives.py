@@ -1,4 +1,4 @@
-"""Exact derivatives of time and impulse of the first impact, or of time and loss of the first capture, where they exist.
+"""Exact derivatives of time and impulse of the first impact, or of time and loss of the first closing of a grasp.
 
 They exist with respect to the restitution of the pair, and to the initial state of a run that coasts to the event: the
 change of the state there, from two free flights of displaced scenes, times the gradients of the linearized event. What
@@ -18,15 +18,15 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.prepare import PreparedRun
-from ffsm_mj.contact_models.grasp.record import CaptureRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.uncertainty import Outcome, Parameter, Sensitivity, values
-from ffsm_mj.impact import CaptureSaltation, Saltation, linearize, linearize_capture
+from ffsm_mj.impact import GraspSaltation, Saltation, linearize, linearize_grasp
 from ffsm_mj.records.events import ImpactRecord
 
 _OF_IMPACT = {"impacts.0.time_s": "time", "impacts.0.impulse_N_s": "impulse"}
-_OF_CAPTURE = {"captures.0.time_s": "time", "captures.0.loss_J": "loss"}
-_GRADIENTS = _OF_IMPACT | _OF_CAPTURE
+_OF_GRASP = {"grasps.0.time_s": "time", "grasps.0.loss_J": "loss"}
+_GRADIENTS = _OF_IMPACT | _OF_GRASP
 _STEP = 1e-6
 """Displacement of a coordinate: truncation 1e-12, rounding of a flight of some thousand steps 1e-13 / 1e-6."""
 
@@ -43,13 +43,13 @@ def exact(prepared: PreparedRun, nominal: Run, of: Sequence[Outcome], wrt: Seque
             raise InputError(
                 f"exact: {outcome.name} has no derivative here, only {', '.join(_GRADIENTS)}; use kind='secant'"
             )
-    of_capture = [outcome.name in _OF_CAPTURE for outcome in of]
-    if any(of_capture) and not all(of_capture):
-        raise InputError("exact: outcomes of an impact and of a capture; name those of one event")
+    of_grasp = [outcome.name in _OF_GRASP for outcome in of]
+    if any(of_grasp) and not all(of_grasp):
+        raise InputError("exact: outcomes of an impact and of a grasp; name those of one event")
     assembly = prepared.assemble()
     if place := next(iter(assembly.system.equalities.values()), ""):
         raise InputError(f"exact: {place} constrains the motion, of which there is no derivative here; use kind='secant'")
-    event = _capture(prepared, nominal, assembly) if any(of_capture) else _impact(prepared, nominal, assembly)
+    event = _grasp(prepared, nominal, assembly) if any(of_grasp) else _impact(prepared, nominal, assembly)
     columns = [_column(prepared, nominal, assembly, event, of, parameter) for parameter in wrt]
     nothing = np.full((len(of), len(wrt)), np.nan)
     same, sides = tuple(True for _ in wrt), tuple("both" for _ in wrt)
@@ -61,15 +61,15 @@ class _Event(NamedTuple):
     """An event up to which a run coasts.
 
     Attributes:
-        name: ``impact`` or ``capture``.
+        name: ``impact`` or ``grasp``.
         time_s: Its time, s.
         effects: Its linearization.
-        rule: Contact rule of an impact; empty for a capture.
+        rule: Contact rule of an impact; empty for the closing of a grasp.
     """
 
     name: str
     time_s: float
-    effects: Saltation | CaptureSaltation
+    effects: Saltation | GraspSaltation
     rule: str
 
 
@@ -87,25 +87,25 @@ def _impact(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
     return _Event("impact", record.time_s, hit, record.rule)
 
 
-def _capture(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
-    """The first capture, linearized.
+def _grasp(prepared: PreparedRun, nominal: Run, assembly: Assembly) -> _Event:
+    """The first closing of a grasp, linearized.
 
     Raises:
         InputError: There is none, an impact comes before it, or it closes at an impact.
     """
-    found = nominal.records.get("capture_impulses", ())
+    found = nominal.records.get("grasp_impulses", ())
     if not found:
         raise InputError("exact: no grasp closes in the run")
     record = found[0]
-    when = prepared.scenario.captures[record.grasp].when.within
+    when = prepared.scenario.grasps[record.grasp].when.within
     if when is None or any(impact.time_s <= record.time_s for impact in nominal.impacts):
         raise InputError(f"exact: an impact occurs before grasp {record.grasp!r} closes, or at it; use kind='secant'")
     data = _state_before(assembly, record)
     grasp = next(each for each in grasps_of(prepared.scenario, assembly.system) if each.name == record.grasp)
-    return _Event("capture", record.time_s, linearize_capture(assembly.system, data, grasp, when.bounds), "")
+    return _Event("grasp", record.time_s, linearize_grasp(assembly.system, data, grasp, when.bounds), "")
 
 
-def _state_before(assembly: Assembly, record: ImpactRecord | CaptureRecord) -> Any:
+def _state_before(assembly: Assembly, record: ImpactRecord | GraspRecord) -> Any:
     """Data at the state before an event."""
     data = assembly.data
     data.qpos[:] = record.qpos
@@ -123,10 +123,8 @@ def _first(nominal: Run) -> ImpactRecord:
     found = [record for record in nominal.impacts if record.event == 0]
     if len(found) != 1:
         raise InputError(f"exact: the first impact of the run has {len(found)} contacts; a derivative exists for one")
-    if nominal.captures:
-        raise InputError(
-            "exact: a grasp closes in the run; use kind='secant', or name captures.0.time_s or captures.0.loss_J"
-        )
+    if nominal.grasps:
+        raise InputError("exact: a grasp closes in the run; use kind='secant', or name grasps.0.time_s or grasps.0.loss_J")
     return found[0]
 
 

@@ -388,7 +388,7 @@ def fault_of(name: str, actuators: Sequence[str], own: Iterable[str] = ()) -> st
 def record_lists() -> dict[str, Any]:
     """Types of the items of lists in ``summary.json``: records of all kinds, and intervals derived from them."""
     records = {kind.plural: kind.record for kind in kinds() if kind.plural and kind.summarised}
-    return records | {"contacts": ContactInterval, "captures": GraspInterval}
+    return records | {"contacts": ContactInterval, "grasps": GraspInterval}
 
 
 def fault_in_list(head: str, rest: str, record: Any) -> str | None:

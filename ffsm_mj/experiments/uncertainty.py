@@ -30,8 +30,8 @@ _WORDS = {
 _TIP = {
     "tip.final_error_m": ("the final error of the tip", "m"),
     "tip.min_error_m": ("the smallest error of the tip", "m"),
-    "captures.0.time_s": ("the time of capture 1", "s"),
-    "captures.0.loss_J": ("the loss of capture 1", "J"),
+    "grasps.0.time_s": ("the closing time of grasp 1", "s"),
+    "grasps.0.loss_J": ("the loss of grasp 1", "J"),
 }
 
 

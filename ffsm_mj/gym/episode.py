@@ -18,7 +18,7 @@ from ffsm_mj.experiments.metrics import fault_in_list, record_lists, value_at
 from ffsm_mj.records.kinds import all_fields, kind_of
 
 _TIP = ("min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s")
-_OF_ROWS = {"contacts": ("impulse_N_s", "slip_m", "sliding_s"), "captures": ()}
+_OF_ROWS = {"contacts": ("impulse_N_s", "slip_m", "sliding_s"), "grasps": ()}
 """Values of intervals, beside those whose names begin with peak, that are known from all rows of a run only."""
 
 
@@ -84,7 +84,7 @@ class Episode:
 
     def _summary(self) -> dict[str, Any]:
         if self._lists is None:
-            intervals = {"contacts": self._contacts.intervals(), "captures": self._grasps.intervals()}
+            intervals = {"contacts": self._contacts.intervals(), "grasps": self._grasps.intervals()}
             empty: dict[str, Any] = {name: [] for name in record_lists()}
             found = {name: [all_fields(each) for each in some] for name, some in intervals.items()}
             self._lists = empty | self._records | found

@@ -33,7 +33,7 @@ _SERVOS = "use 'strip: [servos]' in the scenario"
 _INSTEAD = f"make a motor of it by 'kind: torque' under 'actuators' in the scenario, or {_SERVOS}"
 _OF_ADHESION = (
     "is an <adhesion>: it acts by MuJoCo's contact forces, which contact models replace; "
-    f"{_SERVOS}, and a grasp ('captures', with 'load_limit') in its place"
+    f"{_SERVOS}, and a grasp ('grasps', with 'load_limit') in its place"
 )
 
 

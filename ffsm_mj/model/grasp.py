@@ -87,7 +87,7 @@ class Grasp:
 def join(scene: Any, spec: Any, grasp: Grasp) -> None:
     """Attach an object to the link of a grasp, by the joints of the latch in place of those of its base.
 
-    The pose on the link, the axis and the point of the joints are written at the capture.
+    The pose on the link, the axis and the point of the joints are written at closing.
 
     Args:
         scene: Specification of the scene, with the robot attached.

@@ -20,7 +20,7 @@ from ffsm_mj.records.signals import Layout
 
 _TAKEN = frozenset(
     (
-        *("samples", "contacts", "captures", "checks", "plumes"),  # tables and topics of every run
+        *("samples", "contacts", "grasps", "checks", "plumes"),  # tables and topics of every run
         *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
         *("effort", "base_rotation", "angular_momentum", "sensitivity", "law_wall_s_per_tick"),
         *("sub_steps", "smallest_step_s", "conservative", "tip", "controller", "conservation"),

@@ -1,7 +1,7 @@
 """Columns of a row that hold the loads on grasped objects, and the arrows that viewers draw from them.
 
 A scenario whose grasps all join the same two sites, so that one at most is closed at a time, has one set of columns,
-``contact.capture_*``. Any other scenario has a set for each grasp, ``contact.capture_<grasp>_*``.
+``contact.grasp_*``. Any other scenario has a set for each grasp, ``contact.grasp_<grasp>_*``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LOADS = {**{f"force_{x}_N": "N" for x in "xyz"}, **{f"torque_{x}_N_m": "N m" fo
 _POINT = tuple(f"centre_{x}_m" for x in "xyz")
 _EVENT_LOADS = {"event_force_N": "N", "event_torque_N_m": "N m", "event_s": "s"}
 _BETWEEN = "right after an event since the previous sample"
-_CLOSED = re.compile(rf"{_GROUP}\.capture_(?:(.+)_closed|grasp)")
+_CLOSED = re.compile(rf"{_GROUP}\.grasp_(?:(.+)_)?closed")
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class LoadColumns:
     def of(cls, grasp: str = "") -> LoadColumns:
         """The set of a grasp, or the only one of a scenario."""
         name = identifier(grasp)
-        start = f"{_GROUP}.capture_{name}_" if name else f"{_GROUP}.capture_"
-        closed = f"{start}closed" if name else f"{start}grasp"
+        start = f"{_GROUP}.grasp_{name}_" if name else f"{_GROUP}.grasp_"
+        closed = f"{start}closed"
         parts = (tuple(f"{start}{end}" for end in ends) for ends in (_LOADS, _POINT, _EVENT_LOADS))
         return cls(name, closed, *parts)
 
@@ -60,7 +60,7 @@ class LoadColumns:
         closed = (
             f"place of {self.grasp} in the order in which the closed grasps closed, from 1; 0 if it is open"
             if self.grasp
-            else "number of the closed grasp among the captures of the scenario, from 1; 0 if none"
+            else "number of the closed grasp among the grasps of the scenario, from 1; 0 if none"
         )
         force, torque = f"force on the grasped object{whose}", f"torque on the grasped object about its site{whose}"
         point = f"site of the grasped object, where the load{whose} acts; NaN if no grasp is closed"
@@ -109,7 +109,7 @@ def load_arrows(layout: Layout) -> list[ArrowColumns]:
     """Force and torque on each grasped object, at its site; none if the run has no grasps."""
     arrows = []
     for each in logged_load_columns(layout):
-        name, whose = (f"capture_{each.grasp}", f" by {each.grasp}") if each.grasp else ("capture", "")
+        name, whose = (f"grasp_{each.grasp}", f" by {each.grasp}") if each.grasp else ("grasp", "")
         force, torque, point = (layout.places(keys) for keys in (each.loads[:3], each.loads[3:], each.point))
         arrows += [
             ArrowColumns(name, f"force on the grasped object{whose}", force, point),

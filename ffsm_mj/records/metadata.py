@@ -18,7 +18,7 @@ from ffsm_mj.errors import one_line
 from ffsm_mj.model.properties import PropertyChange, Value, value_text
 from ffsm_mj.records.signals import SUBSYSTEMS, TARGET, TIP, Layout
 
-FORMAT_VERSION = "3"
+FORMAT_VERSION = "4"
 """Version of the log format: names of topics, columns and record fields. A log of another version is refused by it."""
 _ALL_FREE = "1 1 1 1 1 1"
 _MODELS = ("model", "controller_model")

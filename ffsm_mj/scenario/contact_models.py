@@ -49,14 +49,14 @@ def _checked(given: Any) -> StrictModel:
         raise ScenarioFaults(plain_faults(error, KindNames(config, (), (), {}))) from error
 
 
-def endings(configs: tuple[Any, ...], *, captures: bool) -> tuple[str, ...]:
-    """Events that may end a phase: of contacts and joint limits, captures, releases, records of contact models."""
+def endings(configs: tuple[Any, ...], *, grasps: bool) -> tuple[str, ...]:
+    """Events that may end a phase: of contacts and joint limits, grasps, releases, records of contact models."""
     named = (kind.name for config in configs for kind in record_kinds_of(config.kind))
     contacts = ("impact", "contact_begins", "contact_ends", "contact_slips", "contact_sticks")
-    return (*contacts, "limit_impact", "limit_begins", "limit_ends", *(("capture", "release") if captures else ()), *named)
+    return (*contacts, "limit_impact", "limit_begins", "limit_ends", *(("grasp", "release") if grasps else ()), *named)
 
 
-def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, captures: bool) -> str:
+def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, grasps: bool) -> str:
     """What is wrong with a phase's ``until``; empty if it is valid."""
-    allowed = (*endings(configs, captures=captures), "settled", "finished", "end")
+    allowed = (*endings(configs, grasps=grasps), "settled", "finished", "end")
     return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)

@@ -130,7 +130,7 @@ class EnvConfig(StrictModel):
     reward: Name | RewardConfig = "sparse"
     """Reward function: ``sparse``, ``least_impulse``, ``nearer``, or an entry point of the group ``ffsm_mj.rewards``."""
     success: str | None = None
-    """Condition that ends an episode with success, evaluated at every control tick: ``captures.count == 1 and ...``."""
+    """Condition that ends an episode with success, evaluated at every control tick: ``grasps.count == 1 and ...``."""
     failure: str | None = None
     """Condition that ends an episode with failure."""
     forbidden_contacts: tuple[Name, ...] = ()

@@ -14,40 +14,40 @@ from ffsm_mj.scenario.scenario import ScenarioConfig
 _OWN = "ffsm_controllers"
 
 
-def capture_faults(scenario: ScenarioConfig) -> list[Fault]:
+def grasp_faults(scenario: ScenarioConfig) -> list[Fault]:
     """Faults of grasps in phases: unknown grasps, and a grasp armed while it is closed."""
     faults = []
     for i, phase in enumerate(scenario.phases):
         for key, names in (("arm", phase.arm), ("release", phase.release)):
-            unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.captures)
-            faults += [Fault(unknown_name("capture", name, scenario.captures), ("phases", i, key, k)) for k, name in unknown]
+            unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.grasps)
+            faults += [Fault(unknown_name("grasp", name, scenario.grasps), ("phases", i, key, k)) for k, name in unknown]
     first: dict[str, str] = {}
-    for name in scenario.captures:
+    for name in scenario.grasps:
         other = first.setdefault(identifier(name), name)
         if other != name:
-            faults.append(Fault(f"its columns would have the names of those of {other!r}; rename it", ("captures", name)))
+            faults.append(Fault(f"its columns would have the names of those of {other!r}; rename it", ("grasps", name)))
     if is_branching(scenario.phases):
         return faults  # what was armed or closed before depends on the way that the run takes
-    return faults or [*_armed_while_closed(scenario), *_ends_at_no_capture(scenario)]
+    return faults or [*_armed_while_closed(scenario), *_ends_at_no_grasp(scenario)]
 
 
 def never_armed(scenario: ScenarioConfig) -> Iterator[str]:
     """Messages for grasps that no phase arms; a control law may still request them."""
     armed = {name for phase in scenario.phases for name in phase.arm}
     asking = [phase.name for phase in scenario.phases if not _asks_for_nothing(phase)]
-    for name in scenario.captures:
+    for name in scenario.grasps:
         if name not in armed:
             law = f" unless the control law of phase {asking[0]!r} requests it" if asking else ""
-            yield f"no phase arms the capture {name!r}, so it never closes{law}; write 'arm: [{name}]' in a phase"
+            yield f"no phase arms the grasp {name!r}, so it never closes{law}; write 'arm: [{name}]' in a phase"
 
 
-def _ends_at_no_capture(scenario: ScenarioConfig) -> Iterator[Fault]:
-    """Phases that wait for a capture that cannot occur: no grasp is armed, and no control law may request one."""
+def _ends_at_no_grasp(scenario: ScenarioConfig) -> Iterator[Fault]:
+    """Phases that wait for a grasp that cannot close: no grasp is armed, and no control law may request one."""
     for i, phase in enumerate(scenario.phases):
         if not _asks_for_nothing(phase):
             return
-        if phase.until == "capture" and phase.for_s is None and not phase.arm and scenario.captures:
-            message = f"no grasp is armed, so no capture ends this phase; write 'arm: [{next(iter(scenario.captures))}]'"
+        if phase.until == "grasp" and phase.for_s is None and not phase.arm and scenario.grasps:
+            message = f"no grasp is armed, so none ends this phase; write 'arm: [{next(iter(scenario.grasps))}]'"
             yield Fault(message, ("phases", i, "until"))
 
 
@@ -61,10 +61,10 @@ def _armed_while_closed(scenario: ScenarioConfig) -> Iterator[Fault]:
                 reason = f"it is closed since the end of phase {closed[name]!r}; release it first"
                 yield Fault(f"{name!r} cannot close: {reason}", ("phases", i, "arm", k))
         waiting = [name for name in phase.arm if name not in closed]
-        bears_any_load = all(scenario.captures[name].load_limit is None for name in waiting)
+        bears_any_load = all(scenario.grasps[name].load_limit is None for name in waiting)
         if phase.until == "release" or not _asks_for_nothing(phase):
             closed = {}
-        elif phase.until == "capture" and phase.for_s is None and len(waiting) == 1 and bears_any_load:
+        elif phase.until == "grasp" and phase.for_s is None and len(waiting) == 1 and bears_any_load:
             # One of the same two sites has taken over from another.
             sites = _sites(scenario, waiting[0])
             closed = {name: since for name, since in closed.items() if _sites(scenario, name) != sites}
@@ -73,7 +73,7 @@ def _armed_while_closed(scenario: ScenarioConfig) -> Iterator[Fault]:
 
 def _sites(scenario: ScenarioConfig, name: str) -> tuple[str, str]:
     """Sites that a grasp joins, without prefixes that may be left out."""
-    config = scenario.captures[name]
+    config = scenario.grasps[name]
     return config.robot_site.rpartition("/")[2], config.object_site.rpartition("/")[2]
 
 

@@ -20,7 +20,7 @@ from ffsm_mj.model.inline import inline_model
 from ffsm_mj.scenario.contact_models import fault_of_ending
 from ffsm_mj.scenario.estimator_config import TruthConfig
 from ffsm_mj.scenario.faults import KindNames, plain_faults
-from ffsm_mj.scenario.grasps import capture_faults
+from ffsm_mj.scenario.grasps import grasp_faults
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.phase_graph import graph_faults, is_branching
 from ffsm_mj.scenario.scenario import ScenarioConfig, located, timing_faults, with_contact_models
@@ -189,12 +189,12 @@ def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
         if phase.name in names[:i]:
             faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
         for end in phase.ends:
-            if fault := fault_of_ending(end.event, scenario.contact_models, captures=bool(scenario.captures)):
+            if fault := fault_of_ending(end.event, scenario.contact_models, grasps=bool(scenario.grasps)):
                 faults.append(Fault(fault, ("phases", i, *end.keys)))
             if end.event == "settled" and scenario.task is None:
                 faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, *end.keys)))
         faults += [Fault(fault, ("phases", i, *keys)) for keys, fault in _broken_plugins(phase)]
-    faults += capture_faults(scenario)
+    faults += grasp_faults(scenario)
     branching = is_branching(scenario.phases)
     for i, phase in enumerate(scenario.phases[:-1]):
         if phase.until == "end" and not branching:

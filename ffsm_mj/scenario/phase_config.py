@@ -91,7 +91,7 @@ class PhaseConfig(StrictModel):
     name: Name
     until: Name | SensorEndConfig | None = None
     """``impact``, ``contact_begins``, ``contact_ends``, ``contact_slips``, ``contact_sticks`` (of a contact with friction),
-    ``limit_impact``, ``limit_begins``, ``limit_ends`` (of a joint at a limit), ``capture``, ``release`` or a record of a
+    ``limit_impact``, ``limit_begins``, ``limit_ends`` (of a joint at a limit), ``grasp``, ``release`` or a record of a
     contact model: the first such event after the start of the phase; ``settled``: see that key; ``finished``: the control
     law has finished (``playback``: the record is over; ``joint_path``: the time of the last waypoint); ``end``: the end of
     the run; ``{sensor: NAME, above: VALUE}`` (or ``below``): a measurement."""

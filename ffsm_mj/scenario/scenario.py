@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
     ConfigDict,
@@ -16,7 +16,7 @@ from pydantic import (
 
 from ffsm_mj.actuation.config import ActuatorConfig
 from ffsm_mj.config import Name, StrictModel
-from ffsm_mj.contact_models.grasp.config import CaptureConfig
+from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.properties import Trees
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
@@ -96,6 +96,7 @@ class ScenarioConfig(StrictModel):
     """Keys of a scenario file: a run of one robot and its objects."""
 
     model_config = ConfigDict(title="Scenario")
+    refused_keys: ClassVar = {"captures": "grasps are declared under 'grasps'"}
 
     extends: Name | None = None
     """Scenario to extend: a YAML file relative to this one, or the name of a shipped scenario."""
@@ -146,7 +147,7 @@ class ScenarioConfig(StrictModel):
     joint_limits: dict[Name, JointLimitConfig] = {}
     """Restitution of joints that stop at limits, by joint; default: 0."""
     contacts: ContactsConfig = ContactsConfig()
-    captures: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], CaptureConfig] = {}
+    grasps: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")], GraspConfig] = {}
     """Grasps by name: when armed, a site of the robot can latch a site of a floating object."""
     script_laws: tuple[Name, ...] | None = None
     """Kinds of control laws and estimators that a script passed to the run that wrote this scenario; they name no code."""

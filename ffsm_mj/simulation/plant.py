@@ -16,7 +16,7 @@ from ffsm_mj._core.tick import Clock, Sampler
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.contact_models.grasp.record import CaptureRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.model.system import System
@@ -105,7 +105,7 @@ def event_impulses(model: Any, records: Iterable[Any]) -> Iterator[Wrench]:
             impulse = record.impulse_N_s * np.array(record.normal) + np.array(record.tangential_impulse_N_s)
             bodies = [int(model.geom(name).bodyid[0]) for name in record.geoms]
             yield from _pair(bodies, np.array(record.point_m), impulse, np.zeros(3))
-        elif isinstance(record, CaptureRecord):
+        elif isinstance(record, GraspRecord):
             bodies = [int(model.site(name).bodyid[0]) for name in (record.robot_site, record.object_site)]
             angular = np.array(record.angular_impulse_N_m_s)
             yield from _pair(bodies, np.array(record.point_m), np.array(record.impulse_N_s), angular)

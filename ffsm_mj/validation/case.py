@@ -38,7 +38,7 @@ class Topic(StrEnum):
     SEVERAL_CONTACTS = "Several contacts at one instant"
     FRICTION = "Sliding, rolling and sticking"
     GRIPS = "Grips by friction"
-    CAPTURES = "Captures and latches"
+    GRASPS = "Captures and latches"
 
 
 @dataclass(frozen=True)

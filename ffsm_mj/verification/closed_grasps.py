@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.config import CaptureConfig
-from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
-from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE, RELEASE
+from ffsm_mj.contact_models.grasp.config import GraspConfig
+from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record_kinds import GRASP, RELEASE
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.event_order import merged
@@ -30,30 +30,30 @@ def closed_grasps(log: RunLog, impact: Any) -> list[str]:
         LookupError: The scenario has fewer grasps than the log says.
         ValueError: A number in the log is none.
     """
-    records = [each for kind in (CAPTURE, RELEASE) for each in log.records.get(kind.plural, ())]
+    records = [each for kind in (GRASP, RELEASE) for each in log.records.get(kind.plural, ())]
     records.sort(key=lambda each: each.event)
     closed = [*_since_start(records), *_in_first_row(log, records)]
     for record in _before(log, records, impact):
-        if isinstance(record, CaptureRecord):
+        if isinstance(record, GraspRecord):
             closed = [each for each in closed if each != record.replaces] + [record.grasp]
         else:
             closed = [each for each in closed if each != record.grasp]
     return closed
 
 
-def _since_start(records: Sequence[CaptureRecord | ReleaseRecord]) -> list[str]:
+def _since_start(records: Sequence[GraspRecord | ReleaseRecord]) -> list[str]:
     """Grasps that are closed since the start of a log: a record ends them before one begins them."""
     known: set[str] = set()
     found: list[str] = []
     for record in records:
-        ended = record.replaces if isinstance(record, CaptureRecord) else record.grasp
+        ended = record.replaces if isinstance(record, GraspRecord) else record.grasp
         if ended and ended not in known:
             found.append(ended)
         known |= {ended, record.grasp}
     return found
 
 
-def _in_first_row(log: RunLog, records: Sequence[CaptureRecord | ReleaseRecord]) -> list[str]:
+def _in_first_row(log: RunLog, records: Sequence[GraspRecord | ReleaseRecord]) -> list[str]:
     """Grasps without a record that are closed in the first row.
 
     Raises:
@@ -64,7 +64,7 @@ def _in_first_row(log: RunLog, records: Sequence[CaptureRecord | ReleaseRecord])
     sets = logged_load_columns(layout)
     if not sets or not len(log.rows):
         return []
-    names = [*scenario_data(log)["captures"]]
+    names = [*scenario_data(log)["grasps"]]
     told = {record.grasp for record in records}
     if not sets[0].grasp:
         number = 0 if told else int(log.rows[0, layout.index[sets[0].closed]])
@@ -88,7 +88,7 @@ def stopped_rows(log: RunLog, models: tuple[System, Any], grasp: str) -> FloatAr
     from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
     from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
 
-    (system, data), config = models, CaptureConfig.model_validate(scenario_data(log)["captures"][grasp])
+    (system, data), config = models, GraspConfig.model_validate(scenario_data(log)["grasps"][grasp])
     robot, of_object = (system.index("site", name) for name in (config.robot_site, config.object_site))
     link, root = (int(system.mj.site_bodyid[site]) for site in (robot, of_object))
     rows = relative_twist_rows(system.mj, data, link, root, data.site_xpos[of_object].copy())
@@ -97,7 +97,7 @@ def stopped_rows(log: RunLog, models: tuple[System, Any], grasp: str) -> FloatAr
     return stopped_components(joint.kind, axis) @ rows
 
 
-def _before(log: RunLog, grasps: Sequence[CaptureRecord | ReleaseRecord], impact: Any) -> list[Any]:
+def _before(log: RunLog, grasps: Sequence[GraspRecord | ReleaseRecord], impact: Any) -> list[Any]:
     """Captures and releases before an impact, in their order."""
     place = impact.step, impact.time_s
     earlier = [each for each in grasps if (each.step, each.time_s) < place]

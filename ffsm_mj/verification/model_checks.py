@@ -88,7 +88,7 @@ class ModelChecks:
 
     def _has_anything(self) -> bool:
         """Whether there is anything to check so; models are not compiled for nothing."""
-        columns = ("sensor.", "contact.capture_", "balance.friction_heat")
+        columns = ("sensor.", "contact.grasp_", "balance.friction_heat")
         return bool(self._log.impact_records) or any(key.startswith(columns) for key in self._kept.layout.keys)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
@@ -63,7 +63,7 @@ def grasped_objects(events: Iterable[Any]) -> tuple[str, ...]:
     """Names of the objects that are grasped after some events, in order."""
     held: dict[str, str] = {}
     for event in events:
-        if isinstance(event, CaptureRecord):
+        if isinstance(event, GraspRecord):
             held.pop(event.replaces, None)
             held[event.grasp] = event.object_site.partition("/")[0]
         elif isinstance(event, ReleaseRecord):

@@ -119,9 +119,9 @@ def berthing(folder, latch, **changes):
                     "rotor_x": 3.0,
                 },
             },
-            "captures": {"grasp": {**HAND, **KINDS[latch]}},
+            "grasps": {"grasp": {**HAND, **KINDS[latch]}},
             "phases": [
-                {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+                {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
                 {"name": "hold", "for_s": 0.6, **parts},
                 {"name": "leave", "until": "end", "release": ["grasp"], **parts},
             ],
@@ -135,7 +135,7 @@ def test_a_grasped_object_drives_itself(tmp_path, latch):
     """What its wheels and thrusters do is its own, and what the latch passes on is the robot's: all checks hold."""
     run = ffsm_mj.run(berthing(tmp_path, latch))
     holds(run)
-    assert len(run.captures) == 1
+    assert len(run.grasps) == 1
     assert abs(run["balance.objects_work_J"]).max() > 0.01
     assert abs(impulse(run, "external_on_objects")).max() > 0.1
     assert not impulse(run, "external").any()

@@ -204,7 +204,7 @@ def test_a_flexible_object_is_caught_held_and_let_go(tmp_path):
     path = grasping(tmp_path, duration_s=1.4)
     (tmp_path / "target.xml").write_text(PANEL)
     run = good(ffsm_mj.run(path, {"phases.hold.for_s": 0.4}))
-    held = run["contact.capture_grasp"] > 0.0
+    held = run["contact.grasp_closed"] > 0.0
     assert 0.2 < held.mean() < 0.8
     assert np.ptp(run["energy.objects_elastic_J"][held]) > 1e-4
     assert run["balance.objects_damper_heat_J"][-1] > 1e-5
@@ -370,7 +370,7 @@ def test_the_panel_of_a_derelict_rings_after_the_capture():
     """It hangs still before, then rings with the mode of the grasped derelict, and every row replays."""
     changes = {"time_step_s": 0.01, "duration_s": 45.0}
     run = good(ffsm_mj.run("capture-flexible", changes))
-    (capture,) = run.captures
+    (capture,) = run.grasps
     root = run["state.q_envisat_root_rad"]
     assert np.abs(root[run.time < capture.time_s]).max() < 1e-5
     after = run.time > capture.time_s + 5.0

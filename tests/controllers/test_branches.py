@@ -34,7 +34,7 @@ def test_of_several_triggers_at_one_instant_the_first_one_listed_counts():
     laws = [Recorder(), Recorder(), Recorder()]
     first = (
         Ending("impact", EventTrigger(Hit), 2),
-        Ending("capture", EventTrigger(Caught), 1),
+        Ending("grasp", EventTrigger(Caught), 1),
         Ending("time", TimeTrigger(0.3)),
     )
     machine = PhaseMachine(
@@ -52,7 +52,7 @@ def test_of_several_triggers_at_one_instant_the_first_one_listed_counts():
         ("a", 0.0, "start"),
         ("c", 0.1, "impact"),
         ("a", 0.2, "time"),
-        ("b", 0.3, "capture"),
+        ("b", 0.3, "grasp"),
         ("a", 0.5, "time"),
         ("b", 0.8, "time"),
     ]

@@ -25,7 +25,7 @@ def captured(folder, law, *, limit=None):
         time_step_s=0.02,
         control_period_s=0.02,
         initial={"joints": {"rock/free": [*TIP, 1.0, 0.0, 0.0, 0.0]}, "rates": {"base": [0, 0, 0, 0.1, -0.25, 0.3]}},
-        captures={"grasp": grasp | ({"load_limit": limit} if limit else {})},
+        grasps={"grasp": grasp | ({"load_limit": limit} if limit else {})},
         phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "detumble", **law}}],
     )
     return ffsm_mj.run(path)
@@ -34,7 +34,7 @@ def captured(folder, law, *, limit=None):
 def load(run):
     """Force and torque of the latch at every row."""
     return (
-        np.linalg.norm([run[f"contact.capture_{what}_{axis}_{unit}"] for axis in "xyz"], axis=0)
+        np.linalg.norm([run[f"contact.grasp_{what}_{axis}_{unit}"] for axis in "xyz"], axis=0)
         for what, unit in (("force", "N"), ("torque", "N_m"))
     )
 
@@ -48,7 +48,7 @@ def test_the_latch_bears_no_more_than_its_share(tmp_path, share):
     which the load changes by less than 1 % of itself.
     """
     run = captured(tmp_path, WHEELS | ({"latch": {"share": share}} if share else {}), limit=LIMIT)
-    assert run.captures[0].release_s is None
+    assert run.grasps[0].release_s is None
     assert left(run) < 1e-6
     force, torque = load(run)
     reports = run.summary()["controller"]["phases"][0]["reports"]
@@ -79,7 +79,7 @@ def test_seven_joints_move_without_turning_the_base():
             "capture",
             {
                 "actuators": {},
-                "captures": {},
+                "grasps": {},
                 "duration_s": 8.0,
                 "time_step_s": 0.01,
                 "initial.joints.satellite/free": [50.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],

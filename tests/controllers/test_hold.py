@@ -26,7 +26,7 @@ def arm(law, **changes):
         "capture",
         {
             "actuators": {},
-            "captures": {},
+            "grasps": {},
             "time_step_s": 0.01,
             "duration_s": 1.0,
             "initial.joints.satellite/free": [50.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],

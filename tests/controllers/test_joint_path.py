@@ -91,7 +91,7 @@ def arm(law, **changes):
         "capture",
         {
             "actuators": {},
-            "captures": {},
+            "grasps": {},
             "duration_s": 2.5,
             "initial.rates.robot/base": [0.01, 0.0, -0.02, 0.05, -0.1, 0.08],
             "phases": [{"name": "all", "until": "end", "controller": path}],

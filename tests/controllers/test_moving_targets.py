@@ -125,7 +125,7 @@ def test_a_target_with_a_site_of_an_object(tmp_path, capsys):
     del changes["task.target_m"]
     trajectory = {"site": "satellite/grapple", "offset_m": [-0.6, 0.1, 0.1]}
     changes |= {
-        "captures": {},
+        "grasps": {},
         "initial.joints": changes["initial.joints"] | satellite,
         "initial.rates": {"satellite/free": [-0.01, 0.01, 0.0, 0.02, 0.01, -0.03]},
         "task": {"tip": "tip", "target_m": [0.0, 0.0, 0.0], "trajectory": trajectory},

@@ -90,12 +90,12 @@ def test_parts_live_on_while_an_object_is_grasped():
     arm = {"joints": ARM, "kp": 40.0, "kd": 50.0}
 
     def run(**laws):
-        changes = scene(None, duration_s=0.1, captures={"grasp": grasp})
+        changes = scene(None, duration_s=0.1, grasps={"grasp": grasp})
         return ffsm_mj.run("capture", changes | {"phases": [{"name": "all", "until": "end", "arm": ["grasp"], **laws}]})
 
     one = run(controller={"kind": "free_flying", **gains, "arm": arm})
     two = run(controllers={"base": {"kind": "base_pd", **gains}, "arm": {"kind": "pd", **arm}})
-    assert len(two.captures) == 1
+    assert len(two.grasps) == 1
     assert alike(one, two)
 
 

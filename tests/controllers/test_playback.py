@@ -46,7 +46,7 @@ def test_a_log_is_played_bit_for_bit(tmp_path):
     keys = {"duration_s": 9.0, "time_step_s": 0.005, "control_period_s": 0.01}
     arm = {"kind": "osdre", "joints": ["joint_1", "joint_2", "joint_3"], "Q": [1.0, 1.0, 0.5, 0.5], "R": [0.1, 0.1, 0.1]}
     phases = [
-        {"name": "approach", "until": "capture", "arm": ["grasp"], "controller": arm | {"R": [1.0, 1.0, 1.0]}},
+        {"name": "approach", "until": "grasp", "arm": ["grasp"], "controller": arm | {"R": [1.0, 1.0, 1.0]}},
         {"name": "carry", "for_s": 0.5, "controller": arm},
         {"name": "let_go", "until": "end", "release": ["grasp"], "controller": arm},
     ]
@@ -55,7 +55,7 @@ def test_a_log_is_played_bit_for_bit(tmp_path):
     playing = keys | {"phases": [phase | {"controller": law} for phase in phases]}
     played = ffsm_mj.run("capture-planar", playing, out=tmp_path / "played", rerun=False)
     again = ffsm_mj.run(tmp_path / "played")  # from the copy of the efforts in the run folder
-    assert [len(run.impacts), len(run.log.records["capture_impulses"]), len(run.log.records["releases"])] == [1, 1, 1]
+    assert [len(run.impacts), len(run.log.records["grasp_impulses"]), len(run.log.records["releases"])] == [1, 1, 1]
     assert 1e-3 < run.impacts[0].time_s % 0.01 < 9e-3  # between two ticks, where tables of samples have no row
     for other in (played, again):
         assert all(np.array_equal(column, other[key]) for key, column in state(run).items())

@@ -57,7 +57,7 @@ def played(folder):
 def grasping(folder):
     """The spacecraft with a ball in its grasp: the load of the latch is largest at first."""
     grasp = {"robot_site": "tip", "object_site": "rock/centre", "when": {"within": {"position_m": 1e-3}}}
-    keys = {"time_step_s": 0.02, "control_period_s": 0.02, "captures": {"grasp": grasp | {"load_limit": {"force_N": 2.0}}}}
+    keys = {"time_step_s": 0.02, "control_period_s": 0.02, "grasps": {"grasp": grasp | {"load_limit": {"force_N": 2.0}}}}
     keys |= {"phases": [{"name": "all", "until": "end", "arm": ["grasp"], "controller": DETUMBLE}]}
     return Case(scene(folder, spacecraft(), {"rock": ball("rock", mass=8.0)}, **keys), grasp="grasp")
 

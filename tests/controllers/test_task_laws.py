@@ -181,7 +181,7 @@ def test_an_impedance_stays_with_a_site_that_moves():
         "joint_damping_N_m_s_rad": 2.0,
     }
     satellite = [2.6, 0.2, 0.5, 0.99, 0.05, -0.05, 0.12]
-    changes = {"captures": {}, "initial.joints.satellite/free": satellite}
+    changes = {"grasps": {}, "initial.joints.satellite/free": satellite}
     changes |= {"task": {"tip": "tip", "target_m": [0.0, 0.0, 0.0]}}
     changes |= {"initial.rates": {"satellite/free": [-0.005, 0.005, 0.01, 0.005, 0.01, -0.01]}}
     given = {key: value for key, value in spatial(law, 0.02, 20.0).items() if key != "task.target_m"}

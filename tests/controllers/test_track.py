@@ -53,7 +53,7 @@ def scene(law, **changes):
         "time_step_s": 0.005,
         "control_period_s": 0.005,
         "actuators": {},
-        "captures": {},
+        "grasps": {},
         "contacts.rules": [],
         "initial.joints.satellite/free": [2.4, -0.1, 0.5, *TURN],
         "initial.rates.robot/base": [0.01, 0.02, -0.01, *SPIN],
@@ -228,7 +228,7 @@ def test_a_planar_arm_follows_in_its_plane():
         "position": GAINS,
         "attitude": GAINS,
     }
-    changes = {"actuators": {}, "captures": {}, "duration_s": 2.5, "initial.rates.object/yaw": 0.05}
+    changes = {"actuators": {}, "grasps": {}, "duration_s": 2.5, "initial.rates.object/yaw": 0.05}
     changes |= {"time_step_s": 0.005, "control_period_s": 0.005}
     run = ffsm_mj.run("capture-planar", changes | {"phases": [{"name": "all", "until": "end", "controller": law}]})
     assert run.outcome == "completed", run.message
@@ -246,7 +246,7 @@ def test_a_stretched_arm_is_near_a_singularity_and_says_so():
     """The target is out of reach: the arm stretches towards it, and along the arm its inertia grows beyond the bound."""
     law = {"kind": "track", "object_site": "object/grapple", "offset_m": [9.0, 0.0, 0.0], "singular_mass_kg": 40.0}
     law |= {"position": GAINS | {"max_speed_m_s": 0.5}, "joint_damping_N_m_s_rad": 5.0}
-    changes = {"actuators": {}, "captures": {}, "duration_s": 6.0, "time_step_s": 0.01, "control_period_s": 0.01}
+    changes = {"actuators": {}, "grasps": {}, "duration_s": 6.0, "time_step_s": 0.01, "control_period_s": 0.01}
     run = ffsm_mj.run("capture-planar", changes | {"phases": [{"name": "all", "until": "end", "controller": law}]})
     assert run.outcome == "completed", run.message
     (phase,) = run.summary()["controller"]["phases"]
@@ -272,12 +272,12 @@ def test_what_holds_the_object_follows_nothing():
     """A phase that goes on after the capture: the joints are only damped, and come to rest."""
     law = following(offset_m=[0.0, 0.0, 0.0], joint_damping_N_m_s_rad=20.0)
     near = {"within": {"position_m": 1.0, "angle_rad": 2.0}}
-    captures = {"grasp": {"robot_site": "tip", "object_site": "satellite/grapple", "when": near}}
+    grasps = {"grasp": {"robot_site": "tip", "object_site": "satellite/grapple", "when": near}}
     phases = [{"name": "all", "until": "end", "arm": ["grasp"], "controller": law}]
-    changes = {"captures": captures, "phases": phases, "initial.rates.elbow": 0.1, "duration_s": 3.0}
+    changes = {"grasps": grasps, "phases": phases, "initial.rates.elbow": 0.1, "duration_s": 3.0}
     run = ffsm_mj.run("capture", scene(law, **changes))
     assert run.outcome == "completed", run.message
-    assert run.captures[0].time_s == 0.0
+    assert run.grasps[0].time_s == 0.0
     rates = run.qvel[:, 9:16]
     assert np.abs(rates[0]).max() > 0.01
     assert np.abs(rates[-1]).max() < 0.2 * np.abs(rates[0]).max()

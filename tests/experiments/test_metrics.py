@@ -139,7 +139,7 @@ def test_metrics_of_somebody(monkeypatch: pytest.MonkeyPatch) -> None:
         ("impacts.0.qvel_after.robot/joint_1", None),
         ("contacts.0.peak_force_N", None),
         ("phases.1.end_s", None),
-        ("captures.0.loss_J", None),
+        ("grasps.0.loss_J", None),
         ("near_misses.count", None),
         ("tip.target_m.2", None),
         ("effort.robot_motor_1.work_J", None),

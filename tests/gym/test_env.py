@@ -249,7 +249,7 @@ def test_faults_name_file_line_key_and_what_is_allowed(tmp_path, capsys):
     env = {
         "actions": [{"kind": "effort", "actuators": ["push_z"]}, {"kind": "request", "request": "grasp.arm"}],
         "observations": ["q_robot_y_m", "energy.total_J", {"of": "data.site.nowhere.xpos"}],
-        "success": "captures.0.peak_force_N < 1",
+        "success": "grasps.0.peak_force_N < 1",
         "bounds": {"data.qpos": [0, 1]},
         "forbidden_contacts": ["wall"],
     }

@@ -52,7 +52,7 @@ def test_a_capture_by_a_request_and_a_reset_while_it_holds():
         first.append(step[0])
     assert step[4]["ending"] == "success"
     assert 0.5 < step[4]["time_s"] < 1.2
-    assert [type(record).__name__ for record in step[4]["events"]].count("CaptureRecord") == 1
+    assert [type(record).__name__ for record in step[4]["events"]].count("GraspRecord") == 1
     again = [env.reset(seed=0)[0]]
     for _ in first[1:]:
         again.append(env.step(policy(again[-1]))[0])
@@ -73,7 +73,7 @@ def test_tip_velocity_is_reached_as_a_first_order_lag():
 def test_tip_velocity_accounts_for_a_grasped_object():
     """The same lag after the capture of the box: of the arm alone, a third of the speed after 0.1 s would be missing."""
     path = scenarios_dir() / "gym" / "capture-planar.yaml"
-    on = {"design": None, "success": "captures.count == 2"}
+    on = {"design": None, "success": "grasps.count == 2"}
     env, policy = ScenarioEnv(path, on, NEAR | {"duration_s": 2.0}), BASELINES["ffsm_mj/CapturePlanar-v0"]
     observation = env.reset(seed=0)[0]
     while not env.simulator.observation.grasps:

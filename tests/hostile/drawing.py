@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tests.hostile import captures, friction, strangers
+from tests.hostile import friction, grasps, strangers
 from tests.hostile.campaigns import Files
 from tests.hostile.cases import Case, case
 
@@ -22,8 +22,8 @@ class Logs(NamedTuple):
 
 def drawn(seed: int, number: int, logs: Logs) -> Case:
     """A case; equal seeds give equal cases."""
-    if seed == captures.CAPTURES:
-        return captures.drawn(number, logs.capture)
+    if seed == grasps.GRASPS:
+        return grasps.drawn(number, logs.capture)
     if seed == friction.FRICTION:
         return friction.drawn(number, logs.friction)
     if seed == strangers.STRANGERS:

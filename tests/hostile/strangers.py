@@ -22,7 +22,7 @@ from tests.hostile.yaml_mutations import mutate_tree, value
 STRANGERS = 27
 """The seed of the series."""
 
-_TABLES = ("samples", "impacts", "phases", "checks", "contacts", "captures", "x", EVIL.replace("\0", ""))
+_TABLES = ("samples", "impacts", "phases", "checks", "contacts", "grasps", "x", EVIL.replace("\0", ""))
 _LOG_WEIGHTS = (5, 5, 1, 1)
 """The later ones, with a capture and with friction, take ten times as long."""
 _EXPORTED = {"--csv": "samples.csv", "--parquet": "samples.parquet", "--gif": "motion.gif", "--mp4": "motion.mp4"}

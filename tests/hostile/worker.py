@@ -22,7 +22,7 @@ from importlib import import_module
 from pathlib import Path
 
 from tests.contact_models.grasp.scenes import ARM, BOUNDS, TARGET
-from tests.hostile import captures, friction
+from tests.hostile import friction, grasps
 from tests.hostile.campaigns import campaign_folder, scene_files
 from tests.hostile.cases import Case, Command
 from tests.hostile.documents import Map, text
@@ -101,7 +101,7 @@ def run_case(hostile: Case, number: int, folder: Path) -> Result:
     started, codes, stderr, wrong = time.perf_counter(), [], "", ""
     for command in hostile.commands:
         before = listing(here) if only_reads(command) else {}
-        with _captured(folder / ".stderr", folder / ".stdout"), watched() as places:
+        with _grasped(folder / ".stderr", folder / ".stdout"), watched() as places:
             code = _command(command)
         stderr, stdout = ((folder / name).read_text(errors="replace") for name in (".stderr", ".stdout"))
         codes.append(code)
@@ -139,7 +139,7 @@ def _command(arguments: Command) -> int:
 
 
 @contextmanager
-def _captured(errors: Path, output: Path) -> Iterator[None]:
+def _grasped(errors: Path, output: Path) -> Iterator[None]:
     """Standard error and output into files, at the level of the system: MuJoCo writes there too."""
     with errors.open("wb") as err, output.open("wb") as out:
         os.dup2(err.fileno(), 2)
@@ -233,7 +233,7 @@ def logs_of_runs(folder: Path, *, with_campaign: bool = False) -> Logs:
     (folder / "logs" / "models").mkdir()
     ffsm_mj.run(two_balls(folder / "logs" / "models", gap=0.01, duration_s=0.05), out=folder / "logs" / "b", rerun=False)
     held = {"robot.xml": ARM.encode(), "object.xml": TARGET.encode()}
-    capture = _log_of(folder / "logs" / "c", captures.scenario(BOUNDS), held)
+    capture = _log_of(folder / "logs" / "c", grasps.scenario(BOUNDS), held)
     rubbed = _log_of(folder / "logs" / "d", friction.scenario(), friction.models())
     made, scene = dict[str, bytes](), dict[str, bytes]()
     if with_campaign:

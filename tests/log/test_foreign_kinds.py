@@ -109,7 +109,7 @@ def test_a_log_of_another_format_is_refused_by_its_version(plain_run, tmp_path, 
             record = replace(record, metadata=kept | facts)  # noqa: PLW2901
         found.append(record)
     (tmp_path / "x.mcap").write_bytes(log(found))
-    with pytest.raises(LogError, match=rf"x.mcap: {told}; this version of ffsm-mj reads format 3$"):
+    with pytest.raises(LogError, match=rf"x.mcap: {told}; this version of ffsm-mj reads format 4$"):
         ffsm_mj.load_run(tmp_path / "x.mcap")
 
 

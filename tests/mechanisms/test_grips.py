@@ -179,7 +179,7 @@ def holding(folder, *, equality='<connect name="pin" site1="pin" site2="end"/>',
             {"name": "hold", "for_s": 0.4, "arm": ["grasp"], "controller": off},
             {"name": "leave", "until": "end", "release": ["grasp"], "controller": off},
         ],
-        **{"duration_s": 0.6, "control_period_s": 0.02, "captures": {"grasp": GRASP}} | scenario,
+        **{"duration_s": 0.6, "control_period_s": 0.02, "grasps": {"grasp": GRASP}} | scenario,
     )
 
 
@@ -188,7 +188,7 @@ def test_a_mechanism_takes_an_object(tmp_path):
     path = holding(tmp_path)
     run = ffsm_mj.run(path)
     assert_sound(run)
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     (release,) = run.records["releases"]
     assert release.time_s == pytest.approx(0.4, abs=1e-12)
     system = prepare(path).system
@@ -239,11 +239,11 @@ def test_a_run_with_a_grasp_goes_on_from_its_states(tmp_path):
 def test_the_load_of_a_grasp_of_a_mechanism_is_what_moves_the_object(tmp_path):
     """Its impulse, by Simpson's rule over the rows, is the change of the momentum of the object."""
     run = ffsm_mj.run(holding(tmp_path, control_period_s=2e-3))
-    held = run["contact.capture_grasp"] == 1.0
+    held = run["contact.grasp_closed"] == 1.0
     first, last_held = np.flatnonzero(held)[[0, -1]]
     rows = slice(first, last_held + 1 - (last_held - first) % 2)
     for axis in "xyz":
-        force, momentum = run[f"contact.capture_force_{axis}_N"][rows], run[f"momentum.objects_P_{axis}_N_s"][rows]
+        force, momentum = run[f"contact.grasp_force_{axis}_N"][rows], run[f"momentum.objects_P_{axis}_N_s"][rows]
         weights = np.ones(len(force))
         weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
         assert float(weights @ force) * 2e-3 / 3.0 == pytest.approx(float(momentum[-1] - momentum[0]), abs=1e-8)
@@ -252,8 +252,8 @@ def test_the_load_of_a_grasp_of_a_mechanism_is_what_moves_the_object(tmp_path):
 def test_a_load_limit_of_a_grasp_of_a_mechanism(tmp_path):
     """A planar loop has rows that depend on each other, but not on those of the grasp: its load is unique, and limited."""
     free = ffsm_mj.run(holding(tmp_path))
-    limit = 0.9 * float(np.linalg.norm([free[f"contact.capture_force_{axis}_N"] for axis in "xyz"], axis=0).max())
-    run = ffsm_mj.run(holding(tmp_path, captures={"grasp": GRASP | {"load_limit": {"force_N": limit}}}))
+    limit = 0.9 * float(np.linalg.norm([free[f"contact.grasp_force_{axis}_N"] for axis in "xyz"], axis=0).max())
+    run = ffsm_mj.run(holding(tmp_path, grasps={"grasp": GRASP | {"load_limit": {"force_N": limit}}}))
     assert_sound(run)
     (release,) = run.records["releases"]
     assert release.reason == "load_limit"

@@ -138,7 +138,7 @@ def test_a_flexible_arm_catches_and_holds(tmp_path):
     path = grasping(tmp_path, duration_s=1.4)
     drive = {"stiffness": 60.0, "damping": 0.05, "gear": 100.0, "rotor_inertia": 2e-5}
     run = good(ffsm_mj.run(path, {"robot.joint_flex": {"shoulder": drive, "elbow": drive}, "phases.hold.for_s": 0.4}))
-    (capture,) = run.captures
+    (capture,) = run.grasps
     assert capture.release_s is not None
     held = (run.time > capture.time_s) & (run.time < capture.release_s)
     assert np.abs(run["state.q_robot_shoulder_flex_rad"][held]).max() > 1e-3

@@ -256,7 +256,7 @@ LATCHES = {
 
 def holds(folder: Path) -> Path:
     """Five links of a robot grasp an object each, by latches of every kind, and let go of two; a sixth object flies by."""
-    links, objects, joints, rates, captures = "", {}, {}, {}, {}
+    links, objects, joints, rates, grasps = "", {}, {}, {}, {}
     base = (0.4, 0.3, -0.2)
     for k, (kind, freedom) in enumerate(LATCHES.items()):
         at = (0.5, 0.6 * (k - 2), 0.1 * k)
@@ -270,10 +270,10 @@ def holds(folder: Path) -> Path:
         joints[f"{kind}/free"] = [*place, 1.0, 0.0, 0.0, 0.0]
         rates[f"{kind}/free"] = [-0.3 - 0.1 * k, 0.02, 0.03, 0.3, -0.2, 0.4]
         when = {"within": {"position_m": 0.025, "angle_rad": 0.3}}
-        captures[kind] = {"robot_site": f"hand{k}", "object_site": f"{kind}/handle", "when": when, **freedom}
+        grasps[kind] = {"robot_site": f"hand{k}", "object_site": f"{kind}/handle", "when": when, **freedom}
     objects["stray"] = box("stray", mass=1.0, half="0.1 0.1 0.1", inertia="0.01 0.012 0.014")
     joints["stray/free"], rates["stray/free"] = [1.0, 1.7, 0.3, 1, 0, 0, 0], [-1.0, -0.1, 0.0, 0.1, 0.2, 0.3]
-    captures["missed"] = captures["rigid"] | {"robot_site": "hand4", "object_site": "stray/handle"}
+    grasps["missed"] = grasps["rigid"] | {"robot_site": "hand4", "object_site": "stray/handle"}
     motors = "".join(f'<motor name="j{k}" joint="j{k}"/>' for k in range(len(LATCHES)))
     robot = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
       <inertial pos="0.02 0.01 0.03" mass="9" diaginertia="0.9 0.7 0.8"/>{links}</body></worldbody>
@@ -290,9 +290,9 @@ def holds(folder: Path) -> Path:
             "joints": {"robot/free": [*base, 1.0, 0.0, 0.0, 0.0], **joints},
             "rates": {"robot/free": [0.0, 0.0, 0.0, 0.1, -0.1, 0.2], **rates},
         },
-        captures=captures,
+        grasps=grasps,
         phases=[
-            {"name": "meet", "for_s": 0.2, "arm": [*captures], "controller": law},
+            {"name": "meet", "for_s": 0.2, "arm": [*grasps], "controller": law},
             {"name": "leave", "until": "end", "release": ["rigid", "slide"], "controller": law},
         ],
     )

@@ -20,7 +20,7 @@ changes no other one.
 - **Laws**: playback of tables and logs (held, mean, linear), ``pd``, ``hold``, ``joint_path``, ``track``,
   ``task_ct``, ``rns``, ``task_tj``, ``gjm_rate``, ``impedance``, ``base_pd``, ``free_flying``, ``off``, several parts
   at once; models of control laws that are wrong or rigid; moving targets.
-- **Phases**: times, impacts, contacts, captures, measurements, ``stop_when``, branches; the end at the first impact.
+- **Phases**: times, impacts, contacts, grasps, measurements, ``stop_when``, branches; the end at the first impact.
 - **Sensors**: every kind that a robot's file may have, cameras with fields of view and occlusion; intervals, delays,
   jitter, dropouts, noise, bias and walk, scale, misalignment, quantum, cutoff; estimators; laws that are told of no
   or hard impacts.

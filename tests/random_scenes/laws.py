@@ -211,11 +211,9 @@ class PhaseDrawing:
         self.graspable = [name for name, made in laws.objects.items() if laws.flat or made.base == "free"]
 
     def scenario(self) -> dict[str, Any]:
-        """Keys ``captures``, ``phases`` and ``task``."""
+        """Keys ``grasps``, ``phases`` and ``task``."""
         said = self._phases()
-        return (
-            said | ({"captures": self.grasps} if self.grasps else {}) | ({"task": self.laws.task} if self.laws.task else {})
-        )
+        return said | ({"grasps": self.grasps} if self.grasps else {}) | ({"task": self.laws.task} if self.laws.task else {})
 
     def _phases(self) -> dict[str, Any]:
         dice = self.dice
@@ -228,7 +226,7 @@ class PhaseDrawing:
             return {"phases": [{"name": "move", "until": "end", **self.laws.law()}]}
         armed = [*self.grasps]
         first: dict[str, Any] = {"name": "meet", "for_s": share(0.3, 0.9), "arm": armed, **self.laws.law()}
-        until: Any = dice.pick(["capture" if armed else "impact", "impact", "contact_begins", "contact_ends", "", ""])
+        until: Any = dice.pick(["grasp" if armed else "impact", "impact", "contact_begins", "contact_ends", "", ""])
         if not until and self.ends and dice.chance(0.5):
             until = self.ends[0]
         first |= {"until": until} if until else {}
@@ -237,14 +235,12 @@ class PhaseDrawing:
             quantity = dice.pick(["joint_rate", "base_rate"]) if driven else "base_rate"
             first["stop_when"] = f"{quantity} > {dice.log_between(0.05, 2.0):.3f} rad/s"
         more = dice.some(armed, 1)
-        second = {"name": "stay", "for_s": share(0.1, 0.5), "arm": more if until != "capture" else [], **self.laws.law()}
+        second = {"name": "stay", "for_s": share(0.1, 0.5), "arm": more if until != "grasp" else [], **self.laws.law()}
         last = {"name": "leave", "until": "end", "release": armed if dice.chance(0.7) else [], **self.laws.law()}
         if dice.chance(0.2):
             last["arm"] = [name for name in armed if last["release"]]
         if dice.chance(0.15):
-            first["on"] = {
-                name: "leave" for name in ("impact", *(["capture"] if armed else [])) if name != first.get("until")
-            }
+            first["on"] = {name: "leave" for name in ("impact", *(["grasp"] if armed else [])) if name != first.get("until")}
             first["on"]["time"] = "stay"
             return {"phases": [first, second, last]}
         return {"phases": [first, second, last] if dice.chance(0.7) else [first, last]}

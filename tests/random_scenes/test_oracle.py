@@ -11,7 +11,7 @@ import ffsm_mj
 from tests.random_scenes.drawing import draw
 from tests.random_scenes.oracle import oracle_differences
 
-CAPTURE, FRICTION = 3, 5
+GRASP, FRICTION = 3, 5
 """Seeds with a capture, and with impacts with friction of one contact and motion between them."""
 
 
@@ -29,7 +29,7 @@ class Changed:
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     found = {}
-    for seed in (CAPTURE, FRICTION):
+    for seed in (GRASP, FRICTION):
         folder = tmp_path_factory.mktemp(str(seed))
         found[seed] = folder, ffsm_mj.run(draw(seed, folder))
     return found
@@ -73,9 +73,9 @@ def test_a_wrong_column(runs, change, found):
         (FRICTION, "impacts", lambda r: {"restitution_used": 0.9 * r.restitution + 0.01}, "restitution_used"),
         (FRICTION, "impacts", lambda r: {"mu": r.mu * (1.0 + 1e-5)}, "one contact with friction"),
         (FRICTION, "impacts", lambda r: {"normal": tuple(np.array(r.normal) * (1.0 + 1e-6))}, "impact: speed"),
-        (CAPTURE, "capture_impulses", lambda r: {"impulse_N_s": tuple(-np.array(r.impulse_N_s))}, "less the impulse"),
-        (CAPTURE, "capture_impulses", lambda r: {"qvel_after": r.qvel_before}, "velocity of the latch"),
-        (CAPTURE, "capture_impulses", lambda r: {"loss_J": r.loss_J * (1.0 + 1e-5)}, "loss of energy"),
+        (GRASP, "grasp_impulses", lambda r: {"impulse_N_s": tuple(-np.array(r.impulse_N_s))}, "less the impulse"),
+        (GRASP, "grasp_impulses", lambda r: {"qvel_after": r.qvel_before}, "velocity of the latch"),
+        (GRASP, "grasp_impulses", lambda r: {"loss_J": r.loss_J * (1.0 + 1e-5)}, "loss of energy"),
     ],
 )
 def test_a_wrong_record(runs, seed, kind, change, found):

@@ -26,12 +26,12 @@ def numbered(run):
 
 
 def test_there_are_events_of_many_kinds(run):
-    assert {"impacts", "contact_beginnings", "capture_impulses", "armings", "releases"} <= set(numbered(run))
+    assert {"impacts", "contact_beginnings", "grasp_impulses", "armings", "releases"} <= set(numbered(run))
     assert replay_log(run.log).agrees
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("plural", ["impacts", "contact_beginnings", "capture_impulses", "armings", "releases"])
+@pytest.mark.parametrize("plural", ["impacts", "contact_beginnings", "grasp_impulses", "armings", "releases"])
 def test_one_more_in_the_number_of_an_event_is_noticed(run, plural):
     records = run.log.records[plural]
     again = replay_log(replace(run.log, records=run.log.records | {plural: later(records, len(records) - 1)}))
@@ -51,7 +51,7 @@ def test_an_event_that_is_not_there_is_noticed_by_the_next_number(run):
 
 def test_behind_a_hole_the_count_goes_on_with_the_number_of_the_log(run):
     """Rows over the capture and all that happens with it are lost."""
-    (capture,) = run.log.records["capture_impulses"]
+    (capture,) = run.log.records["grasp_impulses"]
     hole = (run.time > capture.time_s - 0.01) & (run.time < capture.time_s + 0.02)
     again = replay_log(replace(run.log, rows=run.log.rows[~hole]))
     assert again.agrees, again.worst

@@ -42,7 +42,7 @@ def landing(folder, tilt):
         duration_s=0.005,
         initial={"joints": joints, "rates": {"can/free": [0.0, 0.0, 0.0, 0.3, -2.0, 0.1]}},
         contacts={"rules": [{"between": ["plate", "can/can"], "restitution": 0.0}]},
-        captures={"grasp": grasp},
+        grasps={"grasp": grasp},
         phases=[{"name": "land", "until": "end", "arm": ["grasp"], "controller": OFF}],
     )
 

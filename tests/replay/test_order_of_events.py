@@ -25,13 +25,13 @@ def test_impact_capture_and_impact_again_at_one_instant(tmp_path):
         },
         contacts={"rules": [{"between": ["hull", "target/target"], "restitution": 0.0}]},
         phases=[
-            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "until": "end", "controller": OFF},
         ],
     )
     run = ffsm_mj.run(path)
     first, second = run.impacts
-    assert first.time_s == run.log.records["capture_impulses"][0].time_s
+    assert first.time_s == run.log.records["grasp_impulses"][0].time_s
     # Rounding of the transferred velocities decides whether the second is due at once or a root within the rounding of time.
     assert second.time_s == pytest.approx(first.time_s, abs=1e-14)
     again = replay_log(run.log)
@@ -52,7 +52,7 @@ def test_two_grasps_that_close_at_one_impact_with_friction(tmp_path):
             "rates": {"target/free": [-0.3, 0.2, 0, 4.0, -2.0, 3.0]},
         },
         contacts={"rules": [{"between": ["hand", "target/target"], "restitution": 0.0, "mu": 0.5}]},
-        captures={
+        grasps={
             "ball": {"robot_site": "grip", "object_site": "target/handle", "when": touch, "joint": "ball"},
             "hinge": {
                 "robot_site": "pin",
@@ -65,7 +65,7 @@ def test_two_grasps_that_close_at_one_impact_with_friction(tmp_path):
         phases=[{"name": "meet", "until": "end", "arm": ["ball", "hinge"], "controller": OFF}],
     )
     run = ffsm_mj.run(path)
-    first, second = run.log.records["capture_impulses"]
+    first, second = run.log.records["grasp_impulses"]
     assert run.impacts[0].time_s == first.time_s == second.time_s
     assert [str(check) for check in (*all_checks(run), *replay_log(run.log).checks()) if not check.passes] == []
 

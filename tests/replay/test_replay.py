@@ -145,7 +145,7 @@ def test_a_quaternion_and_its_negative_are_one_rotation(tmp_path):
         "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "shoulder": 0.1},
     }
     run = ffsm_mj.run(grasping(tmp_path, duration_s=0.6, initial=near))
-    (caught,) = run.captures
+    (caught,) = run.grasps
     columns = [run.keys.index(f"state.q_target_free_q{part}") for part in "wxyz"]
 
     def other(sign, by=0.0):

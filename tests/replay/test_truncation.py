@@ -176,7 +176,7 @@ def beside_a_grasped_one(folder, step_s, *, gravity=False, spring="", released=F
         time_step_s=step_s,
         control_period_s=step_s,
         contacts={"rules": []},
-        captures={"grasp": grasp},
+        grasps={"grasp": grasp},
         phases=[held, drop] if released else [coast],
         **tumbling,
     )

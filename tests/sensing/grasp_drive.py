@@ -12,7 +12,7 @@ from ffsm_controllers.estimators import estimators
 from ffsm_controllers.estimators.mekf.estimator import Mekf
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
-from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.controller_protocol import ControllerContext, Sensor, System, predict
 from ffsm_mj.dynamics.motion import Motion
@@ -90,7 +90,7 @@ class CaughtTruth(Truth):
         self.held = GraspedMotion(Motion(free.mj, self.data), Scene(free, self.data), grasped.copy(), GRASP)
         self.is_held = False
 
-    def catch(self, time_s: float) -> CaptureRecord:
+    def catch(self, time_s: float) -> GraspRecord:
         """Catch the target."""
         mujoco.mj_forward(self.model, self.data)
         bodies = [int(self.model.body(name).id) for name in (GRASP.link, GRASP.root)]
@@ -101,7 +101,7 @@ class CaughtTruth(Truth):
         pose = self.held.model.body_pos[self.held.root], self.held.model.body_quat[self.held.root]
         known = {"time_s": time_s, "grasp": "grasp", "place": 1}
         known |= {"held_position_m": tuple(pose[0]), "held_quaternion": tuple(pose[1])}
-        return CaptureRecord(**{field.name: known.get(field.name) for field in fields(CaptureRecord)})
+        return GraspRecord(**{field.name: known.get(field.name) for field in fields(GraspRecord)})
 
     def let_go(self, time_s: float) -> ReleaseRecord:
         """Let the target go."""

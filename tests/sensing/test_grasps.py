@@ -29,7 +29,7 @@ def caught(folder, **changes):
         folder,
         others={"stone": stone()},
         phases=[
-            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "until": "end", "controller": {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}},
         ],
         initial={
@@ -50,7 +50,7 @@ def measured(tmp_path_factory):
 def test_bits_of_the_run_are_those_without_sensors(tmp_path, measured):
     """Samples inside steps, while an object is held too, whose motion the logged system follows."""
     without = ffsm_mj.run(caught(tmp_path))
-    assert len(without.captures) == 1
+    assert len(without.grasps) == 1
     for key in without.keys:
         assert np.array_equal(without[key], measured[key], equal_nan=True), key
     assert replay_log(measured.log).agrees
@@ -58,7 +58,7 @@ def test_bits_of_the_run_are_those_without_sensors(tmp_path, measured):
 
 def test_a_log_with_a_gap_while_an_object_is_held_agrees(measured):
     log = replace(measured.log, rows=np.delete(measured.log.rows, range(150, 160), axis=0))
-    assert measured["contact.capture_grasp"][150] == 1.0
+    assert measured["contact.grasp_closed"][150] == 1.0
     assert replay_log(log).agrees
 
 
@@ -71,7 +71,7 @@ def test_an_impact_on_what_is_held_passes_through_the_wrist(measured, tmp_path, 
     if joint != "rigid":
         latch = {"robot_site": "grip", "object_site": "handle", "when": TOUCH, "joint": joint}
         wrist = SENSORS["wrist"] | {"interval_s": 0.002}  # hand and object bounce off each other 3 ms after the stone
-        measured = ffsm_mj.run(caught(tmp_path, sensors={"wrist": wrist}, captures={"grasp": latch}))
+        measured = ffsm_mj.run(caught(tmp_path, sensors={"wrist": wrist}, grasps={"grasp": latch}))
     hit = next(e for e in measured.log.events() if isinstance(e, ImpactRecord) and "stone/stone" in e.geoms)
     system = compile_log(measured.log)
     model, data = system.mj, mujoco.MjData(system.mj)
@@ -96,10 +96,10 @@ def test_the_load_is_that_of_the_grasp(measured):
 
     Between ticks of 1 ms the commands of the servo change by a fiftieth of the load at most.
     """
-    held = np.flatnonzero(measured["contact.capture_grasp"] == 1.0)
-    calm = held[(measured.time[held] > measured.captures[0].time_s + 0.002) & (measured.time[held] < 0.2)]
+    held = np.flatnonzero(measured["contact.grasp_closed"] == 1.0)
+    calm = held[(measured.time[held] > measured.grasps[0].time_s + 0.002) & (measured.time[held] < 0.2)]
     sample = np.column_stack([measured[f"sensor.load_true_{x}_N"] for x in "xyz"])[calm]
-    load = np.column_stack([measured[f"contact.capture_force_{x}_N"] for x in "xyz"])[calm]
+    load = np.column_stack([measured[f"contact.grasp_force_{x}_N"] for x in "xyz"])[calm]
     assert np.linalg.norm(load, axis=1).min() > 0.1
     assert np.allclose(np.linalg.norm(sample, axis=1), np.linalg.norm(load, axis=1), rtol=0.02)
 
@@ -114,16 +114,16 @@ def test_a_joint_that_the_grasp_removes_is_not_measured_while_it_is_closed(tmp_p
         duration_s=0.3,
         initial={"joints": {"target/x": 1.08}, "rates": {"target/x": -0.3}},
         contacts={"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
-        captures={"grasp": {"robot_site": "grip", "object_site": "handle", "when": TOUCH}},
+        grasps={"grasp": {"robot_site": "grip", "object_site": "handle", "when": TOUCH}},
         sensors={"slide": {"kind": "jointpos", "of": "target/x"}},
         phases=[
-            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "for_s": 0.05, "controller": OFF},
             {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
         ],
     )
     run = ffsm_mj.run(path)
-    (capture,) = run.captures
+    (capture,) = run.grasps
     held = (run.time > capture.time_s) & (run.time <= capture.release_s)
     assert 10 < held.sum() < 100
     assert np.array_equal(np.isnan(run["sensor.slide_true_m"]), held)
@@ -158,7 +158,7 @@ def test_a_wrist_feels_what_its_stop_takes_up(tmp_path, changes):
                 "joints": {"load/free": [0.4, 0, 0, 1, 0, 0, 0]},
                 "rates": {"robot/base": [0, 0, 0, 0, 0, 0.5]},
             },
-            "captures": {"grasp": {"robot_site": "tip", "object_site": "handle", "when": {"within": {"position_m": 0.01}}}},
+            "grasps": {"grasp": {"robot_site": "tip", "object_site": "handle", "when": {"within": {"position_m": 0.01}}}},
             "sensors": {
                 "wrist": {"kind": "force", "of": "tip", "interval_s": 0.01},
                 "shake": {"kind": "accelerometer", "of": "tip", "interval_s": 0.0037},

@@ -137,7 +137,7 @@ def test_a_latch_with_freedom_jolts_the_two_that_it_joins(tmp_path):
         duration_s=0.02,
         control_period_s=0.01,
         initial={"joints": {"target/free": [1.06, 0, 0, 1, 0, 0, 0], "rock/free": [0, 5, 0, 1, 0, 0, 0]}},
-        captures={"grasp": {**latch, "joint": "hinge", "axis": [0, 0, 1]}},
+        grasps={"grasp": {**latch, "joint": "hinge", "axis": [0, 0, 1]}},
         phases=[{"name": "hold", "until": "end", "arm": ["grasp"], "controller": OFF}],
         sensors={
             f"{kind}_{body[:3]}": {"kind": kind, "of": body, "first_s": 0.015}  # after the row that is read
@@ -147,7 +147,7 @@ def test_a_latch_with_freedom_jolts_the_two_that_it_joins(tmp_path):
         estimator={"kind": "mekf", **given},
     )
     made = run(path)
-    assert made.captures[0].time_s == 0.0
+    assert made.grasps[0].time_s == 0.0
     for body, sigma in (("robot", math.hypot(0.01, 0.3)), ("target", math.hypot(0.01, 0.3)), ("rock", 0.01)):
         assert column(made, f"estimate.sigma_v_{body}_free_vx_m_s")[1] == pytest.approx(sigma, rel=1e-6)
 
@@ -178,7 +178,7 @@ def test_in_a_run_errors_stay_within_what_the_filter_says(tmp_path, told):
             "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3]},
         },
         phases=[
-            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "for_s": 0.25, "controller": hold},
             {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
         ],
@@ -186,7 +186,7 @@ def test_in_a_run_errors_stay_within_what_the_filter_says(tmp_path, told):
         estimator={"kind": "mekf", "process": {"acceleration_density": 1e-4, "angular_acceleration_density": 1e-4}},
     )
     made = run(path)
-    (capture,) = made.captures
+    (capture,) = made.grasps
     assert capture.release_s is not None
     keys = [key for key in made.log.header.layout.keys if key.startswith("estimate.sigma_")]
     assert len(keys) == 24

@@ -144,7 +144,7 @@ def test_all_that_a_filter_does_is_in_some_state(cases):
     """So that what is under way of each kind is restored in the test above."""
     states = [state for name in ("mekf", "grasps") for state in cases[name][2].states.values()]
     kinds = {entry[2] for state in states for entry in state["history"]["entries"]}
-    assert kinds == {"joint", "frame", "given", "capture", "release", "impact"}
+    assert kinds == {"joint", "frame", "given", "grasp", "release", "impact"}
 
 
 def test_every_field_of_every_state_is_needed(cases):

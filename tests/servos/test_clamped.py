@@ -134,7 +134,7 @@ def test_an_external_servo_pushes_what_the_robot_holds(tmp_path):
         law,
         model=link('<velocity name="servo" site="port" kv="2" gear="1 0 0 0 0 0"/>'),
         others={"ball": ball(mass=2.0)},
-        captures={"grasp": grasp},
+        grasps={"grasp": grasp},
         phases=[{"name": "push", "until": "end", "arm": ["grasp"], "controller": law}],
         initial={"joints": {"ball/free": [0, 0, 0, 1, 0, 0, 0]}},
         duration_s=0.5,

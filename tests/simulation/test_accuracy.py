@@ -99,13 +99,13 @@ def test_an_event_at_the_end_of_a_sub_step_begins_no_other_one(tmp_path, accurac
 def test_a_step_is_whole_after_an_event_at_its_start(tmp_path):
     """Arming at a tick takes nothing off the step: a replay divides the rest as the run does, bit by bit."""
     near = {"within": {"position_m": 1e-6}}
-    captures = {name: {"robot_site": "grip", "object_site": "handle", "when": near} for name in "abcd"}
+    grasps = {name: {"robot_site": "grip", "object_site": "handle", "when": near} for name in "abcd"}
     phases = [{"name": name, "for_s": 0.03, "arm": [name], "controller": OFF} for name in "abc"]
     phases.append({"name": "d", "until": "end", "arm": ["d"], "controller": OFF})
     rates = {"robot/free": [0, 0, 0, 2, -3, 4], "target/free": [-0.3, 0, 0, 4, -2, 3], "shoulder": 3.0, "elbow": -4.0}
     path = grasping(
         tmp_path,
-        captures=captures,
+        grasps=grasps,
         phases=phases,
         initial={"joints": {"target/free": [3, 0, 0, 1, 0, 0, 0]}, "rates": rates},
         duration_s=0.2,

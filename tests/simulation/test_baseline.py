@@ -106,7 +106,7 @@ def test_summary_has_the_contracted_keys(baseline):
         *("qvel_before", "qvel_after", "energy_change_J", "linear_momentum_change_N_s", "angular_momentum_change_N_m_s"),
     ]
     assert set(summary["tip"]) == {"target_m", "min_error_m", "min_error_time_s", "final_error_m", "final_speed_m_s"}
-    assert summary["schema_version"] == 2
+    assert summary["schema_version"] == 3
     approach, pause, regulate = summary["controller"].pop("phases")
     assert list(summary["controller"]) == ["ticks"]
     assert [(p["name"], p["kind"]) for p in (approach, pause)] == [("approach", "osdre"), ("safety_pause", "off")]

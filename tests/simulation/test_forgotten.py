@@ -56,7 +56,7 @@ def busy(folder):
             "joints": {f"{name}/free": [*place, 1, 0, 0, 0] for name, place in places.items()},
             "rates": {"passing/free": [-4.0, 0, 0, 0.5, 2.0, 0], "right/free": [0.3, 0, 0, 0, 0, 0], "shoulder": 0.2},
         },
-        captures=grasps,
+        grasps=grasps,
         phases=[{"name": "all", "until": "end", "arm": [*grasps], "controller": {"kind": "hold", "bandwidth_rad_s": 1.0}}],
     )
 

@@ -30,7 +30,7 @@ def test_a_ball_that_touches_where_the_hand_reaches_it_is_caught(tmp_path, frame
             "rates": {"target/free": [frame[0] - speed, *frame[1:], 0, 0, 0], "robot/free": [*frame, 0, 0, 0]},
         },
         contacts={"rules": [{"between": ["hand", "target/target"], "restitution": restitution}]},
-        captures={
+        grasps={
             "grasp": {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": {"position_m": 0.2}}}
         },
         phases=[{"name": "meet", "until": "end", "arm": ["grasp"], "controller": {"kind": "off"}}],
@@ -40,7 +40,7 @@ def test_a_ball_that_touches_where_the_hand_reaches_it_is_caught(tmp_path, frame
     )
     run = ffsm_mj.run(path)
     assert_replayed(run)
-    (impact,), (capture,) = run.impacts, run.records["capture_impulses"]
+    (impact,), (capture,) = run.impacts, run.records["grasp_impulses"]
     assert impact.time_s == capture.time_s
     assert impact.time_s == pytest.approx(meets_s, abs=2e-11)  # an instant, and the root of a gap known to 1e-14 m at 1 cm/s
     assert capture.speed_m_s == pytest.approx(restitution * speed, abs=1e-12)
@@ -56,7 +56,7 @@ def test_sites_that_are_at_rest_at_a_bound_are_within_it_whatever_rounding(tmp_p
         {"target": ball("target")},
         initial={"joints": {"target/free": [0.3 + offset, 0, 0, 1, 0, 0, 0]}},
         contacts={"rules": []},
-        captures={
+        grasps={
             "grasp": {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"within": {"position_m": 0.3}}}
         },
         phases=[{"name": "meet", "until": "end", "arm": ["grasp"], "controller": {"kind": "off"}}],
@@ -64,5 +64,5 @@ def test_sites_that_are_at_rest_at_a_bound_are_within_it_whatever_rounding(tmp_p
     )
     run = ffsm_mj.run(path)
     assert_replayed(run)
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     assert capture.time_s == 0.0

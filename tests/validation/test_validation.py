@@ -22,7 +22,7 @@ from ffsm_mj.validation.case import (
     Verdict,
     compared_case,
 )
-from ffsm_mj.validation.cases import CASES, captures, case_names, detumbling, grips, servicer, single_impacts
+from ffsm_mj.validation.cases import CASES, case_names, detumbling, grasps, grips, servicer, single_impacts
 from ffsm_mj.validation.page import committed_page, ours, stale_cases, stale_lines, total, validation_page
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -104,7 +104,7 @@ def with_less(function, name):
             lambda text: lambda mass, *others: text(1.001 * mass, *others),
             "base after, x, m/s",
         ),
-        ("hinge-closes", captures, "_captured", lambda run: lambda pair, rates, *_: run(pair, rates, "ball"), "stopped"),
+        ("hinge-closes", grasps, "_grasped", lambda run: lambda pair, rates, *_: run(pair, rates, "ball"), "stopped"),
     ],
 )
 def test_a_wrong_input_differs(case, module, name, wrong, quantity, monkeypatch, capsys):

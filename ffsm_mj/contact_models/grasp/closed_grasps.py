@@ -17,7 +17,7 @@ from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.loop_latch import ClosingPose, closing_pose, loop_latch
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.opening import open_grasp
-from ffsm_mj.contact_models.grasp.record import CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.motion import Motion
@@ -146,7 +146,7 @@ class ClosedGrasps:
         self._refuse_limits(instant)
         return record
 
-    def restore(self, latches: Sequence[Latch], records: Sequence[CaptureRecord]) -> None:
+    def restore(self, latches: Sequence[Latch], records: Sequence[GraspRecord]) -> None:
         """Set the closed grasps, at the state in ``data``.
 
         Args:
@@ -161,7 +161,7 @@ class ClosedGrasps:
             attached.held.hold()
         self._set(latches, attached)
 
-    def _latch(self, latch: Latch, record: CaptureRecord | None) -> LatchedBodies:
+    def _latch(self, latch: Latch, record: GraspRecord | None) -> LatchedBodies:
         """Rows of a further grasp, by the pose in the record of its closing."""
         system, grasp = self._scene.system, latch.grasp
         if record is None:

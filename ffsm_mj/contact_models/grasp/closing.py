@@ -20,7 +20,7 @@ from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.loop_latch import ClosingPose, closing_pose, loop_latch
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.nearness import Nearness
-from ffsm_mj.contact_models.grasp.record import CaptureRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord
 from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
 from ffsm_mj.records.signals import SUBSYSTEMS
 
@@ -56,7 +56,7 @@ class GraspClosing:
         self._rates = np.array(data.qvel)
         self._energies, self._momentum, self._of_objects = _energies(scene), _momentum(scene), _of_objects(scene)
 
-    def first(self, held: GraspedMotion) -> tuple[CaptureRecord, Exchange]:
+    def first(self, held: GraspedMotion) -> tuple[GraspRecord, Exchange]:
         """Close the only grasp: its object becomes a child of the link.
 
         Args:
@@ -75,7 +75,7 @@ class GraspClosing:
         on_objects = np.concatenate((force, moment + cross(self._point, force)))
         return record, Exchange(_energies(self._scene) - self._energies, on_objects)
 
-    def further(self, loops: LoopForces) -> tuple[CaptureRecord, Exchange]:
+    def further(self, loops: LoopForces) -> tuple[GraspRecord, Exchange]:
         """Close the grasp by rows in the motion to which ``loops`` is bound, beside those that are closed."""
         scene, grasp = self._scene, self._latch.grasp
         pose = closing_pose(scene.system, scene.data, grasp)
@@ -86,12 +86,12 @@ class GraspClosing:
         # Other closed grasps pass impulses on: the momenta of the objects show them all.
         return record, Exchange(_energies(scene) - self._energies, _of_objects(scene) - self._of_objects)
 
-    def _record(self, joined: _Joined) -> CaptureRecord:
+    def _record(self, joined: _Joined) -> GraspRecord:
         """The record, with the state in ``data`` as that after the impulse."""
         scene, latch = self._scene, self._latch
         energies, momentum = _energies(scene), _momentum(scene)
         change = momentum - self._momentum
-        return CaptureRecord(
+        return GraspRecord(
             event=scene.numbers.next_number(),
             grasp=latch.grasp.name,
             time_s=self._instant.time_s,

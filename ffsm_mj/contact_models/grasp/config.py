@@ -69,7 +69,7 @@ class LoadLimitConfig(StrictModel):
         return data
 
 
-class CaptureConfig(StrictModel):
+class GraspConfig(StrictModel):
     """A grasp: attaches a floating object to a link of the robot at the relative pose they have when it closes.
 
     While it is closed, another grasp of the same two sites may be armed. Where that one closes, it takes over, as the hard
@@ -92,7 +92,7 @@ class CaptureConfig(StrictModel):
     """Load at which the closed grasp opens; impulses do not count."""
 
     @model_validator(mode="after")
-    def _axis_where_needed(self) -> CaptureConfig:
+    def _axis_where_needed(self) -> GraspConfig:
         has_axis = self.joint not in ("rigid", "ball")
         if has_axis and (self.axis is None or not any(self.axis)):
             raise ValueError(f"joint: {self.joint} needs 'axis: [x, y, z]', not all zero, in the frame of robot_site")

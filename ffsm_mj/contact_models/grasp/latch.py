@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closest_approach import ClosestApproach
 from ffsm_mj.contact_models.grasp.closing_time import At, Bounds
-from ffsm_mj.contact_models.grasp.config import CaptureConfig
+from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad, LoopLoad
@@ -55,7 +55,7 @@ class Latch:
         scene: Scene,
         free: Motion,
         grasp: Grasp,
-        config: CaptureConfig,
+        config: GraspConfig,
         system: System | None,
         loops: LoopForces,
         others: Sequence[ForceSource] = (),

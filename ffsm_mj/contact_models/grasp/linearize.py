@@ -1,4 +1,4 @@
-"""First-order effect of small changes of the state before a capture: its saltation matrix, time, impulse and loss.
+"""First-order effect of small changes of the state before a grasp closes: its saltation matrix, time, impulse and loss.
 
 A grasp closes where the largest ratio of its relative pose and velocity to their bounds falls to 1: g(q, v) = 0. With
 x = (q, v), f = dx/dt before (-) and after (+), n the gradient of g and R the plastic closing on the stopped rows,
@@ -36,12 +36,12 @@ _AT_BOUND = 1e-6
 
 
 @dataclass(frozen=True)
-class CaptureSaltation:
-    """First-order effects of a change (dq, dv) of the state just before a capture.
+class GraspSaltation:
+    """First-order effects of a change (dq, dv) of the state just before a grasp closes.
 
     Attributes:
-        S: Change of the state just after, as if both motions had their capture at that time, (2 nv, 2 nv).
-        time: Change of the time of the capture, (2 nv,), s.
+        S: Change of the state just after, as if both motions had the closing at that time, (2 nv, 2 nv).
+        time: Change of the time of closing, (2 nv,), s.
         impulse: Change of the impulse on the object in N s and of its moment in N m s, (6, 2 nv).
         loss: Change of the lost energy, (2 nv,), J.
         bound: The bound at which the grasp closes: ``position_m``, ``angle_rad``, ``speed_m_s`` or ``rate_rad_s``.
@@ -62,7 +62,7 @@ class CaptureSaltation:
     f_after: FloatArray
 
 
-def linearize_capture(
+def linearize_grasp(
     system: System,
     data: Any,
     grasp: Grasp,
@@ -70,12 +70,12 @@ def linearize_capture(
     *,
     effort_before: FloatArray | None = None,
     effort_after: FloatArray | None = None,
-) -> CaptureSaltation:
+) -> GraspSaltation:
     """Linearize the closing of a grasp at the state in ``data``, which is not changed.
 
     Args:
         system: The system in which nothing is grasped.
-        data: Its state at the instant of the capture, with the velocities before it.
+        data: Its state at the instant of closing, with the velocities before it.
         grasp: The grasp.
         bounds: Greatest distance in m, angle in rad, speed in m/s and rate in rad/s at which it closes; None: no such bound.
         effort_before: Generalised forces of the actuators just before, (nv,); None: off.
@@ -101,7 +101,7 @@ def linearize_capture(
     of_event = by_state[nv:]
     # At the event of the neighbour its state has moved on by f- dt.
     moved = of_event + np.outer(of_event @ f_before, time)
-    return CaptureSaltation(
+    return GraspSaltation(
         S=reset + np.outer(f_after - reset @ f_before, guard) / falls,
         time=time,
         impulse=moved[:6],

@@ -15,13 +15,13 @@ from typing import Any
 
 from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
 from ffsm_mj.contact_models.grasp.closing import state_fields
-from ffsm_mj.contact_models.grasp.config import CaptureConfig
+from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load_report import LoadReport
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.near_miss import near_miss
 from ffsm_mj.contact_models.grasp.nearness import Nearness
-from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import ArmingRecord, GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -38,14 +38,14 @@ ARM, DISARM, RELEASE = "arm", "disarm", "release"
 class GraspModel(EventSource, Replayable):
     """All grasps of a run. See :class:`~ffsm_mj.contact_models.interface.ContactModel`."""
 
-    kind = "capture"
+    kind = "grasp"
     records = KINDS
 
     def __init__(
         self,
         scene: Scene,
         free: Motion,
-        grasps: Sequence[tuple[Grasp, CaptureConfig, System | None]],
+        grasps: Sequence[tuple[Grasp, GraspConfig, System | None]],
         loops: LoopForces,
         others: Sequence[ForceSource] = (),
     ) -> None:
@@ -268,7 +268,7 @@ class GraspModel(EventSource, Replayable):
     def restore_state(self, events: Sequence[LoggedEvent] = ()) -> Motion | None:
         """Restore the closed grasps from the columns, at the state in ``data``; armed grasps are not logged in columns."""
         self.forget()
-        records = [record for event in events for record in event.records if isinstance(record, CaptureRecord)]
+        records = [record for event in events for record in event.records if isinstance(record, GraspRecord)]
         self._closed.restore(self._report.logged_as_closed(), records)
         return self._closed.motion if self._closed.latches else None
 
@@ -284,7 +284,7 @@ class GraspModel(EventSource, Replayable):
             if record.grasp not in self._latches:
                 raise ValueError(f"no grasp {record.grasp!r}")
             latch = self._latches[record.grasp]
-            if isinstance(record, CaptureRecord):
+            if isinstance(record, GraspRecord):
                 self._closing.append(latch)
             elif isinstance(record, ReleaseRecord) and record.reason != "request":
                 self._opening = latch

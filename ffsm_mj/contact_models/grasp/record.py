@@ -1,4 +1,4 @@
-"""Event records of grasps: arming, capture, release and near miss."""
+"""Event records of grasps: arming, closing, release and near miss."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _EFFORTS = Meaning("Effort by actuator after the event.")
 
 
 @record
-class CaptureRecord:
+class GraspRecord:
     """A grasp closes on its object."""
 
     event: int = declared(_EVENT)
     grasp: str = declared(_GRASP)
-    time_s: float = declared("Time of the capture.", column="simulation time")
+    time_s: float = declared("Time of closing.", column="simulation time")
     step: int = declared(STEP)
     robot_site: str = declared("Site of the robot.")
     object_site: str = declared("Site of the object.")
@@ -112,7 +112,7 @@ class CaptureRecord:
     qvel_before: ByName = declared(QVEL_BEFORE)
     qvel_after: ByName = declared(QVEL_AFTER)
     efforts_after: ByName = declared(
-        "Effort by actuator after the capture, set by the controller at that time.", default_factory=dict
+        "Effort by actuator after closing, set by the controller at that time.", default_factory=dict
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.contact_models.grasp.record import ArmingRecord, CaptureRecord, NearMissRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.record import ArmingRecord, GraspRecord, NearMissRecord, ReleaseRecord
 from ffsm_mj.records.kinds import Mark, RecordKind, all_fields
 from ffsm_mj.records.load_columns import load_arrows
 from ffsm_mj.records.signals import unit_of
@@ -14,7 +14,7 @@ NEARLY_SINGULAR = 1e-6
 """Ratio of the smallest singular value that counts to the largest below which a mechanism is nearly singular."""
 
 
-def _captured(record: CaptureRecord) -> str:
+def _grasped(record: GraspRecord) -> str:
     impulse, moment = math.hypot(*record.impulse_N_s), math.hypot(*record.angular_impulse_N_m_s)
     sites = f"{record.robot_site} on {record.object_site}"
     sites += "" if record.joint == "rigid" else f" by a {record.joint} joint"
@@ -23,15 +23,15 @@ def _captured(record: CaptureRecord) -> str:
         sites += f", a further grasp of rank {record.rank}, mobility {record.mobility}"
     effect = f"impulse {impulse:.5g} N s and {moment:.5g} N m s, loss {record.loss_J:.5g} J"
     singular = f"; nearly singular: least singular value {record.least_ratio:.1e}" if _singular(record) else ""
-    return f"capture {record.grasp}: {sites}, {effect}{singular}"
+    return f"grasp {record.grasp} closes: {sites}, {effect}{singular}"
 
 
-def _singular(record: CaptureRecord) -> bool:
+def _singular(record: GraspRecord) -> bool:
     """Whether the mechanism is so near a singular configuration that the loads of its grasps are large."""
     return record.least_ratio < NEARLY_SINGULAR
 
 
-def _capture_marks(record: CaptureRecord) -> list[Mark]:
+def _grasp_marks(record: GraspRecord) -> list[Mark]:
     size = math.hypot(*record.impulse_N_s)
     along = tuple(x / size for x in record.impulse_N_s) if size else (0.0, 0.0, 0.0)
     return [Mark(record.point_m, along, size, f"{record.grasp}: {size:.4g} N s", record.grasp)]
@@ -67,15 +67,15 @@ _SHORT = {
     "rate_rad_s": "relative angular speed",
 }
 
-CAPTURE = RecordKind(
-    record=CaptureRecord,
-    name="capture",
-    plural="capture_impulses",
+GRASP = RecordKind(
+    record=GraspRecord,
+    name="grasp",
+    plural="grasp_impulses",
     when="when a grasp closes on its object",
     time=lambda record: record.time_s,
-    sentence=_captured,
+    sentence=_grasped,
     summarised=False,  # the summary lists grasp intervals instead
-    marks=_capture_marks,
+    marks=_grasp_marks,
     warning=_singular,
     arrows=load_arrows,
 )
@@ -112,4 +112,4 @@ ARMING = RecordKind(
     summarised=False,
 )
 
-KINDS = (CAPTURE, RELEASE, NEAR_MISS, ARMING)
+KINDS = (GRASP, RELEASE, NEAR_MISS, ARMING)

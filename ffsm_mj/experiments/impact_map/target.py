@@ -15,7 +15,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.grasp.record import CaptureRecord
+from ffsm_mj.contact_models.grasp.record import GraspRecord
 from ffsm_mj.dynamics.rigid_body import skew
 from ffsm_mj.errors import InputError
 from ffsm_mj.impact import Contact
@@ -139,7 +139,7 @@ def target_of(
             step = simulator.step(until="event")
             if report is not None:
                 report(simulator.time_s, duration_s)
-            if any(isinstance(each, CaptureRecord) for each in step.events):
+            if any(isinstance(each, GraspRecord) for each in step.events):
                 raise InputError(
                     f"{simulator.assembly.scenario.name}: a grasp closes before impact {impact}; no map is made"
                 )

@@ -33,7 +33,7 @@ def figures(run: Run, names: Sequence[str] = ()) -> dict[str, Figure]:
     """Every figure that a run can have, by name.
 
     ``motion``, ``base``, ``joints``, ``tip`` (with a task), ``torques`` (with motors), ``inputs`` (if a thruster or wheel is
-    active), ``contacts`` (with persistent contacts), ``captures`` (with grasps), ``sensors``, ``estimates`` (with an
+    active), ``contacts`` (with persistent contacts), ``grasps`` (with grasps), ``sensors``, ``estimates`` (with an
     estimator), ``springs`` (of joints), ``momenta``, ``energies``, ``conservation`` (if energy and momenta are checked).
 
     Args:
@@ -62,7 +62,7 @@ def _makers(run: Run, names: Sequence[str]) -> dict[str, Callable[[], Figure]]:
     makers |= {"torques": torques} if subject.named("motor") else {}
     makers |= {"inputs": inputs} if subject.base_actuated else {}
     makers |= {"contacts": contacts} if run.contacts else {}
-    makers |= {"captures": grasps} if run.captures else {}
+    makers |= {"grasps": grasps} if run.grasps else {}
     makers |= {"sensors": sensors} if any(key.startswith("sensor.") for key in run.keys) else {}
     makers |= {"estimates": estimates} if any(key.startswith("estimate.error_") for key in run.keys) else {}
     makers |= {"springs": springs} if has_springs(run) else {}

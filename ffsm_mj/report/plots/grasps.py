@@ -18,9 +18,9 @@ def grasps(subject: Subject) -> Figure:
     """
     run = subject.run
     spells: dict[str, list[tuple[float, float]]] = {}
-    for capture in run.captures:
-        release_s = float(run.time[-1]) if capture.release_s is None else capture.release_s
-        spells.setdefault(capture.grasp, []).append((capture.time_s, release_s))
+    for grasp in run.grasps:
+        release_s = float(run.time[-1]) if grasp.release_s is None else grasp.release_s
+        spells.setdefault(grasp.grasp, []).append((grasp.time_s, release_s))
     holds = {name: np.array(spans) for name, spans in spells.items()}
     sets = logged_load_columns(run.log.header.layout)
     if len(sets) == 1:

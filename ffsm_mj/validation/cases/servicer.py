@@ -71,26 +71,26 @@ def _values() -> Values:
             "joints": {f"robot/joint{i + 1}": angle for i, angle in enumerate(_ANGLES)},
             "rates": {"target/free": [*_TARGET_M_S.tolist(), *_TARGET_RAD_S.tolist()]},
         },
-        captures={"grasp": {"robot_site": "grip", "object_site": "target/handle", "when": {"within": {"position_m": 0.01}}}},
+        grasps={"grasp": {"robot_site": "grip", "object_site": "target/handle", "when": {"within": {"position_m": 0.01}}}},
         phases=[
-            {"name": "close", "until": "capture", "arm": ["grasp"], "controller": off},
+            {"name": "close", "until": "grasp", "arm": ["grasp"], "controller": off},
             {"name": "hold", "until": "end", "controller": off},
         ],
         **times(1e-3, 0.01),
     )
-    (capture,) = run.records["capture_impulses"]
-    jump = np.array(capture.qvel_after["robot/free"])
+    (grasp,) = run.records["grasp_impulses"]
+    jump = np.array(grasp.qvel_after["robot/free"])
     own = 0.5 * _BASE_KG * jump[:3] @ jump[:3] + 0.5 * jump[3:] @ (_BASE_KG_M2 * jump[3:])
-    robot = float(np.ravel(capture.energy_after_J["robot"])[0])
+    robot = float(np.ravel(grasp.energy_after_J["robot"])[0])
     values = {f"jump{i}": float(each) for i, each in enumerate(jump)} | {
-        f"impulse{i}": float(each) for i, each in enumerate(capture.impulse_N_s)
+        f"impulse{i}": float(each) for i, each in enumerate(grasp.impulse_N_s)
     }
     return values | {
-        "loss": -capture.energy_change_J,
+        "loss": -grasp.energy_change_J,
         "base": float(own),
         "arm": robot - float(own),
-        "target": float(np.ravel(capture.energy_after_J["objects"])[0]),
-        "momentum": capture.angular_momentum_change_N_m_s,
+        "target": float(np.ravel(grasp.energy_after_J["objects"])[0]),
+        "momentum": grasp.angular_momentum_change_N_m_s,
     }
 
 
@@ -126,7 +126,7 @@ CASES = (
     ValidationCase(
         "mission-arm",
         "A servicer of DEOS's size with a free arm captures a body of Envisat's: jump of the base, shares of the bodies",
-        Topic.CAPTURES,
+        Topic.GRASPS,
         Origin.CLOSED_FORM,
         "Plastic impulse in maximal coordinates: nine free bodies with 35 constraints of hinges and 6 of the grasp,"
         " v+ = v - M^-1 J^T (J M^-1 J^T)^-1 J v, evaluated apart from MuJoCo; masses: DEOS base 696.2 kg and arm 7 x 3.3 kg"

@@ -7,7 +7,7 @@ import numpy as np
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
-from ffsm_mj.validation.cases.captures import Pair
+from ffsm_mj.validation.cases.grasps import Pair
 from ffsm_mj.validation.free_bodies import FreeBodies
 from ffsm_mj.validation.scene import model, run_scene, text_of, times
 
@@ -91,7 +91,7 @@ def _closed(axes: tuple[str, ...]) -> Run:
             "rates": {"robot/free": v[:6].tolist(), "target/free": v[12:].tolist()}
             | {f"robot/{joint}": float(rate) for joint, rate in zip(joints, v[6:12], strict=True)},
         },
-        captures=grasps,
+        grasps=grasps,
         phases=[{"name": "hold", "until": "end", "arm": list(_ARMS), "controller": {"kind": "off"}}],
         **times(1e-3, 0.1),
     )
@@ -101,7 +101,7 @@ def _hands() -> Values:
     values: dict[str, float] = {}
     for name, axes in (("planar", _PLANAR), ("spatial", _SPATIAL)):
         run = _closed(axes)
-        closings = run.records["capture_impulses"]
+        closings = run.records["grasp_impulses"]
         last = max(closings, key=lambda each: each.place)
         base = np.array(last.qvel_after["robot/free"])
         energy = run["energy.total_J"]
@@ -161,7 +161,7 @@ def _balls() -> Values:
         rod("rod", 0),
         {"other": rod("other", 1)},
         initial={"rates": {"robot/free": _ROD_RATES[:6].tolist(), "other/free": _ROD_RATES[6:].tolist()}},
-        captures={
+        grasps={
             site: {
                 "robot_site": f"robot/{site}",
                 "object_site": f"other/{site}",
@@ -173,7 +173,7 @@ def _balls() -> Values:
         phases=[{"name": "hold", "until": "end", "arm": ["p", "q"], "controller": {"kind": "off"}}],
         **times(1e-3, 0.01),
     )
-    closings = run.records["capture_impulses"]
+    closings = run.records["grasp_impulses"]
     return {
         "loss": sum(each.loss_J for each in closings),
         "energy": float(run["energy.total_J"][0] - run["energy.total_J"][-1]),
@@ -187,7 +187,7 @@ CASES = (
     ValidationCase(
         "two-balls-a-hinge",
         "Two ball latches make a hinge",
-        Topic.CAPTURES,
+        Topic.GRASPS,
         Origin.CLOSED_FORM,
         "Loss u^T (J M^-1 J^T)^-1 u / 2 over the five components of the relative twist that a hinge through both balls"
         " stops",
@@ -203,7 +203,7 @@ CASES = (
     ValidationCase(
         "two-hands",
         "Two arms close on one object",
-        Topic.CAPTURES,
+        Topic.GRASPS,
         Origin.CLOSED_FORM,
         "Plastic impulse in maximal coordinates: eight free bodies with 30 constraints of hinges and 12 of the grasps,"
         " by the pseudo-inverse, evaluated apart from MuJoCo; in the plane three of the twelve depend on the others",

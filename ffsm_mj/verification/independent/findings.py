@@ -9,13 +9,13 @@ import numpy as np
 
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.independent.captures import captures
 from ffsm_mj.verification.independent.contact_geometry import contact_geometry
 from ffsm_mj.verification.independent.equalities import equalities
 from ffsm_mj.verification.independent.finding import Finding
 from ffsm_mj.verification.independent.friction_heat import friction_heat
 from ffsm_mj.verification.independent.grasp_bounds import grasp_bounds
 from ffsm_mj.verification.independent.grasp_load import grasp_load
+from ffsm_mj.verification.independent.grasps import grasps
 from ffsm_mj.verification.independent.kept_rows import KeptRows
 from ffsm_mj.verification.independent.logged_rows import LoggedRows
 from ffsm_mj.verification.independent.restitution import restitution_used
@@ -48,7 +48,7 @@ def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: 
         lambda: sensor_values(scene, rows, sensors),
         lambda: sensor_times(rows, sensors),
         lambda: sensor_noise(rows, sensors),
-        lambda: captures(scene, rows),
+        lambda: grasps(scene, rows),
         lambda: equalities(scene),
         lambda: grasp_bounds(scene, rows),
         lambda: contact_geometry(scene),

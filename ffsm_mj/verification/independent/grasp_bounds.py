@@ -15,12 +15,12 @@ from ffsm_mj.verification.independent.tolerances import GRASP_BOUNDS
 
 
 def grasp_bounds(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
-    """Worst excess of the largest ratio of a value to its bound, at captures and near misses."""
+    """Worst excess of the largest ratio of a value to its bound, at grasps and near misses."""
     worst = Worst(GRASP_BOUNDS)
     events: list[Any] = [record for record in scene.log.events() if hasattr(record, "time_s")]
     others_than_arming = ("replaces", "least_ratio", "reason")
     for record in events:
-        given = (scene.scenario.get("captures") or {}).get(getattr(record, "grasp", ""), {})
+        given = (scene.scenario.get("grasps") or {}).get(getattr(record, "grasp", ""), {})
         within = given.get("when", {}).get("within")
         if not within:
             continue

@@ -71,7 +71,7 @@ class LoggedScene:
         self._loads = [(each, layout.index[each.closed]) for each in logged_load_columns(layout)]
         contact = [key for key in layout.keys if key.startswith("contact.")]
         self._states = layout.places([key for key in contact if key.endswith(("_mode", "_limit"))])
-        self.grasps = {name: self._latch(name, given) for name, given in (scenario.get("captures") or {}).items()}
+        self.grasps = {name: self._latch(name, given) for name, given in (scenario.get("grasps") or {}).items()}
 
     def _latch(self, name: str, given: Mapping[str, Any]) -> Latched:
         robot, child = (self.system.index("site", given[key]) for key in ("robot_site", "object_site"))

@@ -16,12 +16,12 @@ SENSOR_TIMES = "sensor times"
 """A row shows the newest sample that has arrived at its time."""
 SENSOR_NOISE = "sensor noise"
 """A measured value is the true one with the errors that the scenario states, noise drawn again from its own channel."""
-CAPTURE_TWIST = "capture twist"
-"""After a capture the relative twist at the object's site is zero in the directions that the latch stops."""
-CAPTURE_IMPULSE = "capture impulse"
-"""The change of the velocities in a capture is that by its impulse at the object's site, and by other closed grasps."""
+GRASP_TWIST = "grasp twist"
+"""After a grasp closes, the relative twist at the object's site is zero in the directions that the latch stops."""
+GRASP_IMPULSE = "grasp impulse"
+"""The velocities change by the impulse at the object's site, and by those of other closed grasps."""
 EQUALITIES = "equality constraints"
-"""Impacts and captures change no rate of an equality constraint."""
+"""Impacts and grasps change no rate of an equality constraint."""
 GRASP_BOUNDS = "grasp bounds"
 """A grasp closes as soon as its bounds hold; no row is nearer than the closest approach of a near miss."""
 CONTACT_GEOMETRY = "contact geometry"
@@ -44,8 +44,8 @@ TOLERANCES = {
     # A few operations on logged numbers, each with a rounding of 1e-16; walks of biases add up a thousand of them and more.
     SENSOR_NOISE: 1e-12,
     # An impulse is the solution of equations with the mass matrix, as a load is.
-    CAPTURE_TWIST: CHECK_TOLERANCE,
-    CAPTURE_IMPULSE: CHECK_TOLERANCE,
+    GRASP_TWIST: CHECK_TOLERANCE,
+    GRASP_IMPULSE: CHECK_TOLERANCE,
     # As a latch that is closed.
     EQUALITIES: CHECK_TOLERANCE,
     # The instant is a root, known to 1e-14 s, and ratios to bounds change by up to 1e4 a second.

@@ -56,10 +56,10 @@ def grasping(folder, when=TOUCH, others=None, phases=None, robot=ARM, **changes)
                 },
             },
             "contacts": {"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
-            "captures": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when}},
+            "grasps": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when}},
             "phases": phases
             or [
-                {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+                {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
                 {"name": "hold", "for_s": 0.9, "controller": {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}},
                 {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
             ],
@@ -79,7 +79,7 @@ def closed_as_armed(folder):
         control_period_s=0.01,
         duration_s=0.1,
         phases=[
-            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "for_s": 0.05, "release": ["grasp"], "controller": play},
             {"name": "end", "until": "end", "controller": OFF},
         ],

@@ -20,7 +20,7 @@ WHEEL_SPEED_RAD_S, WHEEL_TORQUE_N_M = 300.0, 1.0
 
 def captured(run):
     """The one capture of a run, which is within the limits of a latch, nothing having touched."""
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     for name, limit in LIMITS.items():
         assert getattr(capture, name) <= limit * (1.0 + 1e-9), name
     assert capture.rank == 6
@@ -36,9 +36,9 @@ def test_the_satellite_is_caught_brought_to_rest_and_let_go():
     assert all(check.passes for check in all_checks(run)), [check for check in all_checks(run) if not check.passes]
     again = replay_log(run.log)
     assert again.agrees, again.worst
-    assert [phase.reason for phase in run.phases] == ["start", "time", "capture", "time", "time"]
+    assert [phase.reason for phase in run.phases] == ["start", "time", "grasp", "time", "time"]
     captured(run)
-    (capture,) = run.captures
+    (capture,) = run.grasps
     # Feedback that is held for 10 ms is exact to first order; digits of this scenario, to what another machine may round.
     assert capture.time_s == pytest.approx(CAUGHT_S, abs=1e-6)
     assert capture.release_s == pytest.approx(43.74)

@@ -40,10 +40,10 @@ def pushing(folder, within, *, restitution=0.0, others=None, fixed=None, pairs=(
                 "rates": {"robot/x": 0.5, "robot/y": 0.05, "crate/free": [0, 0, 0, 0.02, 0.03, -0.01]},
             },
             "contacts": {"rules": [{"between": ["ball", "crate/crate"], "restitution": restitution}, *pairs]},
-            "captures": {"grasp": {"robot_site": "robot/centre", "object_site": "handle", "when": {"within": within}}},
+            "grasps": {"grasp": {"robot_site": "robot/centre", "object_site": "handle", "when": {"within": within}}},
             "phases": [
                 {"name": "press", "for_s": 0.03, "controller": PUSH},
-                {"name": "latch", "until": "capture", "arm": ["grasp"], "for_s": 0.04, "controller": PUSH},
+                {"name": "latch", "until": "grasp", "arm": ["grasp"], "for_s": 0.04, "controller": PUSH},
                 {"name": "carry", "for_s": 0.03, "controller": PUSH},
                 {"name": "leave", "until": "end", "release": ["grasp"], "controller": PUSH},
             ],
@@ -74,7 +74,7 @@ def floor(restitution=0.0):
         "initial": {"joints": {"robot/z": 0.34, "robot/x": 0.03, "crate/free": [0, 0, 0.04, 1, 0, 0, 0]}},
         "phases": [
             {"name": "press", "for_s": 0.03, "controller": down},
-            {"name": "latch", "until": "capture", "arm": ["grasp"], "for_s": 0.04, "controller": down},
+            {"name": "latch", "until": "grasp", "arm": ["grasp"], "for_s": 0.04, "controller": down},
             {"name": "carry", "for_s": 0.03, "controller": down},
             {"name": "leave", "until": "end", "release": ["grasp"], "controller": down},
         ],
@@ -122,11 +122,11 @@ def test_a_pair_that_presses_is_on_one_rigid_body_from_there(tmp_path, case):
     """Its contact ends at that instant; the joining is the plastic one; what is let go at gap 0 presses again."""
     within, changes = CASES[case]
     run = holds(ffsm_mj.run(pushing(tmp_path / "scene", within, **changes)))
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     assert pressed_until(run, capture.time_s)
     assert ("inside" in case) == (abs(capture.time_s / 1e-3 - round(capture.time_s / 1e-3)) > 1e-3)
     assert next(each.time_s for each in run.records["contact_endings"] if each.pair == OWN) == capture.time_s
-    holding = run["contact.capture_grasp"] == 1.0
+    holding = run["contact.grasp_closed"] == 1.0
     assert holding.sum() > 25
     assert not run["contact.ball_crate_crate_mode"][holding].any()
     before, after = (np.concatenate(list(each.values())) for each in (capture.qvel_before, capture.qvel_after))
@@ -154,6 +154,6 @@ def test_dispersed_starts(tmp_path, seed):
     offset = float(np.hypot(position[1] + 0.02, position[2] + 0.03))
     within = {"position_m": float(np.hypot(0.1, offset) * rng.uniform(0.975, 1.05))}
     run = holds(ffsm_mj.run(pushing(tmp_path / "scene", within, initial=start)))
-    for capture in run.captures:  # three slide past their bounds
+    for capture in run.grasps:  # three slide past their bounds
         assert pressed_until(run, capture.time_s)
         assert capture.loss_J > 0.0

@@ -56,7 +56,7 @@ def test_two_pairs_touch_at_one_instant_and_one_of_them_latches(tmp_path, restit
         restitution=restitution,
         others={"stone": ball("stone", mass=1.0)},
         pairs=[stone],
-        captures={"grasp": {**SITES, "when": {"touch": ["ball-crate/crate"]}}},
+        grasps={"grasp": {**SITES, "when": {"touch": ["ball-crate/crate"]}}},
         initial={
             "joints": {"robot/x": -0.35, "crate/free": [0, 0, 0, 1, 0, 0, 0], "stone/free": [0.35, 0, 0, 1, 0, 0, 0]},
             "rates": {"robot/x": 0.5, "stone/free": [-0.5, 0, 0, 0, 0, 0]},
@@ -65,7 +65,7 @@ def test_two_pairs_touch_at_one_instant_and_one_of_them_latches(tmp_path, restit
         duration_s=0.2,
     )
     run = holds(ffsm_mj.run(path))
-    system, (capture,) = compile_log(run.log), run.records["capture_impulses"]
+    system, (capture,) = compile_log(run.log), run.records["grasp_impulses"]
     first, second, *later = run.records["impacts"]
     assert first.event == second.event
     assert first.time_s == second.time_s == capture.time_s == pytest.approx(0.1, abs=1e-9)
@@ -93,7 +93,7 @@ def test_an_arm_on_its_stop_takes_what_pushes_it_further(tmp_path, kind, restitu
     path = grasping(
         tmp_path,
         robot=STOPPED_ARM,
-        captures={
+        grasps={
             "grasp": {"robot_site": "grip", "object_site": "handle", "joint": kind, "when": {"within": {"position_m": 0.05}}}
         },
         joint_limits={"elbow": {"restitution": restitution}},
@@ -105,7 +105,7 @@ def test_an_arm_on_its_stop_takes_what_pushes_it_further(tmp_path, kind, restitu
         duration_s=0.3,
     )
     run = holds(ffsm_mj.run(path, controllers=driven_by(lambda _: (0.0, 0.05))))
-    system, (capture,) = compile_log(run.log), run.records["capture_impulses"]
+    system, (capture,) = compile_log(run.log), run.records["grasp_impulses"]
     assert capture.time_s > 0.1
     at = int(np.searchsorted(run.time, capture.time_s))
     assert run["contact.robot_elbow_limit"][at - 1] == 2.0  # pressed
@@ -128,12 +128,12 @@ def test_an_arm_on_its_stop_takes_what_pushes_it_further(tmp_path, kind, restitu
 def test_a_pair_that_presses_stays_active_in_a_latch_with_freedom(tmp_path, kind):
     """The hand pushes the crate along x: on a cylindrical latch along x by the contact alone, the latch cannot."""
     axis = {"axis": [1.0, 0.0, 0.0]} if kind == "cylindrical" else {}
-    captures = {"grasp": {**SITES, "joint": kind, **axis, "when": {"within": {"position_m": 0.1185}}}}
-    run = holds(ffsm_mj.run(pushing(tmp_path, {}, captures=captures)))
-    (capture,) = run.records["capture_impulses"]
+    grasps = {"grasp": {**SITES, "joint": kind, **axis, "when": {"within": {"position_m": 0.1185}}}}
+    run = holds(ffsm_mj.run(pushing(tmp_path, {}, grasps=grasps)))
+    (capture,) = run.records["grasp_impulses"]
     assert pressed_until(run, capture.time_s)
-    holding = run["contact.capture_grasp"] == 1.0
+    holding = run["contact.grasp_closed"] == 1.0
     if kind == "cylindrical":
         assert np.all(run["contact.ball_crate_crate_mode"][holding] == 2.0)
-        assert np.abs(run["contact.capture_force_x_N"]).max() < 1e-12
+        assert np.abs(run["contact.grasp_force_x_N"]).max() < 1e-12
         assert run["contact.ball_crate_crate_force_N"][holding].min() > 1.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.grasp.record_kinds import CAPTURE
+from ffsm_mj.contact_models.grasp.record_kinds import GRASP
 from ffsm_mj.log.arrows import ARROW_M
 from ffsm_mj.log.marks import marks_topic
 from ffsm_mj.log.rerun.from_log import write_recording
@@ -15,7 +15,7 @@ from tests.log.markers import scale_of
 from tests.log.test_recording import entities, read
 from tests.log.test_viewer_topics import decoded
 
-LOADS = {"capture": ("force", "N"), "capture_torque": ("torque", "N_m")}
+LOADS = {"grasp": ("force", "N"), "grasp_torque": ("torque", "N_m")}
 
 
 @pytest.fixture(scope="module")
@@ -28,30 +28,30 @@ def held(tmp_path_factory):
 def vectors(run, name):
     """Force or torque, and where it acts, at all rows."""
     what, unit = LOADS[name]
-    load = np.column_stack([run[f"contact.capture_{what}_{axis}_{unit}"] for axis in "xyz"])
-    return load, np.column_stack([run[f"contact.capture_centre_{axis}_m"] for axis in "xyz"])
+    load = np.column_stack([run[f"contact.grasp_{what}_{axis}_{unit}"] for axis in "xyz"])
+    return load, np.column_stack([run[f"contact.grasp_centre_{axis}_m"] for axis in "xyz"])
 
 
 def test_the_load_acts_at_the_objects_site_while_it_is_held(held):
     """And there is no place where nothing is held."""
-    _, centre = vectors(held, "capture")
-    holds = held["contact.capture_grasp"] == 1.0
+    _, centre = vectors(held, "grasp")
+    holds = held["contact.grasp_closed"] == 1.0
     np.testing.assert_array_equal(np.isfinite(centre).all(axis=1), holds)
     assert np.isnan(centre[~holds]).all()
-    (capture,), (release,) = held.records["capture_impulses"], held.records["releases"]
+    (capture,), (release,) = held.records["grasp_impulses"], held.records["releases"]
     np.testing.assert_allclose(centre[holds][0], capture.point_m, atol=2e-3)  # a tick later, at 0.3 m/s
     np.testing.assert_allclose(centre[holds][-1], release.point_m, atol=1e-12)  # decided at that tick: the row is its own
 
 
 def test_foxglove_has_both_arrows_in_every_frame_in_which_it_is_held_and_no_other(held):
     shown = np.arange(0, len(held.time), 20)
-    holds = held["contact.capture_grasp"][shown] == 1.0
+    holds = held["contact.grasp_closed"][shown] == 1.0
     updates = {round(time / 1e6): update for time, update in decoded(held.path)["/scene/contacts"]}
     assert {time for time, update in updates.items() if update.entities} == {round(1e3 * t) for t in held.time[shown[holds]]}
     assert len(updates) == np.count_nonzero(holds) + 1  # and once nothing
     row = int(shown[holds][3])
     entities_there = updates[round(1e3 * held.time[row])].entities
-    assert [entity.id for entity in entities_there] == ["capture", "capture_torque"]
+    assert [entity.id for entity in entities_there] == ["grasp", "grasp_torque"]
     for entity in entities_there:
         load, centre = vectors(held, entity.id)
         (arrow,) = entity.arrows
@@ -62,7 +62,7 @@ def test_foxglove_has_both_arrows_in_every_frame_in_which_it_is_held_and_no_othe
 
 
 def test_the_mark_of_the_capture_has_its_name_and_its_impulse(held):
-    (((_, update),), (capture,)) = decoded(held.path)[marks_topic(CAPTURE)], held.records["capture_impulses"]
+    (((_, update),), (capture,)) = decoded(held.path)[marks_topic(GRASP)], held.records["grasp_impulses"]
     (entity,) = update.entities
     (text,), (arrow,) = entity.texts, entity.arrows
     size = np.linalg.norm(capture.impulse_N_s)
@@ -79,27 +79,27 @@ def test_rerun_has_both_arrows_and_a_line_of_each_size(held, tmp_path):
     write_recording(held.log, tmp_path / "run.rrd")
     data = {(entity, name.rsplit(":")[-1]): rows for (entity, name), rows in read(tmp_path / "run.rrd").items()}
     shown = np.arange(0, len(held.time), 20)
-    for name, plot in (("capture", "contact_forces"), ("capture_torque", "interface_torque")):
+    for name, plot in (("grasp", "contact_forces"), ("grasp_torque", "interface_torque")):
         load, _ = vectors(held, name)
         sizes = [value for _, (value,) in data[f"/plots/{plot}/{name}", "scalars"]]
         np.testing.assert_allclose(sizes, np.linalg.norm(load[shown], axis=1), rtol=1e-6)
         arrows = np.array([value for _, value in data[f"/world/contacts/{name}", "vectors"]]).reshape(-1, 3)
-        np.testing.assert_array_equal(np.any(arrows != 0.0, axis=1), held["contact.capture_grasp"][shown] == 1.0)
+        np.testing.assert_array_equal(np.any(arrows != 0.0, axis=1), held["contact.grasp_closed"][shown] == 1.0)
     layout = entities(tmp_path / "run.rrd", "-vvv")
     assert "Contact force [N]" in layout
     assert "Interface torque [N m]" in layout
 
 
 def test_the_figure_has_both_and_when_it_was_held(held):
-    force, torque, holds = ffsm_mj.plot(held, "captures")["captures"].axes
+    force, torque, holds = ffsm_mj.plot(held, "grasps")["grasps"].axes
     assert [axes.get_ylabel().replace("\n", " ") for axes in (force, torque, holds)] == [
         "force on the object, N",
         "torque about its site, N m",
         "holds",
     ]
-    (told,) = held.captures
+    (told,) = held.grasps
     (size,) = (line for line in force.lines if line.get_label() == "$|F|$")
-    load, _ = vectors(held, "capture")
+    load, _ = vectors(held, "grasp")
     assert np.nanmax(size.get_ydata()) == pytest.approx(np.linalg.norm(load, axis=1).max(), rel=1e-12)
     (bars,) = holds.collections
     (span,) = (path.get_extents() for path in bars.get_paths())

@@ -9,7 +9,7 @@ import pytest
 from ffsm_mj.contact_models.grasp.impulse import plastic_impulse, relative_twist_rows
 from tests.contact_models.grasp.scenes import FLAT_ARM, FLAT_TARGET, Bench
 
-CAPTURES = 100
+GRASPS = 100
 SPACE, PLANE = (), (FLAT_ARM, FLAT_TARGET)
 
 
@@ -17,7 +17,7 @@ SPACE, PLANE = (), (FLAT_ARM, FLAT_TARGET)
 def test_what_a_capture_keeps_and_what_it_loses(tmp_path, rng, models, rank):
     """Momenta, no relative twist, energy by the formula, whatever the state; tolerances are rounding of the terms."""
     bench = Bench(tmp_path, *models)
-    for _ in range(CAPTURES):
+    for _ in range(GRASPS):
         bench.draw(rng)
         momentum, energy = bench.momentum(), bench.energy()
         found = bench.capture()

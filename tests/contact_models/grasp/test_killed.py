@@ -21,7 +21,7 @@ from tests.contact_models.grasp.scenes import grasping
 from tests.ticks import at_each_tick
 
 CAPTURE_S, RELEASE_S = 0.904, 1.804
-# When, and how many captures and releases the log has by then: one that happens is written before anything else does.
+# When, and how many grasps and releases the log has by then: one that happens is written before anything else does.
 PARTS = {
     "before": (0.5, 0, 0),
     "in the capture": ("_close", 0, 0),
@@ -61,7 +61,7 @@ def killed(path, out):
 @pytest.mark.long
 @pytest.mark.parametrize("part", PARTS)
 def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
-    when, captures, releases = PARTS[part]
+    when, grasps, releases = PARTS[part]
     path, out = grasping(tmp_path / "scene"), tmp_path / "out"
     with monkeypatch.context() as patched:
         send(patched, when, signal.SIGKILL)
@@ -69,18 +69,18 @@ def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
         killed(path, out)
     read = ffsm_mj.load_run(out)
     assert read.outcome == "incomplete"
-    found = [len(read.records[name]) for name in ("capture_impulses", "releases")]
-    assert found == [captures, releases]
-    assert [each.release_s is None for each in read.captures] == [not releases] * captures
+    found = [len(read.records[name]) for name in ("grasp_impulses", "releases")]
+    assert found == [grasps, releases]
+    assert [each.release_s is None for each in read.grasps] == [not releases] * grasps
     last = {"before": 0.499, "in the capture": CAPTURE_S - 1e-3, "held": 1.199, "in the release": RELEASE_S, "after": 1.899}
     assert last[part] - 0.2 < read.time[-1] < last[part] + 2e-3
-    assert read["contact.capture_grasp"][-1] == float(captures > releases)
+    assert read["contact.grasp_closed"][-1] == float(grasps > releases)
     assert all(check.passes for check in all_checks(read))
     assert replay_log(read.log).agrees, replay_log(read.log).worst
     assert main(["analyze", str(out)]) == 4
     said = capfd.readouterr().out
     assert "incomplete" in said
-    assert ("capture grasp:" in said) == bool(captures)
+    assert ("capture grasp:" in said) == bool(grasps)
     assert ("release grasp" in said) == bool(releases)
 
 
@@ -88,8 +88,8 @@ def test_a_killed_run_tells_what_it_held(tmp_path, monkeypatch, capfd, part):
 @pytest.mark.parametrize("part", PARTS)
 def test_an_interrupted_run_is_whole_to_its_end(tmp_path, monkeypatch, part):
     """The first Ctrl-C lets what happens happen: a capture that has begun is in the log."""
-    when, captures, releases = PARTS[part]
-    captures, releases = captures + (part == "in the capture"), releases + (part == "in the release")
+    when, grasps, releases = PARTS[part]
+    grasps, releases = grasps + (part == "in the capture"), releases + (part == "in the release")
     with monkeypatch.context() as patched:
         send(patched, when, signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
@@ -97,9 +97,9 @@ def test_an_interrupted_run_is_whole_to_its_end(tmp_path, monkeypatch, part):
     run = ffsm_mj.load_run(tmp_path / "out")
     assert run.outcome == "interrupted"
     read = ffsm_mj.load_run(tmp_path / "out")
-    assert [len(read.records[name]) for name in ("capture_impulses", "releases")] == [captures, releases]
-    assert read.summary()["captures"] == run.summary()["captures"]
-    assert len(read.summary()["captures"]) == captures
+    assert [len(read.records[name]) for name in ("grasp_impulses", "releases")] == [grasps, releases]
+    assert read.summary()["grasps"] == run.summary()["grasps"]
+    assert len(read.summary()["grasps"]) == grasps
     again = replay_log(read.log)
     assert again.agrees, again.worst
     assert all(check.passes for check in (*all_checks(read), *again.checks()))
@@ -113,4 +113,4 @@ def test_runs_of_one_scenario_know_nothing_of_each_other(tmp_path):
         others = [future.result() for future in [pool.submit(prepared.run) for _ in range(2)]]
     for run in (second, *others):
         np.testing.assert_array_equal(run.log.rows, first.log.rows)
-        assert run.records["capture_impulses"] == first.records["capture_impulses"]
+        assert run.records["grasp_impulses"] == first.records["grasp_impulses"]

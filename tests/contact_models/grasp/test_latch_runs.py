@@ -22,18 +22,18 @@ AXIS = [2.0, -3.0, 6.0]
 KINDS = {"ball": {}, "hinge": {"axis": AXIS}, "slide": {"axis": AXIS}, "cylindrical": {"axis": AXIS}}
 ANY = {"within": {"position_m": 0.5}}
 SITES = {"robot_site": "grip", "object_site": "handle"}
-LOADS = [f"contact.capture_{load}" for load in ("force_{}_N", "torque_{}_N_m")]
+LOADS = [f"contact.grasp_{load}" for load in ("force_{}_N", "torque_{}_N_m")]
 WAGGLE = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
 
 
 def docking(folder, kind, **changes):
     """A tumbling ball at the hand: latched softly at once, hard after 0.1 s, and let go after 0.2 s."""
-    captures = {
+    grasps = {
         "soft": {**SITES, "joint": kind, **KINDS[kind], "when": ANY},
         "hard": {**SITES, "when": {"within": {"position_m": 0.5}}},
     }
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["soft"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["soft"], "controller": OFF},
         {"name": "swing", "for_s": 0.1, "controller": WAGGLE},
         {"name": "lock", "for_s": 0.1, "arm": ["hard"], "controller": WAGGLE},
         {"name": "leave", "until": "end", "release": ["hard"], "controller": OFF},
@@ -41,7 +41,7 @@ def docking(folder, kind, **changes):
     return grasping(
         folder,
         **{
-            "captures": captures,
+            "grasps": grasps,
             "phases": phases,
             "duration_s": 0.25,
             "initial": {
@@ -62,16 +62,16 @@ def loads(run):
 def test_soft_capture_hard_capture_and_release(tmp_path, kind):
     """All checks, in the run and from its log; no load along what is free; the grasp that takes over ends the first."""
     run = holds(ffsm_mj.run(docking(tmp_path, kind)))
-    soft, hard = run.records["capture_impulses"]
+    soft, hard = run.records["grasp_impulses"]
     assert (soft.joint, soft.replaces, soft.rank) == (kind, "", {"ball": 3, "cylindrical": 4}.get(kind, 5))
     assert (hard.joint, hard.replaces, hard.rank) == ("rigid", "soft", 6)
     assert (hard.axis, hard.axis_angle_rad) == ((0.0, 0.0, 0.0), 0.0)
     assert hard.time_s == pytest.approx(0.1)
     assert hard.loss_J > 1e-6  # of the motion that was free
     (release,) = run.records["releases"]
-    first, second = run.captures
+    first, second = run.grasps
     assert (first.grasp, first.release_s, second.grasp, second.release_s) == ("soft", hard.time_s, "hard", release.time_s)
-    number = run["contact.capture_grasp"]
+    number = run["contact.grasp_closed"]
     np.testing.assert_array_equal(number[[50, 150, 240]], [1.0, 2.0, 0.0])
     frames = sites(run, np.flatnonzero(number == 1.0))
     force, torque = np.split(loads(run)[number == 1.0], 2, axis=1)
@@ -123,7 +123,7 @@ def test_a_ball_that_turns_past_half_a_turn_keeps_the_sign_of_its_attitude(tmp_p
             "joints": {f"{name}/free": [0.4, 0, 0, 1, 0, 0, 0] for name in names},
             "rates": {"loose/free": [0, 0, 0, *SPIN]},
         },
-        captures={
+        grasps={
             name: {"robot_site": "robot/site", "object_site": f"{name}/site", "when": ANY, "joint": joint}
             for name, joint in zip(names, ("rigid", "ball"), strict=True)
         },
@@ -171,7 +171,7 @@ def test_a_stone_hits_what_is_latched(tmp_path, kind):
     path = docking(
         tmp_path / "scene",
         "ball",
-        captures={"soft": {**SITES, "joint": kind, "when": ANY}},
+        grasps={"soft": {**SITES, "joint": kind, "when": ANY}},
         others={"stone": stone()},
         phases=[{"name": "swing", "until": "end", "arm": ["soft"], "controller": WAGGLE}],
         initial={
@@ -194,11 +194,11 @@ def test_a_latch_is_refused_with_its_place(tmp_path):
         ({"joint": "ball", "axis": [1, 0, 0]}, "joint: ball has no axis; leave out 'axis'"),
         ({"joint": "screw"}, "rigid"),
     ):
-        captures = {"soft": {**SITES, "when": ANY, **changes}}
+        grasps = {"soft": {**SITES, "when": ANY, **changes}}
         with pytest.raises(InputError) as error:
-            prepare(docking(tmp_path, "ball", captures=captures))
+            prepare(docking(tmp_path, "ball", grasps=grasps))
         assert len(error.value.lines) == 1
-        assert "captures.soft" in error.value.lines[0]
+        assert "grasps.soft" in error.value.lines[0]
         assert message in error.value.lines[0]
 
 
@@ -269,7 +269,7 @@ def test_an_object_that_swings_into_the_hand_bounces_off_it(tmp_path, kind):
     path = docking(
         tmp_path,
         "ball",
-        captures={"soft": {**SITES, "joint": kind, **axis, "when": ANY}},
+        grasps={"soft": {**SITES, "joint": kind, **axis, "when": ANY}},
         phases=[
             {"name": "swing", "for_s": 0.35, "arm": ["soft"], "controller": OFF},
             {"name": "leave", "until": "end", "release": ["soft"], "controller": OFF},

@@ -64,7 +64,7 @@ def pressed(folder, kind, *, limited=False, mu=0.0, restitution=0.0, gravity="0 
                     {"between": ["object/box", "wall/wall"], "restitution": restitution, "mu": wall_mu},
                 ]
             },
-            "captures": {"grasp": latch | AXIS[kind]},
+            "grasps": {"grasp": latch | AXIS[kind]},
             "phases": [
                 {
                     "name": "hold",
@@ -97,7 +97,7 @@ def test_a_contact_that_latches_hold_takes_no_part_in_a_limit_impact(tmp_path, m
             "joints": {"object/free": [0, 0.37, 0, 1, 0, 0, 0]},
             "rates": {"j": 0.2, "object/free": [0, 0.2, 0, 0, 0, 0]},
         },
-        captures={
+        grasps={
             "one": {"robot_site": "tip", "object_site": "handle", "joint": "hinge", "axis": [0, 1, 0], "when": NEAR},
             "two": {"robot_site": "robot/aside", "object_site": "object/aside", "joint": "ball", "when": NEAR},
         },
@@ -169,7 +169,7 @@ def test_a_hinge_leaves_a_contact_one_relative_motion(tmp_path, restitution, mu,
                     "rates": {"object/free": [0, 0, 0, 0.9, 1.3, 7.0]},
                 },
                 contacts={"rules": [{"between": ["robot", "object"], "restitution": restitution, "mu": mu}]},
-                captures={"grasp": latch | {"when": {"within": {"position_m": 0.06}}}},
+                grasps={"grasp": latch | {"when": {"within": {"position_m": 0.06}}}},
                 phases=[{"name": "hold", "until": "end", "arm": ["grasp"], "controller": {"kind": "off"}}],
             )
         )

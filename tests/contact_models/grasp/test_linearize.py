@@ -1,4 +1,4 @@
-"""Saltation matrices of captures against runs of displaced scenes and invariants."""
+"""Saltation matrices of grasps against runs of displaced scenes and invariants."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
 from ffsm_mj.errors import InputError, UnsupportedContactError
-from ffsm_mj.impact import linearize_capture
+from ffsm_mj.impact import linearize_grasp
 from tests.controllers.detumbling import spacecraft
 from tests.scenes import box, scene
 
@@ -41,7 +41,7 @@ def prepared(folder, within=POSITION, joints=JOINTS, rates=RATES, **latch):
         time_step_s=0.01,
         control_period_s=0.01,
         initial={"joints": joints, "rates": rates},
-        captures={"grasp": grasp},
+        grasps={"grasp": grasp},
         phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "off"}}],
     )
     return prepare(path)
@@ -61,7 +61,7 @@ def linearized(made, record, bounds):
     data.qpos[:], data.qvel[:], _ = state(record, system)
     mujoco.mj_forward(system.mj, data)
     (grasp,) = grasps_of(made.scenario, system)
-    return system, linearize_capture(system, data, grasp, bounds)
+    return system, linearize_grasp(system, data, grasp, bounds)
 
 
 def displaced(model, direction, h):
@@ -93,7 +93,7 @@ def test_displaced_runs_change_as_the_saltation_says(tmp_path, within, latch, rn
     """With dx = x' - x - f dt at the nominal time before and after: dx+ = S dx-, dt = time . dx-, from records alone."""
     made = prepared(tmp_path / "nominal", within, **latch)
     nominal = made.run()
-    (record,) = nominal.records["capture_impulses"]
+    (record,) = nominal.records["grasp_impulses"]
     bounds = [within.get(key) for key in ("position_m", "angle_rad", "speed_m_s", "rate_rad_s")]
     system, found = linearized(made, record, bounds)
     model, (q, before, after) = system.mj, state(record, system)
@@ -102,7 +102,7 @@ def test_displaced_runs_change_as_the_saltation_says(tmp_path, within, latch, rn
         for h in (-STEP, STEP):
             joints, rates = displaced(model, direction, h)
             run = prepared(tmp_path / "other", within, joints, rates, **latch).run()
-            (other,) = run.records["capture_impulses"]
+            (other,) = run.records["grasp_impulses"]
             there, v, w = state(other, system)
             dq, dt = np.empty(model.nv), other.time_s - record.time_s
             mujoco.mj_differentiatePos(model, dq, 1.0, q, there)
@@ -120,7 +120,7 @@ def test_displaced_runs_change_as_the_saltation_says(tmp_path, within, latch, rn
 def test_invariants(tmp_path):
     """S f- = f+; the stopped velocities are gone whatever they were; det S = 0; the closed pose is at rest."""
     made = prepared(tmp_path)
-    (record,) = made.run().records["capture_impulses"]
+    (record,) = made.run().records["grasp_impulses"]
     system, found = linearized(made, record, [0.08, None, None, None])
     nv = system.mj.nv
     np.testing.assert_allclose(found.S @ found.f_before, found.f_after, atol=1e-10)
@@ -137,7 +137,7 @@ def test_invariants(tmp_path):
 
 def test_what_has_no_derivative_is_refused(tmp_path):
     made = prepared(tmp_path)
-    (record,) = made.run().records["capture_impulses"]
+    (record,) = made.run().records["grasp_impulses"]
     distance = record.position_m
     assert distance == pytest.approx(0.08, abs=1e-12)
     with pytest.raises(UnsupportedContactError, match="no bound is reached here"):
@@ -152,11 +152,11 @@ def test_what_has_no_derivative_is_refused(tmp_path):
 def test_derivatives_of_a_run_are_those_of_its_secants(tmp_path):
     """``exact`` against runs at plus and minus 1e-5 of a coordinate and a rate, relative 1e-6; control laws are refused."""
     run = prepared(tmp_path).run()
-    of = ["captures.0.time_s", "captures.0.loss_J"]
+    of = ["grasps.0.time_s", "grasps.0.loss_J"]
     wrt = {"initial.joints.box/free.1": 1e-5, "initial.rates.box/free.0": 1e-5, "initial.rates.shoulder": 1e-5}
     exact, secant = ffsm_mj.sensitivity(run, of, wrt, kind="exact"), ffsm_mj.sensitivity(run, of, wrt)
     np.testing.assert_allclose(exact.derivative, secant.derivative, rtol=2e-5)
-    assert "the time of capture 1 by" in " ".join(exact.sentences())
+    assert "the closing time of grasp 1 by" in " ".join(exact.sentences())
     with pytest.raises(InputError, match="name those of one event"):
         ffsm_mj.sensitivity(run, [*of, "impacts.0.time_s"], wrt, kind="exact")
     with pytest.raises(InputError, match="has 0 contacts"):

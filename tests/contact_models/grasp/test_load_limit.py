@@ -33,7 +33,7 @@ def swinging(folder, kind, limit=None, **changes):
     return docking(
         folder,
         "ball",
-        captures={"grasp": grasp},
+        grasps={"grasp": grasp},
         phases=[
             {"name": "swing", "until": "release", "arm": ["grasp"], "controller": OFF},
             {"name": "leave", "until": "end", "controller": OFF},
@@ -79,8 +79,8 @@ def test_it_opens_at_the_root_of_the_load(tmp_path, kind):
         assert release.qvel_before == release.qvel_after
         assert free.time[at - 1] < release.time_s < free.time[at]
         assert [phase.reason for phase in run.phases] == ["start", "release"]
-        assert run.captures[0].release_s == release.time_s
-        assert run.captures[0].peak_force_N <= limit_N
+        assert run.grasps[0].release_s == release.time_s
+        assert run.grasps[0].peak_force_N <= limit_N
         times.append(release.time_s)
     assert times[0] == pytest.approx(times[1], abs=1e-9)
 
@@ -98,7 +98,7 @@ def test_it_opens_at_the_tick_whose_efforts_are_too_large(tmp_path):
         {"load": PAIR.format(head=HEAD, body="load", mass=1, site="ring", motor="")},
         duration_s=0.15,
         control_period_s=0.01,
-        captures={"grasp": {"robot_site": "hook", "object_site": "ring", "when": ANY, "load_limit": {"force_N": 2.1}}},
+        grasps={"grasp": {"robot_site": "hook", "object_site": "ring", "when": ANY, "load_limit": {"force_N": 2.1}}},
         contacts={"rules": []},
         phases=[{"name": "pull", "until": "end", "arm": ["grasp"], "controller": {"kind": "driven"}}],
     )
@@ -106,7 +106,7 @@ def test_it_opens_at_the_tick_whose_efforts_are_too_large(tmp_path):
     (release,) = run.records["releases"]
     assert release.time_s == pytest.approx(0.08, abs=1e-12)
     assert release.force_N == pytest.approx(9.0 / 4.0, rel=1e-13)
-    assert run["contact.capture_grasp"][-1] == 0.0
+    assert run["contact.grasp_closed"][-1] == 0.0
 
 
 def test_a_limit_that_is_not_reached_changes_nothing(tmp_path):
@@ -118,5 +118,5 @@ def test_a_limit_that_is_not_reached_changes_nothing(tmp_path):
 
 
 def test_a_limit_states_something(tmp_path):
-    with pytest.raises(InputError, match=r"captures.grasp.load_limit.* needs one limit at least: force_N, torque_N_m"):
+    with pytest.raises(InputError, match=r"grasps.grasp.load_limit.* needs one limit at least: force_N, torque_N_m"):
         prepare(swinging(tmp_path, "rigid", {"force_N": None}))

@@ -69,9 +69,9 @@ def catching(folder, *, from_bus=True, latch="rigid", others=None, **changes):
                 "joints": {"client/free": pose, "hinge": sign * ANGLE},
                 "rates": {"robot/free": [0, 0, 0, 0.02, -0.03, 0.05], "client/free": rates, "hinge": sign * RATE},
             },
-            "captures": {"grasp": grasp | kinds[latch]},
+            "grasps": {"grasp": grasp | kinds[latch]},
             "phases": [
-                {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+                {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
                 {"name": "hold", "for_s": 0.4, "controller": arm},
                 {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
             ],
@@ -96,12 +96,12 @@ def test_it_is_a_grasp_of_a_base(tmp_path, latch):
     link, base = (ffsm_mj.run(catching(tmp_path / str(b), from_bus=b, latch=latch)) for b in (True, False))
     for run in (link, base):
         holds(run)
-    one, other = link.records["capture_impulses"][0], base.records["capture_impulses"][0]
+    one, other = link.records["grasp_impulses"][0], base.records["grasp_impulses"][0]
     np.testing.assert_allclose(one.impulse_N_s, other.impulse_N_s, atol=1e-13)
     np.testing.assert_allclose(one.angular_impulse_N_m_s, other.angular_impulse_N_m_s, atol=1e-13)
     assert one.loss_J == pytest.approx(other.loss_J, rel=1e-11)
     # Both are of order four: they differ by the truncation of their steps.
-    keys = [key for key in COMMON if key in link.keys] + [f"contact.capture_force_{x}_N" for x in "xyz"]
+    keys = [key for key in COMMON if key in link.keys] + [f"contact.grasp_force_{x}_N" for x in "xyz"]
     assert len(keys) >= 8
     for key in keys:
         np.testing.assert_allclose(link[key], base[key], atol=2e-9, err_msg=key)
@@ -124,7 +124,7 @@ def test_a_base_and_a_link_at_once(tmp_path):
     """The base becomes a child, the panel is a further grasp; the base lets go first, and rows hold the panel alone."""
     bus = FROM_BUS.replace('<geom name="bus"', '<site name="lug" pos="-0.1 0 0"/><geom name="bus"')
     arm = ARM.replace('<body name="upper"', '<site name="clamp" pos="0.4 0 0"/><body name="upper"')
-    captures = {
+    grasps = {
         "panel": {"robot_site": "grip", "object_site": "handle", "when": ANY},
         "bus": {"robot_site": "clamp", "object_site": "lug", "when": ANY},
     }
@@ -134,15 +134,15 @@ def test_a_base_and_a_link_at_once(tmp_path):
         {"name": "three", "for_s": 0.1, "release": ["bus"], "controller": OFF},
         {"name": "four", "until": "end", "release": ["panel"], "controller": OFF},
     ]
-    path = catching(tmp_path / "scene", captures=captures, phases=phases)
+    path = catching(tmp_path / "scene", grasps=grasps, phases=phases)
     for name, text in (("robot", arm), ("client", bus)):
         (path.parent / f"{name}.xml").write_text(text)
     run = ffsm_mj.run(path)
     holds(run)
     # Robot and object have 15 coordinates; 9 are left of the first grasp, and 6 of the loop through base, arm and hinge.
-    impulses = [(each.grasp, each.rank, each.mobility) for each in run.records["capture_impulses"]]
+    impulses = [(each.grasp, each.rank, each.mobility) for each in run.records["grasp_impulses"]]
     assert impulses == [("panel", 6, 9), ("bus", 3, 6)]
-    assert [each.release_s for each in run.captures] == [pytest.approx(0.3, abs=2e-3), pytest.approx(0.2, abs=2e-3)]
+    assert [each.release_s for each in run.grasps] == [pytest.approx(0.3, abs=2e-3), pytest.approx(0.2, abs=2e-3)]
 
 
 def test_it_is_hit_while_it_is_held(tmp_path):
@@ -185,7 +185,7 @@ def test_its_motor_works_while_the_panel_is_held(tmp_path):
     hold = {"kind": "hold", "joints": ["hinge"], "bandwidth_rad_s": 5.0}
     arm = {"kind": "pd", "joints": ["shoulder", "elbow"], "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "hold", "until": "end", "controllers": {"arm": arm, "panel": hold}, "drives": {"panel": "client"}},
     ]
     run = ffsm_mj.run(catching(tmp_path / "scene", phases=phases))

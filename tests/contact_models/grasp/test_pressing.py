@@ -48,9 +48,9 @@ def rail(folder, others, pairs, *, fixed=None, robot=None, **changes):
             "duration_s": 0.4,
             "initial": {"joints": {"target/free": [0.2504, 0, 0, 1, 0, 0, 0]}, "rates": {"robot/x": 1.0}},
             "contacts": {"rules": [{"between": ["ball", "target/target"], "restitution": 0.5}, *pairs]},
-            "captures": {"grasp": {**SITES, "when": {"touch": ["ball-target/target"]}}},
+            "grasps": {"grasp": {**SITES, "when": {"touch": ["ball-target/target"]}}},
             "phases": [
-                {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+                {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
                 {"name": "press", "for_s": 0.3, "controller": PUSH},
                 {"name": "leave", "until": "end", "release": ["grasp"], "controller": PUSH},
             ],
@@ -68,7 +68,7 @@ def on_a_wall(folder, restitution=0.0, **changes):
 
 def pressed(run):
     """Rows in which the late pair presses while the grasp holds."""
-    rows = (run["contact.late_mode"] == 2.0) & (run["contact.capture_grasp"] == 1.0)
+    rows = (run["contact.late_mode"] == 2.0) & (run["contact.grasp_closed"] == 1.0)
     assert rows.sum() > 50
     return rows
 
@@ -82,7 +82,7 @@ def test_the_load_balances_the_wall(tmp_path):
     """Nothing moves: motor, link and wall bear the same force, which changes with nothing but the motor."""
     run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene", restitution=0.2)))
     rows = pressed(run)
-    motor, wall, load = run["actuators.robot_push_x_applied_N"][rows], along(run, "late", rows), along(run, "capture", rows)
+    motor, wall, load = run["actuators.robot_push_x_applied_N"][rows], along(run, "late", rows), along(run, "grasp", rows)
     np.testing.assert_allclose(wall, [[force, 0.0, 0.0] for force in motor], atol=1e-13)  # on the wall
     np.testing.assert_allclose(load, wall, atol=1e-13)
     assert motor.min() > 4.0
@@ -91,19 +91,19 @@ def test_the_load_balances_the_wall(tmp_path):
 def test_the_peak_of_the_load_is_right_after_an_event(tmp_path):
     """Masses and motor say what it is at the capture, between two ticks; the motor pushes ever less from there."""
     run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene", duration_s=0.06)))
-    (capture,), (told,) = run.records["capture_impulses"], run.captures
+    (capture,), (told,) = run.records["grasp_impulses"], run.grasps
     assert told.peak_s == capture.time_s
     motor = capture.efforts_after["robot/push_x"][0]
     assert motor == pytest.approx(PUSH["kp"] * (3.0 - capture.qpos[0]) - PUSH["kd"] * capture.qvel_after["robot/x"][0])
     share = MASS["target"] / (MASS["robot"] + MASS["target"])
     assert told.peak_force_N == pytest.approx(share * motor, rel=1e-13)
-    at_s = run["contact.capture_event_s"]
+    at_s = run["contact.grasp_event_s"]
     (row,) = np.flatnonzero(np.isfinite(at_s))
     assert (at_s[row], run.time[row - 1] < at_s[row] < run.time[row]) == (told.peak_s, True)
-    force = np.linalg.norm(along(run, "capture", slice(None)), axis=1)
+    force = np.linalg.norm(along(run, "grasp", slice(None)), axis=1)
     assert force.max() < told.peak_force_N < force.max() + 0.01
     rows = run.log.rows.copy()
-    rows[row, run.log.header.layout.index["contact.capture_event_force_N"]] += 1e-7
+    rows[row, run.log.header.layout.index["contact.grasp_event_force_N"]] += 1e-7
     assert not replay_log(dataclasses.replace(run.log, rows=rows)).agrees
 
 
@@ -111,15 +111,15 @@ def test_an_impact_on_what_is_held_and_pressed_has_its_load_after(tmp_path):
     """A wall is hit for good: from a share of the motor's force to all of it, at that instant."""
     run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene", duration_s=0.2)))
     hit = next(impact for impact in run.impacts if impact.pair == "late")
-    (row,) = np.flatnonzero(run["contact.capture_event_s"] == hit.time_s)
-    assert run["contact.capture_event_force_N"][row] == pytest.approx(hit.efforts_after["robot/push_x"][0], rel=1e-12)
-    assert run.captures[0].peak_s == hit.time_s
+    (row,) = np.flatnonzero(run["contact.grasp_event_s"] == hit.time_s)
+    assert run["contact.grasp_event_force_N"][row] == pytest.approx(hit.efforts_after["robot/push_x"][0], rel=1e-12)
+    assert run.grasps[0].peak_s == hit.time_s
 
 
 def test_what_is_let_go_in_touch_stays_closed(tmp_path):
     """Hand and target at gap 0 are a closed pair again, which bears what the grasp bore."""
     run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene")))
-    (capture,) = run.captures
+    (capture,) = run.grasps
     begun = [(record.pair, record.time_s) for record in run.records["contact_beginnings"]]
     assert begun[-1] == ("ball-target/target", capture.release_s)
     after = run.time > capture.release_s + 1e-6  # the row at that tick is of before
@@ -153,14 +153,14 @@ def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
         fixed={"wall": {"position_m": [0, 0, -0.2]}},
         contacts={"rules": pairs},
         initial={"joints": {"robot/x": -0.4, "robot/z": 0.15}, "rates": {"robot/x": 1.0, "robot/z": -down_m_s}},
-        captures={"grasp": {**SITES, "when": {"within": {"position_m": 0.25}}}},
+        grasps={"grasp": {**SITES, "when": {"within": {"position_m": 0.25}}}},
         phases=[
-            {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+            {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
             {"name": "hold", "until": "end", "controller": OFF},
         ],
     )
     run = holds(ffsm_mj.run(path))
-    (capture,), late = run.captures, [impact.time_s for impact in run.impacts if impact.pair == "late"]
+    (capture,), late = run.grasps, [impact.time_s for impact in run.impacts if impact.pair == "late"]
     ended = [record.time_s for record in run.records["contact_endings"]]
     assert ended == ([capture.time_s] if down_m_s else [])
     assert (late[:1] == [capture.time_s]) == (down_m_s > 0.0)
@@ -178,7 +178,7 @@ def test_a_third_body_is_pushed_on(tmp_path):
     rows = pressed(run)
     a = run["actuators.robot_push_x_applied_N"][rows] / sum(MASS.values())
     np.testing.assert_allclose(along(run, "late", rows)[:, 0], MASS["stone"] * a, atol=1e-12)
-    np.testing.assert_allclose(along(run, "capture", rows)[:, 0], (MASS["stone"] + MASS["target"]) * a, atol=1e-12)
+    np.testing.assert_allclose(along(run, "grasp", rows)[:, 0], (MASS["stone"] + MASS["target"]) * a, atol=1e-12)
 
 
 def sprung(folder, on="wall"):
@@ -199,14 +199,14 @@ def sprung(folder, on="wall"):
 def test_a_spring_on_what_is_held_is_no_part_of_the_load(tmp_path, on):
     """The load is what the link bears: mass times acceleration of the object, and what the spring puts on it."""
     run = holds(ffsm_mj.run(sprung(tmp_path / "s", on)))
-    rows = (run["contact.spring_force_N"] > 0.1) & (run["contact.capture_grasp"] == 1.0)
+    rows = (run["contact.spring_force_N"] > 0.1) & (run["contact.grasp_closed"] == 1.0)
     assert rows.sum() > 40
     spring, motor = run["contact.spring_force_N"][rows], run["actuators.robot_push_x_applied_N"][rows]
     if on == "stone":  # it stands beside the rail
         apart = [run[f"state.q_stone_free_{x}_m"][rows] - run[f"state.q_target_free_{x}_m"][rows] for x in "xy"]
         spring = spring * apart[0] / np.hypot(*apart)
     a = (motor - spring) / (MASS["robot"] + MASS["target"])
-    np.testing.assert_allclose(along(run, "capture", rows)[:, 0], MASS["target"] * a + spring, atol=1e-12)
+    np.testing.assert_allclose(along(run, "grasp", rows)[:, 0], MASS["target"] * a + spring, atol=1e-12)
 
 
 class Lean:
@@ -237,7 +237,7 @@ def leaning(folder):
         "</actuator>", '<motor name="thrust" site="nozzle" gear="1 0 0 0 0 0"/></actuator>'
     )
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "press", "until": "end", "controller": {"kind": "lean"}},
     ]
     pairs = [
@@ -263,10 +263,10 @@ def test_in_space_load_and_slab_give_the_object_its_momentum(tmp_path):
     first, last = np.flatnonzero(rows)[[0, -1]]
     assert rows[first : last + 1].all()
     rows = slice(first, last + 1)
-    load, contact = along(run, "capture", rows), -along(run, "late", rows)  # the target is the first of the two
+    load, contact = along(run, "grasp", rows), -along(run, "late", rows)  # the target is the first of the two
     torque, site, centre = (
         np.column_stack([run[key.format(x)] for x in "xyz"])[rows]
-        for key in ("contact.capture_torque_{}_N_m", "state.q_target_free_{}_m", "contact.late_centre_{}_m")
+        for key in ("contact.grasp_torque_{}_N_m", "state.q_target_free_{}_m", "contact.late_centre_{}_m")
     )
     attitude = np.column_stack([run[f"state.q_target_free_q{x}"] for x in "wxyz"])[rows]
     for i, quaternion in enumerate(attitude):
@@ -290,7 +290,7 @@ def hull(folder):
         {"name": "late", "between": ["hull", "target/target"], "restitution": 0.0},
     ]
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "fold", "for_s": 0.6, "controller": {"kind": "pd", "kp": 3.0, "kd": 0.5, "target": [0.0, 2.9]}},
         {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
     ]

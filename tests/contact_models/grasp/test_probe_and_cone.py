@@ -23,11 +23,11 @@ def test_the_probe_is_guided_and_locked():
     assert again.agrees, again.worst
     assert [(phase.name, phase.reason) for phase in run.phases] == [
         ("approach", "start"),
-        ("in_cone", "capture"),
-        ("detumble", "capture"),
+        ("in_cone", "grasp"),
+        ("detumble", "grasp"),
     ]
     assert run.impacts == run.unhandled_contacts == ()
-    soft, hard = run.records["capture_impulses"]
+    soft, hard = run.records["grasp_impulses"]
     assert (soft.rank, hard.rank, hard.replaces) == (4, 6, "soft")
     assert soft.position_m == pytest.approx(0.12, abs=1e-12)
     assert hard.position_m == pytest.approx(0.02, abs=1e-12)
@@ -45,5 +45,5 @@ def test_it_locks_from_dispersed_starts(row):
     assert plan.config.samples.n == 20
     run = ffsm_mj.run("probe-and-cone", plan.design().overrides(row) | {"duration_s": 13.0})
     assert run.outcome == "completed", run.message
-    assert [capture.grasp for capture in run.captures] == ["soft", "hard"]
+    assert [capture.grasp for capture in run.grasps] == ["soft", "hard"]
     assert all(check.passes for check in all_checks(run))

@@ -35,7 +35,7 @@ def drawn(seed, folder):
     of_right = {"object_site": "box/b_right"} if two else {}
     grasps = {"left": latch(rng, LEFT), "right": latch(rng, RIGHT | of_right), "clamp": latch(rng, CLAMP)}
     order = [str(name) for name in rng.permutation(list(grasps))[: int(rng.integers(2, 4))]]
-    captures = {name: grasps[name] for name in order}
+    grasps = {name: grasps[name] for name in order}
     joints = {name: float(angle) for name, angle in zip(names, rng.normal(size=len(names)) * 0.6, strict=True)}
     turn = rng.normal(size=4)
     joints |= {"plate/free": [2.2, *(0.05 * rng.normal(size=2)), *(turn / np.linalg.norm(turn))]}
@@ -54,7 +54,7 @@ def drawn(seed, folder):
     phases += [] if together else [{"name": "others", "for_s": 0.04, "arm": order[1:], "controller": OFF}]
     phases += [{"name": "leave", "until": "end", "release": [str(rng.choice(order))], "controller": OFF}]
     spring = (float(rng.uniform(0.5, 5.0)), float(rng.uniform(0.0, 0.2))) if rng.random() < 0.4 else None
-    scenario = {"initial": {"joints": joints, "rates": rates}, "captures": captures, "phases": phases}
+    scenario = {"initial": {"joints": joints, "rates": rates}, "grasps": grasps, "phases": phases}
     changes = {"contacts": {"rules": [rule]}, "objects": objects, "conservative": spring is None}
     timing = {"duration_s": 0.12, "time_step_s": 1e-3}
     return holding(folder, axes=axes, spring=spring, **scenario, **changes, **timing)
@@ -69,7 +69,7 @@ def test_a_random_scene(tmp_path, seed):
     assert [
         check for check in explain(run, limits=AnalysisLimits()).checks if not (check.passes or check.fails_by_truncation)
     ] == []
-    assert len(run.captures) >= 2
+    assert len(run.grasps) >= 2
     if seed % 3 == 0:  # a replay takes as long as its run
         again = replay_log(run.log)
         assert again.agrees, again.worst
@@ -99,7 +99,7 @@ def test_what_a_stop_leaves_open_is_the_force_before_it_alone(turned, error, agr
     (stick,) = turned.records["contact_sticks"]
     assert stick.force_before_N > 0.1
     rows = np.array(turned.rows)
-    rows[-1, turned.header.layout.index["contact.capture_clamp_event_force_N"]] += error
+    rows[-1, turned.header.layout.index["contact.grasp_clamp_event_force_N"]] += error
     again = replay_log(replace(turned, rows=rows))
     assert again.agrees == agrees, again.worst
 

@@ -1,4 +1,4 @@
-"""Whole runs with captures: at a touch, within bounds, released, taken again, hit while held; and their logs."""
+"""Whole runs with grasps: at a touch, within bounds, released, taken again, hit while held; and their logs."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def test_taken_at_a_touch_held_and_let_go(tmp_path):
     """At the instant of the impact, resolved first; velocities of the object while held are those of the hand's frame."""
     out = tmp_path / "run"
     run = holds(ffsm_mj.run(grasping(tmp_path / "scene"), out=out))
-    (impact,), (capture,), (release,) = (run.records[name] for name in ("impacts", "capture_impulses", "releases"))
+    (impact,), (capture,), (release,) = (run.records[name] for name in ("impacts", "grasp_impulses", "releases"))
     assert (capture.time_s, capture.step) == (impact.time_s, impact.step)
     assert capture.qvel_before == impact.qvel_after
     assert release.time_s == pytest.approx(1.804, abs=1e-12)
     assert [(phase.name, phase.reason) for phase in run.phases] == [
         ("meet", "start"),
-        ("hold", "capture"),
+        ("hold", "grasp"),
         ("leave", "time"),
     ]
     energy = capture.energy_before_J["total"][0]
@@ -52,28 +52,28 @@ def test_taken_at_a_touch_held_and_let_go(tmp_path):
     assert capture.rank == 6
     # Velocities are continuous at the release, and the object flies on alone.
     assert release.qvel_before == release.qvel_after
-    grasp, times = run["contact.capture_grasp"], run.time
+    grasp, times = run["contact.grasp_closed"], run.time
     np.testing.assert_array_equal(grasp == 1.0, (times > capture.time_s) & (times <= release.time_s))
-    force = np.column_stack([run[f"contact.capture_force_{x}_N"] for x in "xyz"])
+    force = np.column_stack([run[f"contact.grasp_force_{x}_N"] for x in "xyz"])
     assert np.all((np.abs(force).max(axis=1) > 0.0) == (grasp == 1.0))
-    (told,) = run.captures
+    (told,) = run.grasps
     assert (told.grasp, told.time_s, told.release_s) == ("grasp", capture.time_s, release.time_s)
-    at_events = run["contact.capture_event_force_N"]
+    at_events = run["contact.grasp_event_force_N"]
     highest = max(np.linalg.norm(force[times < release.time_s], axis=1).max(), at_events.max())
     assert told.peak_force_N == pytest.approx(highest, rel=1e-14)
-    assert run["contact.capture_event_s"][np.flatnonzero(at_events)].tolist() == [capture.time_s]
+    assert run["contact.grasp_event_s"][np.flatnonzero(at_events)].tolist() == [capture.time_s]
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["captures"] == [{**dataclasses.asdict(told), "impulse": list(told.impulse)}]
-    assert ffsm_mj.load_run(out).captures == run.captures
-    assert run.table("captures").columns["impulse_x"].tolist() == [told.impulse[0]]
+    assert summary["grasps"] == [{**dataclasses.asdict(told), "impulse": list(told.impulse)}]
+    assert ffsm_mj.load_run(out).grasps == run.grasps
+    assert run.table("grasps").columns["impulse_x"].tolist() == [told.impulse[0]]
 
 
 def test_the_load_gives_the_object_its_momentum(tmp_path):
     """Integrated over the time that it is held, by the trapezoidal rule: another way to the same momentum."""
     run = ffsm_mj.run(grasping(tmp_path))
-    (told,) = run.captures
+    (told,) = run.grasps
     while_held = (run.time > told.time_s) & (run.time < 1.8)
-    force = np.column_stack([run[f"contact.capture_force_{x}_N"] for x in "xyz"])[while_held]
+    force = np.column_stack([run[f"contact.grasp_force_{x}_N"] for x in "xyz"])[while_held]
     gained = np.column_stack([run[f"momentum.objects_P_{x}_N_s"] for x in "xyz"])[while_held]
     integral = 1e-3 * (force[1:-1].sum(axis=0) + 0.5 * (force[0] + force[-1]))
     # Torques are held: the force of a row is that after the jump at its tick. Half a millisecond of all jumps is at stake.
@@ -87,20 +87,20 @@ def test_the_load_gives_the_object_its_momentum(tmp_path):
 def test_bounds_are_met_at_a_root_not_at_a_tick(tmp_path, step_s):
     """The instant does not depend on the step, and the largest value is its bound there."""
     run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, time_step_s=step_s, control_period_s=4e-3, duration_s=1.2)))
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     values = capture.position_m / 0.1, capture.angle_rad / 0.5, capture.speed_m_s, capture.rate_rad_s
     assert max(values) == pytest.approx(1.0, abs=1e-11)
     assert max(values) <= 1.0
     reference = tmp_path / "reference"
     run = ffsm_mj.run(grasping(reference, BOUNDS, time_step_s=1e-3, control_period_s=4e-3, duration_s=1.2))
-    assert capture.time_s == pytest.approx(run.captures[0].time_s, abs=1e-10)
+    assert capture.time_s == pytest.approx(run.grasps[0].time_s, abs=1e-10)
 
 
 def test_a_capture_at_the_next_tick_would_be_noticed(tmp_path, monkeypatch):
     """Its bounds are no longer at their edge, and the log does not agree with the scenario's own instant."""
     monkeypatch.setattr(GraspModel, "first_event", lambda _, duration_s: duration_s)
     run = ffsm_mj.run(grasping(tmp_path, BOUNDS, duration_s=1.2))
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     values = capture.position_m / 0.1, capture.angle_rad / 0.5, capture.speed_m_s, capture.rate_rad_s
     assert max(values) < 1.0 - 1e-5
 
@@ -108,7 +108,7 @@ def test_a_capture_at_the_next_tick_would_be_noticed(tmp_path, monkeypatch):
 def test_bounds_that_hold_when_armed_capture_at_once(tmp_path):
     phases = [
         {"name": "wait", "for_s": 0.8, "controller": OFF},
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "hold", "until": "end", "controller": OFF},
     ]
     run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
@@ -133,7 +133,7 @@ def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
     assert (first.failed_value, first.failed_bound) == (first.position_m, 0.05)
     report = run_report(run, ExplainedChecks(all_checks(run)))
     assert f"near miss grasp: distance {first.position_m:.4g} m, bound 0.05 m ({first.least_ratio:.4g} times)" in report
-    assert run.captures == ()
+    assert run.grasps == ()
 
 
 def test_a_miss_names_each_bound_that_failed(tmp_path):
@@ -146,7 +146,7 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
         ball("ball"),
         {"target": ball("target")},
         initial={"joints": {"target/free": [0.1, 0, 0, 1, 0, 0, 0]}, "rates": rates},
-        captures={"grasp": near},
+        grasps={"grasp": near},
         contacts={"rules": []},
         phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
         duration_s=0.2,
@@ -176,7 +176,7 @@ def test_a_miss_tells_the_least_of_all_instants(tmp_path, step_s):
         ball("ball"),
         {"target": ball("target")},
         initial={"joints": {"target/free": [0.5037, 0.3, 0, 1, 0, 0, 0]}, "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]}},
-        captures={"grasp": near},
+        grasps={"grasp": near},
         phases=[
             {"name": "try", "for_s": 0.8, "arm": ["grasp"], "controller": OFF},
             {"name": "rest", "until": "end", "controller": OFF},
@@ -204,7 +204,7 @@ def test_a_miss_before_an_impact_does_not_look_behind_it(tmp_path):
         {"target": ball("target")},
         initial={"joints": {"target/free": [0.5037, 0, 0, 1, 0, 0, 0]}, "rates": {"target/free": [-1.0, 0, 0, 0, 0, 0]}},
         contacts={"rules": [{"between": ["ball", "target/target"]}]},
-        captures={"grasp": near},
+        grasps={"grasp": near},
         phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
         time_step_s=1e-2,
         control_period_s=1e-2,
@@ -218,17 +218,17 @@ def test_taken_let_go_and_taken_again(tmp_path):
     sites = {"robot_site": "grip", "object_site": "handle"}
     wide = {"within": {"position_m": 0.2, "speed_m_s": 1.0}}
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "hold", "for_s": 0.3, "controller": HOLD},
         {"name": "leave", "for_s": 0.05, "release": ["grasp"], "controller": OFF},
-        {"name": "meet_again", "until": "capture", "arm": ["wide"], "controller": OFF},
+        {"name": "meet_again", "until": "grasp", "arm": ["wide"], "controller": OFF},
         {"name": "hold_again", "for_s": 0.2, "controller": OFF},
         {"name": "leave_and_take", "until": "end", "release": ["wide"], "arm": ["wide"], "controller": OFF},
     ]
-    captures = {"grasp": {**sites, "when": BOUNDS}, "wide": {**sites, "when": wide}}
-    run = holds(ffsm_mj.run(grasping(tmp_path, captures=captures, phases=phases, duration_s=1.5)))
-    first, second, third = run.captures
-    assert [each.grasp for each in run.captures] == ["grasp", "wide", "wide"]
+    grasps = {"grasp": {**sites, "when": BOUNDS}, "wide": {**sites, "when": wide}}
+    run = holds(ffsm_mj.run(grasping(tmp_path, grasps=grasps, phases=phases, duration_s=1.5)))
+    first, second, third = run.grasps
+    assert [each.grasp for each in run.grasps] == ["grasp", "wide", "wide"]
     assert first.release_s < second.time_s < second.release_s == third.time_s
     assert third.release_s is None
     assert third.loss_J < 1e-25
@@ -237,11 +237,11 @@ def test_taken_let_go_and_taken_again(tmp_path):
 def test_let_go_at_once_leaves_the_common_twist(tmp_path):
     """Released where it was taken, the object has the twist of the hand at the object's place."""
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
     ]
     run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
-    (capture,), (release,) = run.records["capture_impulses"], run.records["releases"]
+    (capture,), (release,) = run.records["grasp_impulses"], run.records["releases"]
     assert release.time_s == capture.time_s
     assert release.qvel_after == capture.qvel_after
 
@@ -263,7 +263,7 @@ def test_what_is_held_is_hit(tmp_path):
                 grasping(folder, others={"stone": stone()}, initial=initial, contacts={"rules": pairs}, duration_s=2.0)
             )
         )
-        (capture,) = run.records["capture_impulses"]
+        (capture,) = run.records["grasp_impulses"]
         late = [impact for impact in run.impacts if impact.pair == "late"]
         assert len(late) == 1
         assert late[0].time_s > capture.time_s
@@ -281,7 +281,7 @@ def test_the_held_object_hits_the_base(tmp_path):
         {"name": "hull", "between": ["hull", "target/target"], "restitution": 0.6},
     ]
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "pull", "until": "end", "controller": {"kind": "pd", "kp": 3.0, "kd": 0.5, "target": [0.0, 2.9]}},
     ]
     path = grasping(tmp_path, phases=phases, contacts={"rules": pairs}, duration_s=4.0)
@@ -327,7 +327,7 @@ def test_a_law_is_made_for_what_moves(tmp_path):
     run = ffsm_mj.run(grasping(tmp_path, phases=phases), controllers={"look": Look})
     assert run.outcome == "completed", run.message
     assert seen == [("start", "", ()), ("start", "grasp", ("grasp",)), ("start", "", ())]
-    assert run.captures[0].release_s == pytest.approx(1.5, abs=1e-12)
+    assert run.grasps[0].release_s == pytest.approx(1.5, abs=1e-12)
 
 
 def test_what_a_law_believes_of_the_object_it_believes_of_what_is_held(tmp_path):
@@ -362,7 +362,7 @@ def test_what_a_law_believes_of_the_object_it_believes_of_what_is_held(tmp_path)
 
 
 def test_a_closed_grasp_that_is_armed_is_refused_by_name(tmp_path):
-    meet = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF}
+    meet = {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF}
     with pytest.raises(InputError) as error:
         prepare(grasping(tmp_path, phases=[meet, {**meet, "name": "again", "until": "end"}]))
     (line,) = error.value.lines
@@ -380,7 +380,7 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
 
         start = control = telemetry = lambda *_: ()
 
-    meet = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": OFF}
+    meet = {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF}
     last = {"name": "again", "until": "end", "arm": ["grasp"], "controller": OFF}
     for k, between in enumerate(
         (
@@ -398,42 +398,42 @@ def test_what_may_have_been_let_go_may_be_taken_again(tmp_path):
     [
         (
             {"robot_site": "grap"},
-            "captures.grasp.robot_site",
+            "grasps.grasp.robot_site",
             "unknown site of the robot 'grap' (did you mean 'robot/grip'?); allowed: robot/grip",
         ),
         (
             {"object_site": "knob"},
-            "captures.grasp.object_site",
+            "grasps.grasp.object_site",
             "unknown site of a floating object 'knob'; allowed: target/",
         ),
-        ({"robot_site": "handle"}, "captures.grasp.robot_site", "not a site of the robot: unknown site of the robot"),
-        ({"object_site": "grip"}, "captures.grasp.object_site", "not a site of a floating object"),
-        ({"when": {}}, "captures.grasp.when", "needs 'touch: [rule, ...]' or 'within"),
-        ({"when": {"touch": ["hand-target/target"], **BOUNDS}}, "captures.grasp.when", "one of the two"),
-        ({"when": {"within": {}}}, "captures.grasp.when.within", "needs one bound at least"),
-        ({"when": {"touch": ["hand"]}}, "captures.grasp.when.touch.0", "unknown contact rule or pair 'hand'"),
+        ({"robot_site": "handle"}, "grasps.grasp.robot_site", "not a site of the robot: unknown site of the robot"),
+        ({"object_site": "grip"}, "grasps.grasp.object_site", "not a site of a floating object"),
+        ({"when": {}}, "grasps.grasp.when", "needs 'touch: [rule, ...]' or 'within"),
+        ({"when": {"touch": ["hand-target/target"], **BOUNDS}}, "grasps.grasp.when", "one of the two"),
+        ({"when": {"within": {}}}, "grasps.grasp.when.within", "needs one bound at least"),
+        ({"when": {"touch": ["hand"]}}, "grasps.grasp.when.touch.0", "unknown contact rule or pair 'hand'"),
     ],
 )
 def test_what_is_wrong_with_a_capture_is_told_with_its_place(tmp_path, changes, place, what):
-    captures = {"grasp": {"robot_site": "grip", "object_site": "handle", "when": BOUNDS} | changes}
+    grasps = {"grasp": {"robot_site": "grip", "object_site": "handle", "when": BOUNDS} | changes}
     with pytest.raises(InputError) as error:
-        prepare(grasping(tmp_path, captures=captures))
+        prepare(grasping(tmp_path, grasps=grasps))
     (line,) = error.value.lines
     assert f": {place}: " in line
     assert what in line
 
 
-def test_what_a_phase_says_of_captures_is_checked(tmp_path):
+def test_what_a_phase_says_of_grasps_is_checked(tmp_path):
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grab"], "controller": OFF},
+        {"name": "meet", "until": "grasp", "arm": ["grab"], "controller": OFF},
         {"name": "rest", "until": "end", "release": ["grab"], "controller": OFF},
     ]
     with pytest.raises(InputError) as error:
         prepare(grasping(tmp_path / "unknown", phases=phases))
     places = [line.split(": ")[1] for line in error.value.lines]
     assert places == ["phases.0.arm.0", "phases.1.release.0"]
-    with pytest.raises(InputError, match="unknown end of a phase 'capture'"):
-        prepare(grasping(tmp_path / "none", captures={}, phases=[{**phases[0], "arm": []}, {**phases[1], "release": []}]))
+    with pytest.raises(InputError, match="unknown end of a phase 'grasp'"):
+        prepare(grasping(tmp_path / "none", grasps={}, phases=[{**phases[0], "arm": []}, {**phases[1], "release": []}]))
 
 
 def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
@@ -445,7 +445,7 @@ def test_a_phase_that_waits_for_a_capture_arms_one_or_a_law_may_have(tmp_path):
 
         start = control = telemetry = lambda *_: ()
 
-    wait = {"name": "wait", "until": "capture", "controller": OFF}
+    wait = {"name": "wait", "until": "grasp", "controller": OFF}
     with pytest.raises(InputError, match=r"phases\.0\.until: no grasp is armed, .*; write 'arm: \[grasp\]'"):
         prepare(grasping(tmp_path / "none", phases=[wait]))
     asked = {"name": "ask", "for_s": 0.1, "controller": {"kind": "arms"}}
@@ -483,7 +483,7 @@ def test_check_lists_what_is_disarmed_and_the_watch_leaves_it_out(tmp_path, capf
     assert ffsm_mj.run(path).unhandled_contacts == ()
 
 
-def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
+def test_check_says_which_grasp_no_phase_arms(tmp_path, capfd):
     class Arms:
         telemetry_signals = ()
 
@@ -493,11 +493,11 @@ def test_check_says_which_capture_no_phase_arms(tmp_path, capfd):
         start = control = telemetry = lambda *_: ()
 
     sites = {"robot_site": "grip", "object_site": "handle"}
-    captures = {"grasp": {**sites, "when": TOUCH}, "spare": {**sites, "when": NEAR}}
-    path = grasping(tmp_path / "scene", captures=captures)
+    grasps = {"grasp": {**sites, "when": TOUCH}, "spare": {**sites, "when": NEAR}}
+    path = grasping(tmp_path / "scene", grasps=grasps)
     assert main(["check", str(path)]) == 0
     told = [line for line in capfd.readouterr().out.splitlines() if "arms" in line]
-    assert told == ["note: no phase arms the capture 'spare', so it never closes; write 'arm: [spare]' in a phase"]
+    assert told == ["note: no phase arms the grasp 'spare', so it never closes; write 'arm: [spare]' in a phase"]
     asked = {"name": "ask", "until": "end", "controller": {"kind": "arms"}}
     lines = prepare(grasping(tmp_path / "asked", phases=[asked]), controllers={"arms": Arms}).describe()
     assert any("'grasp', so it never closes unless the control law of phase 'ask' requests it" in line for line in lines)
@@ -512,13 +512,13 @@ def test_the_log_of_a_run_with_captures(tmp_path, capfd):
     assert "columns agree with states" in capfd.readouterr().out
     again = ffsm_mj.run(out)
     np.testing.assert_array_equal(again.qpos, run.qpos)
-    (capture,) = run.records["capture_impulses"]
+    (capture,) = run.records["grasp_impulses"]
     for name, value in (
         ("loss_J", capture.loss_J * (1.0 + 1e-6)),
         ("impulse_N_s", tuple(x + 1e-7 for x in capture.impulse_N_s)),
         ("time_s", math.nextafter(capture.time_s, 2.0) + 1e-6),
     ):
-        records = {**run.log.records, "capture_impulses": (dataclasses.replace(capture, **{name: value}),)}
+        records = {**run.log.records, "grasp_impulses": (dataclasses.replace(capture, **{name: value}),)}
         assert not replay_log(dataclasses.replace(run.log, records=records)).agrees
 
 
@@ -526,34 +526,34 @@ def test_a_force_on_what_is_held_that_is_no_part_of_it_is_noticed(tmp_path):
     """The load of a row follows from its state and efforts: another number in the log is found."""
     run = ffsm_mj.run(grasping(tmp_path))
     rows = run.log.rows.copy()
-    rows[1000, run.log.header.layout.index["contact.capture_force_x_N"]] += 1e-7
+    rows[1000, run.log.header.layout.index["contact.grasp_force_x_N"]] += 1e-7
     assert not replay_log(dataclasses.replace(run.log, rows=rows)).agrees
 
 
 def test_a_scene_without_captures_has_nothing_of_them(tmp_path):
     run = ffsm_mj.run(
-        grasping(tmp_path, captures={}, phases=[{"name": "all", "until": "end", "controller": OFF}], duration_s=0.1)
+        grasping(tmp_path, grasps={}, phases=[{"name": "all", "until": "end", "controller": OFF}], duration_s=0.1)
     )
-    assert not any("capture" in key for key in run.keys)
-    assert "captures" not in run.summary()
-    assert "capture_impulses" not in run.records
+    assert not any("grasp" in key for key in run.keys)
+    assert "grasps" not in run.summary()
+    assert "grasp_impulses" not in run.records
 
 
 def test_the_case_study_catches_its_box():
     """Where it would have hit it, at the instant of the hit: the box in the plane has rank 3."""
     run = ffsm_mj.run("capture-planar", {"duration_s": 10.5})
     assert run.outcome == "completed", run.message
-    (capture,), (impact, *_) = run.records["capture_impulses"], run.impacts
+    (capture,), (impact, *_) = run.records["grasp_impulses"], run.impacts
     assert capture.time_s == impact.time_s == pytest.approx(7.769, abs=1e-3)
     assert capture.rank == 3
     outside_plane = (capture.impulse_N_s[2], *capture.angular_impulse_N_m_s[:2])
     assert outside_plane == pytest.approx((0.0, 0.0, 0.0), abs=1e-15)  # rounding of an impulse of 1 N s
     assert abs(capture.energy_change_J + capture.loss_J) <= 1e-14 * capture.energy_before_J["total"][0]
-    assert [phase.reason for phase in run.phases] == ["start", "capture", "time"]
+    assert [phase.reason for phase in run.phases] == ["start", "grasp", "time"]
     assert all(check.passes for check in all_checks(run)), [check for check in all_checks(run) if not check.passes]
     # Held by construction: the box is where it was in the hand.
     held = run.time > capture.time_s
-    assert np.ptp(run["contact.capture_grasp"][held]) == 0.0
+    assert np.ptp(run["contact.grasp_closed"][held]) == 0.0
 
 
 def test_an_object_that_outweighs_the_robot_is_held_by_scales_of_both(tmp_path):
@@ -564,7 +564,7 @@ def test_an_object_that_outweighs_the_robot_is_held_by_scales_of_both(tmp_path):
     heavy = TARGET.replace('mass="3"', 'mass="1e6"').replace('diaginertia="0.04 0.05 0.06"', f'diaginertia="{inertia}"')
     target.write_text(heavy)
     run = ffsm_mj.run(path)
-    assert run.captures
+    assert run.grasps
     laws = {(check.name, check.subsystem): check for check in all_checks(run)}
     assert all(law.passes for law in laws.values())
     robot, objects = (laws["energy", subsystem] for subsystem in ("robot", "objects"))

@@ -37,23 +37,23 @@ def states(run):
 
 def load_on(run, grasp):
     """Force and torque about its site on the object, and the site, (n, 3) each."""
-    start, ends = f"contact.capture_{grasp}_", ("force_{}_N", "torque_{}_N_m", "centre_{}_m")
+    start, ends = f"contact.grasp_{grasp}_", ("force_{}_N", "torque_{}_N_m", "centre_{}_m")
     return [np.column_stack([run[start + end.format(axis)] for axis in "xyz"]) for end in ends]
 
 
 def test_a_release_of_one_keeps_the_other(both):
     """The model is that of the other arm's grasp then, a tree again; energy, P and L are kept through the whole."""
     holds(both)
-    left, right = both.records["capture_impulses"]
+    left, right = both.records["grasp_impulses"]
     assert [(each.grasp, each.place, each.rank, each.mobility) for each in (left, right)] == [
         ("left", 1, 6, 14),  # 6 + 8 joints: the plate is a part of the robot
         ("right", 2, 6, 8),
     ]
-    assert [each.release_s for each in both.captures] == [pytest.approx(0.5, abs=1e-12), None]
+    assert [each.release_s for each in both.grasps] == [pytest.approx(0.5, abs=1e-12), None]
     after = both.time > 0.5
-    assert not both["contact.capture_left_closed"][after].any()
-    assert np.all(both["contact.capture_right_closed"][after] == 1.0)
-    assert np.all(both["contact.capture_right_closed"][~after][1:] == 2.0)
+    assert not both["contact.grasp_left_closed"][after].any()
+    assert np.all(both["contact.grasp_right_closed"][after] == 1.0)
+    assert np.all(both["contact.grasp_right_closed"][~after][1:] == 2.0)
     for each in (left, right):
         assert each.energy_change_J == pytest.approx(-each.loss_J, rel=1e-12)
         assert max(each.linear_momentum_change_N_s, each.angular_momentum_change_N_m_s) < 1e-14
@@ -68,19 +68,19 @@ def test_the_order_of_grasps_that_close_at_one_instant_does_not_matter(both, tmp
     other = ffsm_mj.run(holding(tmp_path, {"right": RIGHT, "left": LEFT}, phases))
     # Stage errors of order four at 2 ms, and rounding of 400 steps, are the same in both models to 1e-12.
     np.testing.assert_allclose(states(other), states(both), rtol=0, atol=1e-12)
-    losses = [sum(record.loss_J for record in run.records["capture_impulses"]) for run in (other, both)]
+    losses = [sum(record.loss_J for record in run.records["grasp_impulses"]) for run in (other, both)]
     assert losses[0] == pytest.approx(losses[1], rel=1e-13)
 
 
 def test_all_that_close_at_one_instant_do_so_before_what_the_first_leads_to(both, tmp_path):
     """The phase ends with the first capture, and the next one disarms the other grasp: it has closed by then."""
     phases = [
-        {"name": "take", "until": "capture", "arm": ["left", "right"], "controller": PD},
+        {"name": "take", "until": "grasp", "arm": ["left", "right"], "controller": PD},
         {"name": "hold", "for_s": 0.2, "controller": PD},
         {"name": "again", "until": "end", "arm": ["left"], "controller": PD},
     ]
     run = ffsm_mj.run(holding(tmp_path, phases=phases, duration_s=0.3))
-    assert [(each.grasp, each.time_s) for each in run.captures] == [("left", 0.0), ("right", 0.0)]
+    assert [(each.grasp, each.time_s) for each in run.grasps] == [("left", 0.0), ("right", 0.0)]
     assert not run.records["near_misses"]
     assert len(run.records["armings"]) == 2  # arming a closed grasp does nothing
     same = both.time < 0.2
@@ -93,15 +93,15 @@ def test_two_touches_at_one_instant_close_both(tmp_path):
     rigid = dict.fromkeys(JOINTS, 0.0)
     initial = {"joints": {"plate/free": [1.8, 0, 0, 1, 0, 0, 0], **rigid}, "rates": {"plate/free": [-0.3, 0, 0, 0, 0, 0]}}
     rules = {"rules": [{"between": [f"{side}_hand", "plate/plate"], "restitution": 0.5} for side in ("left", "right")]}
-    captures = {"left": LEFT | {"when": touch[0]}, "right": RIGHT | {"when": touch[1]}}
-    phases = [{"name": "meet", "until": "capture", "arm": ["left", "right"], "controller": OFF}]
+    grasps = {"left": LEFT | {"when": touch[0]}, "right": RIGHT | {"when": touch[1]}}
+    phases = [{"name": "meet", "until": "grasp", "arm": ["left", "right"], "controller": OFF}]
     phases += [{"name": "hold", "until": "end", "controller": OFF}]
     wide = plate().replace('size="0.1 0.25 0.05"', 'size="0.1 0.35 0.05"').replace('pos="0.03 0.02 0"', 'pos="0.03 0 0"')
     run = holds(
         ffsm_mj.run(
             holding(
                 tmp_path,
-                captures,
+                grasps,
                 phases,
                 {"plate": wide},
                 initial=initial,
@@ -110,8 +110,8 @@ def test_two_touches_at_one_instant_close_both(tmp_path):
             )
         )
     )
-    assert len({record.time_s for record in (*run.impacts, *run.records["capture_impulses"])}) == 1
-    assert sorted(each.grasp for each in run.captures) == ["left", "right"]
+    assert len({record.time_s for record in (*run.impacts, *run.records["grasp_impulses"])}) == 1
+    assert sorted(each.grasp for each in run.grasps) == ["left", "right"]
 
 
 def test_an_estimator_of_one_grasp_says_so(tmp_path):
@@ -189,7 +189,7 @@ def test_a_log_with_a_gap_and_a_saved_state_go_on_with_both_closed(both, tmp_pat
 
 def soft_and_hard():
     """A ball and a cylindrical latch, which rigid ones of the same sites replace, the first closed grasp last."""
-    captures = {
+    grasps = {
         "left": LEFT | {"joint": "ball"},
         "right": RIGHT | {"joint": "cylindrical", "axis": [0, 1, 0]},
         "hard": RIGHT,
@@ -201,28 +201,28 @@ def soft_and_hard():
         {"name": "all_hard", "for_s": 0.1, "arm": ["left_hard"], "controller": PD},
         leave("hard", until="end"),
     ]
-    return {"captures": captures, "phases": phases}, [(3, 17), (4, 13), (6, 11), (6, 8)]
+    return {"grasps": grasps, "phases": phases}, [(3, 17), (4, 13), (6, 11), (6, 8)]
 
 
 def three():
     """Two arms and a clamp of the base: the clamp leaves few motions to stop."""
-    captures = {"left": LEFT, "right": RIGHT, "clamp": CLAMP}
+    grasps = {"left": LEFT, "right": RIGHT, "clamp": CLAMP}
     phases = [
-        {"name": "hold", "for_s": 0.1, "arm": [*captures], "controller": PD},
+        {"name": "hold", "for_s": 0.1, "arm": [*grasps], "controller": PD},
         leave("right", for_s=0.1),
         leave("left", "clamp", until="end"),
     ]
-    return {"captures": captures, "phases": phases}, [(6, 14), (6, 8), (2, 6)]
+    return {"grasps": grasps, "phases": phases}, [(6, 14), (6, 8), (2, 6)]
 
 
 def two_objects():
     """One object for each arm, and the first one let go: the other becomes a child of its hand."""
-    captures = {"left": LEFT, "right": RIGHT | {"object_site": "box/b_right"}}
+    grasps = {"left": LEFT, "right": RIGHT | {"object_site": "box/b_right"}}
     joints = {"plate/free": POSE, "box/free": [1.5, -1.0, 0.2, 1, 0, 0, 0], **JOINTS}
-    phases = [{"name": "hold", "for_s": 0.2, "arm": [*captures], "controller": PD}, leave("left", until="end")]
+    phases = [{"name": "hold", "for_s": 0.2, "arm": [*grasps], "controller": PD}, leave("left", until="end")]
     box = plate("box").replace("to_", "b_")
     changes = {"objects": {"box": box}, "initial": {"joints": joints, "rates": RATES}, "phases": phases}
-    return changes | {"captures": captures}, [(6, 20), (6, 14)]
+    return changes | {"grasps": grasps}, [(6, 20), (6, 14)]
 
 
 MATE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="mate"><freejoint name="free"/>
@@ -234,17 +234,17 @@ MATE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="mate"><freejoi
 
 def two_robots():
     """The plate links the robot with another one, which takes it first and keeps it while the robot lets go and returns."""
-    captures = {"mate": CLAMP | {"robot_site": "mate_tip"}, "left": LEFT}
+    grasps = {"mate": CLAMP | {"robot_site": "mate_tip"}, "left": LEFT}
     joints = {"plate/free": POSE, "mate/free": [2.6, 0.1, 0, 1, 0, 0, 0], **JOINTS}
     rates = RATES | {"mate/free": [0.05, -0.1, 0.02, 0.1, 0.2, 0.05]}
     phases = [
-        {"name": "link", "for_s": 0.1, "arm": [*captures], "controller": PD},
+        {"name": "link", "for_s": 0.1, "arm": [*grasps], "controller": PD},
         leave("left", for_s=0.1),
         {"name": "again", "for_s": 0.1, "arm": ["left"], "controller": PD},
         leave("mate", until="end"),
     ]
     changes = {"objects": {"mate": MATE}, "initial": {"joints": joints, "rates": rates}, "phases": phases}
-    return changes | {"captures": captures}, [(6, 22), (6, 16), (6, 16)]
+    return changes | {"grasps": grasps}, [(6, 22), (6, 16), (6, 16)]
 
 
 @pytest.mark.parametrize("scenario", [soft_and_hard, three, two_objects, two_robots])
@@ -252,7 +252,7 @@ def test_chains(tmp_path, scenario):
     """Rank and mobility by counting, and every check through the whole of it."""
     changes, counted = scenario()
     run = holds(ffsm_mj.run(holding(tmp_path, duration_s=0.4, **changes)))
-    assert [(each.rank, each.mobility) for each in run.records["capture_impulses"]] == counted
+    assert [(each.rank, each.mobility) for each in run.records["grasp_impulses"]] == counted
 
 
 def test_a_planar_chain_has_loads_of_least_norm(tmp_path):
@@ -262,7 +262,7 @@ def test_a_planar_chain_has_loads_of_least_norm(tmp_path):
     rates = {"robot/free": [0.02, -0.01, 0, 0, 0, 0.06], "plate/free": [-0.05, 0.1, 0, 0, 0, 0.15], **flat}
     run = ffsm_mj.run(holding(tmp_path, axes=("0 0 1",) * 4, initial={"joints": place, "rates": rates}, duration_s=0.2))
     holds(run)
-    second = run.records["capture_impulses"][1]
+    second = run.records["grasp_impulses"][1]
     assert (second.rank, second.mobility) == (3, 11)  # 6 + 8 - 3
     force, torque, _ = load_on(run, "right")
     assert max(np.nanmax(np.abs(part)) for part in (force[:, 2], torque[:, :2])) < 1e-12
@@ -276,21 +276,21 @@ def test_a_load_limit_needs_a_load_that_is_determined(tmp_path):
     assert (opened.grasp, opened.reason) == ("right", "load_limit")
     assert opened.force_N >= 1.2
     flat = {"joints": {"plate/free": [1.35, 0.02, 0, 1, 0, 0, 0], **JOINTS}, "rates": {}}
-    captures = {"left": LEFT | limit, "right": RIGHT}
-    run = ffsm_mj.run(holding(tmp_path / "flat", captures, axes=("0 0 1",) * 4, initial=flat, duration_s=0.2))
+    grasps = {"left": LEFT | limit, "right": RIGHT}
+    run = ffsm_mj.run(holding(tmp_path / "flat", grasps, axes=("0 0 1",) * 4, initial=flat, duration_s=0.2))
     assert run.outcome == "unsupported_contact"
     assert "the load limit of grasp 'left' cannot be applied at t = 0 s: with left, right closed, the joints" in run.message
 
 
 def test_what_is_refused_by_name(tmp_path):
-    for k, (captures, words) in enumerate(
+    for k, (grasps, words) in enumerate(
         (
-            ({"a-b": LEFT, "a_b": RIGHT}, "captures.a_b: its columns would have the names of those of 'a-b'"),
-            ({"left": LEFT | {"robot_site": "to_right"}}, "captures.left.robot_site"),
+            ({"a-b": LEFT, "a_b": RIGHT}, "grasps.a_b: its columns would have the names of those of 'a-b'"),
+            ({"left": LEFT | {"robot_site": "to_right"}}, "grasps.left.robot_site"),
         )
     ):
         with pytest.raises(InputError) as error:
-            prepare(holding(tmp_path / str(k), captures))
+            prepare(holding(tmp_path / str(k), grasps))
         assert words in str(error.value)
 
 
@@ -306,7 +306,7 @@ def test_a_grasp_closes_and_another_opens_while_the_plate_is_pressed_on_a_wall(t
     At 5 ms the point that sticks drifts by 3e-12 m/s until then, which is no slip: its direction is rounding.
     """
     press = PD | {"kp": 4.0, "target": [-0.3, 0.1, 0.4, 0.1, 0.25, -0.2, -0.35, 0.2]}
-    captures = {"left": LEFT, "right": RIGHT}
+    grasps = {"left": LEFT, "right": RIGHT}
     phases = [
         {"name": "press", "for_s": 0.35, "arm": ["left"], "controller": press},
         {"name": "both", "for_s": 0.15, "arm": ["right"], "controller": press},
@@ -325,12 +325,12 @@ def test_a_grasp_closes_and_another_opens_while_the_plate_is_pressed_on_a_wall(t
             "joints": {"plate/free": [1.6, 0.03, -0.02, 1, 0, 0, 0], **JOINTS},
             "rates": {"plate/free": [0.3, 0.02, 0, 0, 0, 0], "robot/free": [0.25, 0, 0, 0, 0, 0]},
         },
-        captures=captures,
+        grasps=grasps,
         contacts={"rules": [{"between": ["plate/plate", "wall/wall"], "restitution": 0.0, **friction}]},
         phases=phases,
     )
     run = holds(ffsm_mj.run(path))
-    closes, opens = run.captures[1].time_s, run.captures[0].release_s
+    closes, opens = run.grasps[1].time_s, run.grasps[0].release_s
     pressed = [(each.start_s, each.end_s or run.time[-1]) for each in run.contacts]
     assert any(start < closes <= end for start, end in pressed)
     assert any(start < opens <= end + 1e-2 for start, end in pressed)

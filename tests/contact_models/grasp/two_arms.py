@@ -67,10 +67,10 @@ PD = {
 }
 
 
-def holding(folder, captures=None, phases=None, objects=None, axes=_AXES, spring=None, **changes):
+def holding(folder, grasps=None, phases=None, objects=None, axes=_AXES, spring=None, **changes):
     """Both arms hold a plate from the first instant on; the left one lets go after half a second."""
     folder.mkdir(exist_ok=True)
-    given = captures or {"left": LEFT, "right": RIGHT}
+    given = grasps or {"left": LEFT, "right": RIGHT}
     return scene(
         folder,
         robot(axes, spring),
@@ -80,7 +80,7 @@ def holding(folder, captures=None, phases=None, objects=None, axes=_AXES, spring
             "time_step_s": 2e-3,
             "control_period_s": 1e-2,
             "initial": {"joints": {"plate/free": POSE, **JOINTS}, "rates": RATES},
-            "captures": given,
+            "grasps": given,
             "phases": phases
             or [
                 {"name": "hold", "for_s": 0.5, "arm": [*given], "controller": PD},

@@ -26,7 +26,7 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.verification import friction_check
 from tests.contact_models import scenes as contact_model_scenes
-from tests.contact_models.grasp import scenes as captures
+from tests.contact_models.grasp import scenes as grasps
 from tests.contact_models.grasp.test_pressing import on_a_wall
 from tests.contact_models.impact.test_fixed import slab
 from tests.replays import assert_replayed
@@ -313,21 +313,21 @@ def test_a_capture_at_the_same_instant_comes_first(tmp_path):
     """A ball touches, e = 0, and is pushed on; a grasp makes both one rigid body before friction would have to persist."""
     grasp = {"robot_site": "robot/centre", "object_site": "target/centre", "when": {"touch": ["ball-target/target"]}}
     phases = [
-        {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": PUSH},
+        {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": PUSH},
         {"name": "hold", "until": "end", "controller": PUSH},
     ]
-    run = good(ffsm_mj.run(pressed(tmp_path, phases, captures={"grasp": grasp})))
+    run = good(ffsm_mj.run(pressed(tmp_path, phases, grasps={"grasp": grasp})))
     assert run.outcome == "completed"
-    (hit,), (caught,) = run.impacts, run.records["capture_impulses"]
+    (hit,), (caught,) = run.impacts, run.records["grasp_impulses"]
     assert hit.time_s == caught.time_s
-    missed = ffsm_mj.run(pressed(tmp_path, phases[1:], captures={"grasp": grasp}))
+    missed = ffsm_mj.run(pressed(tmp_path, phases[1:], grasps={"grasp": grasp}))
     assert missed.outcome == "completed"
     assert missed.contacts
 
 
 def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
     """A contact with friction that would persist is grasped at that instant; a log without the capture fails the replay."""
-    path = captures.grasping(
+    path = grasps.grasping(
         tmp_path,
         contacts={"rules": [{"between": ["hand", "target/target"], "restitution": 0.0, "mu": 0.01}]},
         duration_s=0.12,
@@ -339,13 +339,13 @@ def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
     run = good(ffsm_mj.run(path))
     (hit,), (caught,), (begin,), (end,) = (
         run.impacts,
-        run.captures,
+        run.grasps,
         *(run.records[kind] for kind in ("contact_beginnings", "contact_endings")),
     )
     assert hit.time_s == caught.time_s == begin.time_s == end.time_s
     assert begin.force_after_N > 0.0
     assert run.contacts == ()  # it lasted for no time; the replay needs its records
-    without = replace(run.log, records={**run.records, "capture_impulses": (), "contact_endings": ()})
+    without = replace(run.log, records={**run.records, "grasp_impulses": (), "contact_endings": ()})
     again = replay_log(without)
     assert not again.agrees
 
@@ -362,15 +362,15 @@ THROWN = {
 
 def test_a_grasped_object_is_hit(tmp_path):
     """The stone meets link and object as one body: momenta of all subsystems, and the path, with that mass."""
-    path = captures.grasping(
+    path = grasps.grasping(
         tmp_path,
-        others={"stone": captures.stone()},
+        others={"stone": grasps.stone()},
         contacts={"rules": RUBBING},
         initial=THROWN,
     )
     run = good(ffsm_mj.run(path))
     (hit,) = (hit for hit in run.impacts if hit.mu)
-    assert run.captures[0].time_s < hit.time_s < run.captures[0].release_s
+    assert run.grasps[0].time_s < hit.time_s < run.grasps[0].release_s
     assert hit.law == "stronge"
 
 
@@ -380,7 +380,7 @@ def test_a_grasped_object_is_pressed_on_a_rough_wall(tmp_path):
     path = on_a_wall(tmp_path, contacts={"rules": [{"between": ["ball", "target/target"], "restitution": 0.5}, pair]})
     run = good(ffsm_mj.run(path))
     assert run.outcome == "completed"
-    (held,) = run.captures
+    (held,) = run.grasps
     assert held.release_s is not None
     pressed_s = run.time[run["contact.late_force_N"] > 0.0]
     assert held.time_s < pressed_s[0] < held.release_s
@@ -424,33 +424,33 @@ IN_TOUCH = {
     "joints": {"target/free": [1.1, 0, 0, 1, 0, 0, 0], "stone/free": [1.3, 0, 0, 1, 0, 0, 0]},
     "rates": {"robot/free": [0.5, 0, 0, 0, 0, 0], "stone/free": [0, 0.1, 0, 0, 0, 3]},
 }
-MEET = {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}}
+MEET = {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": {"kind": "off"}}
 HOLD = {"name": "hold", "until": "impact", "controller": {"kind": "off"}}
 LEAVE = {"name": "leave", "until": "end", "release": ["grasp"], "controller": {"kind": "off"}}
 
 
 def test_an_impact_at_the_instant_of_a_release_acts_on_the_grasped_object(tmp_path):
-    path = captures.grasping(
+    path = grasps.grasping(
         tmp_path,
-        others={"stone": captures.stone()},
+        others={"stone": grasps.stone()},
         contacts={"rules": RUBBING},
         duration_s=1.1,
         initial=THROWN,
         phases=[MEET, HOLD, LEAVE],
     )
     run = good(ffsm_mj.run(path))
-    assert run.captures[0].release_s == run.impacts[1].time_s
-    (caught,) = run.records["capture_impulses"]
-    wrong = replace(run.log, records={**run.records, "capture_impulses": (replace(caught, robot_site="robot/no"),)})
+    assert run.grasps[0].release_s == run.impacts[1].time_s
+    (caught,) = run.records["grasp_impulses"]
+    wrong = replace(run.log, records={**run.records, "grasp_impulses": (replace(caught, robot_site="robot/no"),)})
     assert not replay_log(wrong).agrees
     assert all_checks(Run(wrong))  # a failed check, no exception
 
 
 def test_a_grasp_that_closes_in_contact_causes_an_impact(tmp_path):
     """The capture comes first; the impact at that same instant acts on link and object."""
-    path = captures.grasping(
+    path = grasps.grasping(
         tmp_path,
-        others={"stone": captures.stone()},
+        others={"stone": grasps.stone()},
         contacts={"rules": RUBBING},
         duration_s=0.1,
         initial=IN_TOUCH,
@@ -458,7 +458,7 @@ def test_a_grasp_that_closes_in_contact_causes_an_impact(tmp_path):
         phases=[MEET, {**HOLD, "until": "end"}],
     )
     run = good(ffsm_mj.run(path))
-    assert run.captures[0].time_s == run.impacts[0].time_s == 0.0
+    assert run.grasps[0].time_s == run.impacts[0].time_s == 0.0
 
 
 def refused(path, *overrides):

@@ -37,7 +37,7 @@ def test_an_arm_with_friction_catches_and_lets_go(tmp_path, robot):
     again = replay_log(made.log)
     assert again.agrees, again.worst
     assert is_rest_of(told(made), rest(path, {}, state))
-    caught, let_go = made.records["capture_impulses"][0], made.records["releases"][0]
+    caught, let_go = made.records["grasp_impulses"][0], made.records["releases"][0]
     assert any(caught.time_s < time_s < let_go.time_s for _, time_s, *_ in changes(made))
     assert np.all(np.diff(heat(made)) >= -1e-15)
     assert heat(made)[-1] > 1e-3

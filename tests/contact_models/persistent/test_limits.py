@@ -217,7 +217,7 @@ def test_a_panel_of_a_grasped_target_stops_at_its_limit(tmp_path):
     """In the coordinates of the motion with the grasp; hits before, while it is held, and after."""
     path = held_panel(tmp_path)
     run = ffsm_mj.run(path, {"initial.rates.panel": 1.0, "joint_limits": {"panel": {"restitution": 0.7}}})
-    (caught,), (left,) = run.records["capture_impulses"], run.records["releases"]
+    (caught,), (left,) = run.records["grasp_impulses"], run.records["releases"]
     times = [hit.time_s for hit in run.records["limit_impacts"]]
     assert any(caught.time_s < time < left.time_s for time in times)
     passes_everything(run)
@@ -238,7 +238,7 @@ def test_a_limit_in_the_same_step_as_a_capture(tmp_path, late_s):
     free = tmp_path / "free"
     free.mkdir()
     run = ffsm_mj.run(grasping(free))
-    (caught,) = run.records["capture_impulses"]
+    (caught,) = run.records["grasp_impulses"]
     at = dict(zip(run.log.header.layout.keys, run.log.rows[int(caught.time_s / 1e-3)], strict=True))
     rate = at["state.v_robot_shoulder_rad_s"]
     angle = at["state.q_robot_shoulder_rad"] + rate * (caught.time_s % 1e-3 + late_s)
@@ -247,7 +247,7 @@ def test_a_limit_in_the_same_step_as_a_capture(tmp_path, late_s):
     stopped = ffsm_mj.run(grasping(tmp_path / "stopped", robot=robot))
     hits = stopped.records["limit_impacts"]
     assert any(abs(hit.time_s - caught.time_s) < 1e-3 for hit in hits)
-    assert stopped.records["capture_impulses"]
+    assert stopped.records["grasp_impulses"]
     passes_everything(stopped)
 
 

@@ -172,5 +172,5 @@ def test_a_finger_and_what_is_held_share_a_wall(tmp_path):
     run = holds(ffsm_mj.run(path))
     rows = pressed(run)
     motor = run["actuators.robot_push_x_applied_N"][rows]
-    for what in ("late", "own", "capture"):
+    for what in ("late", "own", "grasp"):
         np.testing.assert_allclose(along(run, what, rows), [[0.5 * force, 0.0, 0.0] for force in motor], atol=1e-13)

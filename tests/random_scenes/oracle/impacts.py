@@ -18,7 +18,7 @@ on a heavy base."""
 
 
 def impact_differences(scene: LoggedScene) -> Iterator[str]:
-    """What is wrong with impacts, captures and releases."""
+    """What is wrong with impacts, grasps and releases."""
     for hits in scene.hits:
         state = scene.before(hits[0])
         yield from _jump(scene, state, hits)
@@ -26,7 +26,7 @@ def impact_differences(scene: LoggedScene) -> Iterator[str]:
             yield from _speeds(scene, state, hit)
         if len(hits) == 1 and not scene.grasps_change(hits[0].time_s):
             yield from _law(scene, state, hits[0])
-    for record in scene.run.records.get("capture_impulses", ()):
+    for record in scene.run.records.get("grasp_impulses", ()):
         yield from _capture(scene, scene.before(record), record)
 
 
@@ -61,7 +61,7 @@ def _jump(scene: LoggedScene, state: State, hits: list[Any]) -> Iterator[str]:
         given, size = given + push, size + float(np.linalg.norm(push))
     names = scene.closed(hits[0].time_s)
     # A grasp that closes at this time did so before the impact if nothing moves it any more.
-    closing = [r.grasp for r in scene.run.records.get("capture_impulses", ()) if r.time_s == hits[0].time_s]
+    closing = [r.grasp for r in scene.run.records.get("grasp_impulses", ()) if r.time_s == hits[0].time_s]
     names += [each for each in closing if np.abs(scene.latch_rows(state, each) @ state.v).max() < 1e-9 * (1.0 + size)]
     rows = latches(scene, state, names)
     rest, scale = M @ (after - state.v) - given, size + float(np.linalg.norm(M @ state.v))
@@ -225,7 +225,7 @@ def _path(B: Array, u: Array, mu: float, e: float) -> tuple[Array, Array] | None
 def _capture(scene: LoggedScene, state: State, record: Any) -> Iterator[str]:
     """The latch stops its components; impulses act on the rows of closed grasps alone, with no momentum of their own."""
     M, after = state.mass_matrix(), scene.bodies.rates(record.qvel_after)
-    same = [r.grasp for r in scene.run.records["capture_impulses"] if r.time_s == record.time_s and r.event <= record.event]
+    same = [r.grasp for r in scene.run.records["grasp_impulses"] if r.time_s == record.time_s and r.event <= record.event]
     names = [name for name in scene.closed(record.time_s) if name != record.replaces]
     rows = latches(scene, state, list(dict.fromkeys([*names, *same])))
     scale = float(np.linalg.norm(M @ state.v))

@@ -127,14 +127,12 @@ class LoggedScene:
 
     def grasps_change(self, time_s: float) -> bool:
         """Whether a grasp closes or opens at a time."""
-        kinds = ("capture_impulses", "releases")
+        kinds = ("grasp_impulses", "releases")
         return any(record.time_s == time_s for kind in kinds for record in self.run.records.get(kind, ()))
 
     def closed(self, time_s: float, *, after: bool = False) -> list[str]:
         """Grasps that are closed just before a time, or after all that happens at it."""
-        changes = [
-            (r.time_s, r.event, r) for kind in ("capture_impulses", "releases") for r in self.run.records.get(kind, ())
-        ]
+        changes = [(r.time_s, r.event, r) for kind in ("grasp_impulses", "releases") for r in self.run.records.get(kind, ())]
         closed: list[str] = []
         for at, _, record in sorted(changes, key=lambda change: change[:2]):
             if at > time_s or (at == time_s and not after):
@@ -147,7 +145,7 @@ class LoggedScene:
 
     def latch_rows(self, state: State, grasp: str) -> Array:
         """(n, nv) Relative velocities at the object's site that a closed grasp stops."""
-        said = self.said["captures"][grasp]
+        said = self.said["grasps"][grasp]
         robot = self.bodies.sites[f"robot/{said['robot_site']}"]
         thing = self.bodies.sites[said["object_site"]]
         point = state.place(thing)[0]

@@ -66,8 +66,8 @@ def test_the_load_of_every_latch(tmp_path, joint):
         "joint": joint,
         **axis,
     }
-    found = independent(holding(tmp_path, captures={"grasp": grasp}))
-    for name in ("grasp load", "capture twist", "capture impulse"):
+    found = independent(holding(tmp_path, grasps={"grasp": grasp}))
+    for name in ("grasp load", "grasp twist", "grasp impulse"):
         assert found[name].residual < 1e-3 * found[name].tolerance
 
 
@@ -76,8 +76,8 @@ def test_the_load_of_every_latch(tmp_path, joint):
     [
         ("sliding", "balance.friction_heat_J", np.negative, "heat of friction"),
         ("sliding", "balance.friction_heat_J", lambda heat: heat * (1.0 + 1e-6), "heat of friction"),
-        ("holding", "contact.capture_force_y_N", lambda force: force * (1.0 + 1e-6), "grasp load"),
-        ("holding", "contact.capture_torque_y_N_m", lambda torque: np.roll(torque, 1), "grasp load"),
+        ("holding", "contact.grasp_force_y_N", lambda force: force * (1.0 + 1e-6), "grasp load"),
+        ("holding", "contact.grasp_torque_y_N_m", lambda torque: np.roll(torque, 1), "grasp load"),
         ("measuring", "sensor.robot_gyro_true_x_rad_s", lambda rate: rate + 1e-6, "sensor values"),
         ("measuring", "sensor.robot_acc_true_x_m_s2", lambda rate: rate + 1e-6, "sensor values"),
         ("measuring", "sensor.robot_gyro_x_rad_s", lambda rate: rate + 1e-9, "sensor noise"),
@@ -91,20 +91,20 @@ def test_a_changed_column_fails_its_check(runs, scene, key, change, name):
 @pytest.mark.parametrize(
     ("field", "change", "name"),
     [
-        ("impulse_N_s", 1e-6, "capture impulse"),
-        ("angular_impulse_N_m_s", 1e-6, "capture impulse"),
-        ("qvel_after", 1e-6, "capture twist"),
+        ("impulse_N_s", 1e-6, "grasp impulse"),
+        ("angular_impulse_N_m_s", 1e-6, "grasp impulse"),
+        ("qvel_after", 1e-6, "grasp twist"),
     ],
 )
 def test_a_changed_capture_fails_its_check(runs, field, change, name):
     log = runs["holding"].log
-    (record,) = log.records["capture_impulses"]
+    (record,) = log.records["grasp_impulses"]
     value = getattr(record, field)
     if field == "qvel_after":
         value = value | {"robot/elbow": (value["robot/elbow"][0] + change,)}
     else:
         value = (value[0] + change, *value[1:])
-    records = log.records | {"capture_impulses": (replace(record, **{field: value}),)}
+    records = log.records | {"grasp_impulses": (replace(record, **{field: value}),)}
     assert name in failing(ffsm_mj.Run(replace(log, records=records)))
 
 
@@ -132,7 +132,7 @@ def test_a_run_that_goes_on_from_another(tmp_path, make, changes, at_s, names):
 def test_what_a_log_lacks_is_left_out(runs):
     """Without a column of the state no model can be put to it; rows that are missing leave what acted between them open."""
     log = runs["holding"].log
-    for gone in ("state.q_robot_elbow_rad", "contact.capture_force_x_N"):
+    for gone in ("state.q_robot_elbow_rad", "contact.grasp_force_x_N"):
         layout = log.header.layout
         keep = [i for i, key in enumerate(layout.keys) if key != gone]
         header = replace(log.header, layout=replace(layout, signals=tuple(layout.signals[i] for i in keep)))

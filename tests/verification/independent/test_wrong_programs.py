@@ -113,4 +113,4 @@ def test_an_impulse_beside_the_site(tmp_path, monkeypatch, joint):
         "joint": joint,
         **axis,
     }
-    assert "capture impulse" in caught(holding(tmp_path, captures={"grasp": grasp}))
+    assert "grasp impulse" in caught(holding(tmp_path, grasps={"grasp": grasp}))

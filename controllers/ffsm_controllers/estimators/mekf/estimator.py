@@ -168,12 +168,12 @@ class Mekf(Stateful):
         Raises:
             ControllerError: A grasp closes while another is closed.
         """
-        kind = {kind_named(name).record: name for name in ("capture", "release")}.get(type(event), "")
-        if kind == "capture" and event.place > 1:
+        kind = {kind_named(name).record: name for name in ("grasp", "release")}.get(type(event), "")
+        if kind == "grasp" and event.place > 1:
             raise ControllerError(f"the grasp {event.grasp!r} closes while another is closed: kind mekf knows one at a time")
-        if kind == "capture" and event.grasp in self._closings:
+        if kind == "grasp" and event.grasp in self._closings:
             held = np.array(event.held_position_m), np.array(event.held_quaternion)
-            return Entry(event.time_s, _JUMP, "capture", (event.grasp,), held)
+            return Entry(event.time_s, _JUMP, "grasp", (event.grasp,), held)
         if kind == "release":
             return Entry(event.time_s, _JUMP, "release", (event.grasp,))
         if is_jump(event):
@@ -190,7 +190,7 @@ class Mekf(Stateful):
                 write_joint(belief, next(each for each in self._joints if each.sensor == names[0]), *values)
             case "given":
                 self._begin_anew(belief, self._layout.named(names[0]), *values)
-            case "capture":
+            case "grasp":
                 self._closings[names[0]].apply(belief, Held(names[0], *values))
             case "release":
                 _release(belief, names[0])

@@ -116,7 +116,7 @@ def test_a_ball_that_a_hinge_rolls_in_place_is_no_paradox(tmp_path):
         {"box": box},
         initial={"joints": {"box/free": [0, 0.07, 0, 1, 0, 0, 0]}, "rates": {"box/free": [0, 0, 0.005, 0.1, 0.1, 0]}},
         contacts={"rules": [{"between": ["pad", "box/box"], "restitution": 0, "mu": 0.3}]},
-        captures={"c": hinge | {"when": {"within": {"position_m": 0.01}}}},
+        grasps={"c": hinge | {"when": {"within": {"position_m": 0.01}}}},
         phases=[{"name": "hold", "until": "end", "arm": ["c"], "controller": {"kind": "off"}}],
     )
     run = ffsm_mj.run(path)

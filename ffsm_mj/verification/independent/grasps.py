@@ -12,12 +12,12 @@ from ffsm_mj.tolerances import RANK
 from ffsm_mj.verification.independent.finding import Array, Finding, Worst
 from ffsm_mj.verification.independent.logged_rows import LoggedRows
 from ffsm_mj.verification.independent.scene import Latched, LoggedScene
-from ffsm_mj.verification.independent.tolerances import CAPTURE_IMPULSE, CAPTURE_TWIST
+from ffsm_mj.verification.independent.tolerances import GRASP_IMPULSE, GRASP_TWIST
 
 
-def captures(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
-    """Worst residuals of the captures of a log."""
-    twist, impulse = Worst(CAPTURE_TWIST), Worst(CAPTURE_IMPULSE)
+def grasps(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
+    """Worst residuals of the grasps of a log."""
+    twist, impulse = Worst(GRASP_TWIST), Worst(GRASP_IMPULSE)
     if not rows.is_whole:
         return []
     events: list[Any] = scene.log.events()
@@ -25,7 +25,7 @@ def captures(scene: LoggedScene, rows: LoggedRows) -> list[Finding]:
     for record in events:
         if hasattr(record, "replaces"):
             closed = [name for name in closed if name != record.replaces]
-            _capture(scene, record, [scene.grasps[name] for name in closed if name in scene.grasps], twist, impulse)
+            _grasp(scene, record, [scene.grasps[name] for name in closed if name in scene.grasps], twist, impulse)
             closed.append(record.grasp)
         elif hasattr(record, "reason") and hasattr(record, "grasp"):
             closed = [name for name in closed if name != record.grasp]
@@ -40,8 +40,8 @@ def _closed_at_start(scene: LoggedScene, rows: LoggedRows, events: Sequence[Any]
     return [grasp.name for grasp in scene.closed_in(rows.kept[0]) if grasp.name not in at_once]
 
 
-def _capture(scene: LoggedScene, record: Any, others: Sequence[Latched], twist: Worst, impulse: Worst) -> None:
-    """Compare one capture."""
+def _grasp(scene: LoggedScene, record: Any, others: Sequence[Latched], twist: Worst, impulse: Worst) -> None:
+    """Compare one grasp."""
     grasp, before, after = scene.grasps[record.grasp], scene.rates(record.qvel_before), scene.rates(record.qvel_after)
     scene.put(record.qpos, before)
     rows = scene.latch_rows(grasp)

@@ -55,7 +55,7 @@ _TUMBLE = np.radians(3.5)
 _APPROACH = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, _TUMBLE)
 
 
-def _captured(pair: Pair, rates: tuple[float, ...], joint: str, axis: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Run:
+def _grasped(pair: Pair, rates: tuple[float, ...], joint: str, axis: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Run:
     """Run in which a grasp closes at the start; ``axis``: of its latch, if it has one."""
 
     def body(name: str, i: int, site: str) -> str:
@@ -78,9 +78,9 @@ def _captured(pair: Pair, rates: tuple[float, ...], joint: str, axis: tuple[floa
         body("servicer", 0, "grip"),
         {"target": body("target", 1, "handle")},
         initial={"rates": {"robot/free": list(rates[:6]), "target/free": list(rates[6:])}},
-        captures={"grasp": grasp},
+        grasps={"grasp": grasp},
         phases=[
-            {"name": "close", "until": "capture", "arm": ["grasp"], "controller": off},
+            {"name": "close", "until": "grasp", "arm": ["grasp"], "controller": off},
             {"name": "hold", "until": "end", "controller": off},
         ],
         **times(1e-3, 0.01),
@@ -90,16 +90,16 @@ def _captured(pair: Pair, rates: tuple[float, ...], joint: str, axis: tuple[floa
 def _latches() -> Values:
     values = {}
     for joint in _LATCHES:
-        run = _captured(_SATELLITES, _RATES, joint)
-        (impulse,) = run.records["capture_impulses"]
+        run = _grasped(_SATELLITES, _RATES, joint)
+        (impulse,) = run.records["grasp_impulses"]
         values[joint] = impulse.loss_J
         values[f"energy_{joint}"] = float(run["energy.total_J"][0] - run["energy.total_J"][-1])
     return values
 
 
 def _mission() -> Values:
-    run = _captured(_SERVICER, _APPROACH, "rigid")
-    (impulse,) = run.records["capture_impulses"]
+    run = _grasped(_SERVICER, _APPROACH, "rigid")
+    (impulse,) = run.records["grasp_impulses"]
     return {
         "loss": impulse.loss_J,
         "spin": float(final(run, "v_robot_free")[5]),
@@ -113,17 +113,17 @@ _RODS = Pair(
 
 
 def _hinged() -> Values:
-    run = _captured(_RODS, (0.0, 1.0, *[0.0] * 10), "hinge", (0.0, 0.0, 1.0))
-    (capture,) = run.records["capture_impulses"]
-    first, second = (np.array(capture.qvel_after[f"{name}/free"]) for name in ("robot", "target"))
+    run = _grasped(_RODS, (0.0, 1.0, *[0.0] * 10), "hinge", (0.0, 0.0, 1.0))
+    (grasp,) = run.records["grasp_impulses"]
+    first, second = (np.array(grasp.qvel_after[f"{name}/free"]) for name in ("robot", "target"))
     return {
-        "impulse": float(capture.impulse_N_s[1]),
+        "impulse": float(grasp.impulse_N_s[1]),
         "first": float(first[1]),
         "second": float(second[1]),
         "first_spin": float(first[5]),
         "second_spin": float(second[5]),
-        "loss": capture.loss_J,
-        "rank": float(capture.rank),
+        "loss": grasp.loss_J,
+        "rank": float(grasp.rank),
     }
 
 
@@ -146,7 +146,7 @@ CASES = (
     ValidationCase(
         "latches",
         "Two satellites are latched, with and without freedom",
-        Topic.CAPTURES,
+        Topic.GRASPS,
         Origin.CLOSED_FORM,
         "Loss u^T (J M^-1 J^T)^-1 u / 2 over the stopped components of the relative twist; Brogliato, Nonsmooth"
         " Mechanics, 5",
@@ -165,7 +165,7 @@ CASES = (
     ValidationCase(
         "hinge-closes",
         "Two rods are joined end to end by a hinge",
-        Topic.CAPTURES,
+        Topic.GRASPS,
         Origin.CLOSED_FORM,
         "Impulse u / (2 (1/m + b^2 / I)) at the hinge; energy lost u^2 / (4 (1/m + b^2 / I))",
         "Rods of 1 kg and 0.1 kg m^2 along x, ends 0.5 m from their centres; one moves across at 1 m/s, a hinge about z"
@@ -187,7 +187,7 @@ CASES = (
     ValidationCase(
         "mission-capture",
         "A servicer of DEOS's size captures a body of Envisat's",
-        Topic.CAPTURES,
+        Topic.GRASPS,
         Origin.CLOSED_FORM,
         "Plastic impulse as above; masses: DEOS base 696.2 kg and arm 7 x 3.3 kg (SpaceDyn v2r1), Envisat 7828 kg,"
         " diag(17023, 124826, 129112) kg m^2, 3.5 deg/s; inertia of the servicer and places of the grasp are assumed",

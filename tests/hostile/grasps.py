@@ -1,4 +1,4 @@
-"""A series of its own of captures: mutated grasps and phases, and mutated logs of a run that took hold and let go."""
+"""A series of its own of grasps: mutated grasps and phases, and mutated logs of a run that took hold and let go."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from tests.hostile.documents import Map, text, tree_of
 from tests.hostile.log_mutations import log, mutate_log, records, values_of
 from tests.hostile.yaml_mutations import mutate_tree, mutate_within, scale_numbers
 
-CAPTURES = 18
+GRASPS = 18
 """The seed of the series."""
 
-_WORDS = ("grasp", "other", "capture", "release", "end", "robot", "target", "target/handle", "grip", "handle", "hand", "")
+_WORDS = ("grasp", "other", "grasp", "release", "end", "robot", "target", "target/handle", "grip", "handle", "hand", "")
 _KEYS = (*_WORDS[:5], "within", "touch", "arm", "release", "when", "joint", "axis", "load_limit", "force_N")
 _LATCHES: tuple[dict[str, Any], ...] = (
     {},
@@ -40,9 +40,9 @@ def scenario(when: dict[str, Any], latch: dict[str, Any] | None = None) -> Map:
                 "rates": {"target/free": [-0.3, 0, 0, 0.4, -0.2, 0.3], "shoulder": 0.1},
             },
             "contacts": {"rules": [{"between": ["hand", "target/target"], "restitution": 0.5}]},
-            "captures": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when, **(latch or {})}},
+            "grasps": {"grasp": {"robot_site": "grip", "object_site": "handle", "when": when, **(latch or {})}},
             "phases": [
-                {"name": "meet", "until": "capture", "arm": ["grasp"], "controller": {"kind": "off"}},
+                {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": {"kind": "off"}},
                 {"name": "hold", "for_s": 0.02, "controller": _HOLD},
                 {"name": "leave", "until": "end", "release": ["grasp"], "controller": {"kind": "off"}},
             ],
@@ -52,33 +52,33 @@ def scenario(when: dict[str, Any], latch: dict[str, Any] | None = None) -> Map:
 
 def drawn(number: int, data: bytes) -> Case:
     """A case of the series; a log of a capture is there to be mutated."""
-    rng = Random(f"{CAPTURES}:{number}")
+    rng = Random(f"{GRASPS}:{number}")
     return _scenario_case(rng) if rng.random() < 0.75 else _log_case(rng, data)
 
 
 def _scenario_case(rng: Random) -> Case:
     tree = scenario(rng.choice((TOUCH, BOUNDS)), rng.choice(_LATCHES))
     for _ in range(rng.choice((0, 1, 1, 2))):
-        mutate_within(rng, tree, ("captures", "phases"), _WORDS, _KEYS)
+        mutate_within(rng, tree, ("grasps", "phases"), _WORDS, _KEYS)
     if rng.random() < 0.6:
         scale_numbers(rng, tree)
     if rng.random() < 0.2:
         mutate_tree(rng, tree)
     written = text(tree).encode("utf-8", "surrogatepass")
     files = {"scenario.yaml": written, "robot.xml": ARM.encode(), "object.xml": TARGET.encode()}
-    return Case("capture", files, commands(rng, "scenario.yaml"))
+    return Case("grasp", files, commands(rng, "scenario.yaml"))
 
 
 def _log_case(rng: Random, data: bytes) -> Case:
-    """Half of them change what the log says of captures: their records, and the columns that say who holds."""
+    """Half of them change what the log says of grasps: their records, and the columns that say who holds."""
     if rng.random() < 0.5:
         found = records(data)
         for _ in range(rng.choice((1, 2, 4))):
-            values_of(rng, found, "/ffsm/capture", "/ffsm/release", "/ffsm/sample", "/ffsm/phase")
+            values_of(rng, found, "/ffsm/grasp", "/ffsm/release", "/ffsm/sample", "/ffsm/phase")
         data = log(found)
     else:
         data = mutate_log(rng, data)
-    tables = ("samples", "captures", "capture_impulses", "releases", "near_misses")
+    tables = ("samples", "grasps", "grasp_impulses", "releases", "near_misses")
     command = rng.choice((("analyze", "run.mcap"), ("analyze", "run.mcap", "--json"), ("export", "run.mcap", "--csv")))
     if command[0] == "export":
         command = (*command, "--table", rng.choice(tables))
