@@ -40,9 +40,8 @@ from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.log.mcap.sink import McapSink
-from ffsm_mj.log.partial_file import PartialFile
 from ffsm_mj.log.recorder import BLOCK_ROWS
-from ffsm_mj.log.run_folder import RunFolder
+from ffsm_mj.log.run_folder import PartialFile, RunFolder
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay import replay_log
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
@@ -120,7 +119,7 @@ def writing() -> float:
     """The baseline's rows into a log file, and nothing else: samples and viewer topics."""
     log = logged()
     with tempfile.TemporaryDirectory() as folder:
-        take = partial(PartialFile.begun, Path(folder) / "run.mcap")
+        take = PartialFile(Path(folder) / "run.mcap").begin
         sink = McapSink(take, BASELINE.system, BASELINE.scenario.log.view_rate_hz)
         start = time.process_time()
         sink.open(log.header)

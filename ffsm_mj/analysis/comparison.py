@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.earlier_run import BEFORE
+from ffsm_mj.log.run_folder import BEFORE
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import RecordKind, kinds_of

@@ -10,7 +10,8 @@ import numpy as np
 from ffsm_mj.analysis.contact_intervals import ContactIntervals, contact_records
 from ffsm_mj.analysis.grasp_intervals import GraspIntervals, grasp_records
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.log.recorder import Sink
+from ffsm_mj.records.events import Event
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.records.run_log import RunLog
@@ -51,8 +52,8 @@ class TipDigest:
         self.last_m, self.last_m_s = float(error[-1]), math.hypot(*block[-1, rate][self.task.axes])
 
 
-class Digest:
-    """Digest of one run, independent of the division of its rows into blocks.
+class Digest(Sink):
+    """Digest of one run, from :meth:`open` on; independent of the division of its rows into blocks.
 
     Attributes:
         check_accumulator: Residuals of the checks.
@@ -64,7 +65,7 @@ class Digest:
         end_s: Time of the last row, 0 without any.
     """
 
-    def __init__(self, header: RunHeader) -> None:
+    def open(self, header: RunHeader) -> None:
         """Start without rows."""
         self._layout = header.layout
         self.check_accumulator = CheckAccumulator(header.layout, header.metadata)
@@ -84,10 +85,17 @@ class Digest:
         if self.tip is not None:
             self.tip.rows(block, self._layout)
 
+    def event(self, event: Event) -> None:
+        """Process records of impacts, contacts and grasps; all other events are few and kept in the log."""
+        self.kept.event(event)
+        self.contacts.event(event)
+        self.grasps.event(event)
+
 
 def digest(log: RunLog) -> Digest:
     """Digest the rows of a log."""
-    found = Digest(log.header)
+    found = Digest()
+    found.open(log.header)
     for record in contact_records(log):
         found.contacts.event(record)
     for held in grasp_records(log):
@@ -97,33 +105,3 @@ def digest(log: RunLog) -> Digest:
         found.rows(block)
     found.kept.finish()
     return found
-
-
-class DigestSink:
-    """Sink that digests a run during the simulation.
-
-    Attributes:
-        digest: The digest; exists once the run is open.
-    """
-
-    digest: Digest
-
-    def open(self, header: RunHeader) -> None:
-        """Begin a run."""
-        self.digest = Digest(header)
-
-    def rows(self, block: FloatArray) -> None:
-        """Digest a block."""
-        self.digest.rows(block)
-
-    def event(self, event: Event) -> None:
-        """Process records of impacts, contacts and grasps; all other events are few and kept in the log."""
-        self.digest.kept.event(event)
-        self.digest.contacts.event(event)
-        self.digest.grasps.event(event)
-
-    def flush(self) -> None:
-        """Do nothing: a digest in memory does not survive a kill."""
-
-    def close(self, outcome: OutcomeRecord | None) -> None:
-        """Do nothing."""

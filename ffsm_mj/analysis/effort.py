@@ -12,10 +12,11 @@ import numpy as np
 from ffsm_mj.analysis.base_rotation import BaseRotation
 from ffsm_mj.analysis.momentum_exchange import MomentumExchange
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.log.recorder import Sink
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.records.events import Event
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.signals import coordinate_keys, identifier, rate_keys
 
@@ -30,7 +31,7 @@ SUMMED = ("integral_u2", "work_J")
 """Those whose value of several actuators is a sum; of the others it is the greatest."""
 
 
-class Effort:
+class Effort(Sink):
     """Accumulates the effort statistics. An effort is held from one row to the next, so sums over rows are integrals.
 
     That of a servo varies between two rows: its numbers are those of the force at the rows, held to the next. The work of an
@@ -120,12 +121,6 @@ class Effort:
     def event(self, event: Event) -> None:
         """Note what is grasped; efforts are in the rows."""
         self.momentum_exchange.event(event)
-
-    def flush(self) -> None:
-        """Do nothing: data in memory does not survive a kill."""
-
-    def close(self, outcome: OutcomeRecord | None) -> None:
-        """Do nothing."""
 
     def summary(self) -> dict[str, Any]:
         """``effort``, ``base_rotation`` and ``angular_momentum`` of ``summary.json``; None for what is not finite."""

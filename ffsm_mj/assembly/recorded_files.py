@@ -10,9 +10,9 @@ from typing import Any
 
 from ffsm_mj.config import RecordedInput, StrictModel
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.log.earlier_run import RECORDED
 from ffsm_mj.log.mcap.format import is_plain
 from ffsm_mj.log.recorded_files import RecordedFile, read_recorded
+from ffsm_mj.log.run_folder import RECORDED
 from ffsm_mj.records.recorded_table import RecordedTable
 from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj._core import BUILT
-from ffsm_mj.analysis.digest import DigestSink
+from ffsm_mj.analysis.digest import Digest
 from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.model_results import ModelResults
 from ffsm_mj.analysis.run import Run
@@ -27,8 +27,8 @@ from ffsm_mj.assembly.source_date import source_date
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.mcap.reader import stored_rows
-from ffsm_mj.log.memory_sink import MemorySink
-from ffsm_mj.log.recorder import BLOCK_ROWS, Recorder, Sink
+from ffsm_mj.log.mcap.sink import file_sinks
+from ffsm_mj.log.recorder import BLOCK_ROWS, MemorySink, Recorder, Sink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, OutcomeRecord
@@ -93,10 +93,11 @@ class Recording:
         self._folder, self._layout, self._effort = folder, layout, Effort(system)
         self._compiled = partial(_models, config, system, assembly.recorded)
         self._header = _header(assembly, start_s, is_whole=columns is None)
-        self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), DigestSink()
+        self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), Digest()
         sinks: list[Sink] = [self._memory, self._digested, self._effort, *watchers]
         if folder is not None:
-            sinks += folder.sinks(self._header, system, with_rerun=with_rerun, view_rate_hz=config.log.view_rate_hz)
+            rate_hz = config.log.view_rate_hz
+            sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
         if live is not None:
             from ffsm_mj.log.rerun.live import LiveSink  # takes a second to import
 
@@ -143,7 +144,7 @@ class Recording:
 
     def run(self) -> Run:
         """The run, when the log is closed; writes the summary into its folder."""
-        path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested.digest
+        path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested
         log = self._memory.log(stored_rows(path, self._layout) if path is not None else None)
         finished = Run(log, path, digest, ModelResults(log, self._compiled, self._effort))
         if self._folder is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ffsm_mj.assembly.recorded_files import RecordedFiles
-from ffsm_mj.log.earlier_run import BEFORE
+from ffsm_mj.log.run_folder import BEFORE
 from ffsm_mj.model.files import logged_name, stored_with
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig

@@ -24,7 +24,7 @@ from ffsm_mj.assembly.step import SimulatorError, SimulatorState, Step
 from ffsm_mj.assembly.step_interrupts import StepInterrupts
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.event_tap import EventTap
+from ffsm_mj.log.recorder import EventTap
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_clock import stopped_clock
 from ffsm_mj.model.mujoco_warnings import collecting, collectors, handled_warnings

@@ -1,24 +1,31 @@
-"""Recorder: collects rows in blocks and passes them and events to sinks; flushes at events and once per wall second."""
+"""Recorder: collects rows in blocks and passes them and events to sinks; sinks that keep a run in memory, and its events."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Protocol, runtime_checkable
 
-from ffsm_mj.arrays import FloatArray
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.run_log import Rows, RunLog, run_log
+from ffsm_mj.records.signals import TIME, Layout
 
 BLOCK_ROWS = 1000
 """Number of rows in a full block."""
 _FLUSH_PERIOD_S = 1.0
 
 
-class Sink(Protocol):
-    """Destination of a run. Order of calls: ``open``, then ``rows`` and ``event`` in order of time, then ``close``."""
+class Sink:
+    """Destination of a run; what a sink does not override does nothing.
+
+    Order of calls: ``open``, then ``rows``, ``event`` and ``state`` in order of time, then ``close``.
+    """
 
     def open(self, header: RunHeader) -> None:
         """Start a run."""
@@ -29,19 +36,14 @@ class Sink(Protocol):
     def event(self, event: Event) -> None:
         """Take an event; all earlier rows have been passed."""
 
+    def state(self, time_s: float, state: bytes) -> None:
+        """Take a state of the simulation at a time, s; all earlier rows and events have been passed."""
+
     def flush(self) -> None:
         """Write everything so far, such that it survives a kill."""
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """End the run; ``outcome`` is None if it is unknown (an error outside the simulation)."""
-
-
-@runtime_checkable
-class TakesStates(Protocol):
-    """A sink that takes states of the simulation."""
-
-    def state(self, time_s: float, state: bytes) -> None:
-        """Take a state at a time, s; all earlier rows and events have been passed."""
 
 
 class Recorder:
@@ -94,11 +96,10 @@ class Recorder:
         self.flush()
 
     def state(self, time_s: float, state: bytes) -> None:
-        """Pass on the state of the simulation at a time, s, to the sinks that take states."""
+        """Pass on all rows so far and then the state of the simulation at a time, s."""
         self.pass_on()
         for sink in self._sinks:
-            if isinstance(sink, TakesStates):
-                sink.state(time_s, state)
+            sink.state(time_s, state)
 
     def flush(self) -> None:
         """Pass on all rows so far and flush every sink."""
@@ -134,3 +135,76 @@ class Recorder:
                 failures.append(failure)
         if failures and error is None:
             raise failures[0]
+
+
+@dataclass
+class MemorySink(Sink):
+    """Keeps all events, and optionally the rows.
+
+    Attributes:
+        keep_rows: Whether rows are kept.
+        columns: Keys of the columns to keep, in addition to the time; None: all.
+    """
+
+    keep_rows: bool = True
+    columns: Collection[str] | None = None
+    header: RunHeader | None = None
+    blocks: list[FloatArray] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    outcome: OutcomeRecord | None = None
+    _places: IntArray | None = None
+
+    def open(self, header: RunHeader) -> None:
+        """Begin a run."""
+        self.header, self._places = header, None
+        if self.columns is not None:
+            kept = [signal for signal in header.layout.signals if signal.key in self.columns or signal.key == TIME]
+            self.header = replace(header, layout=Layout(tuple(kept)))
+            self._places = header.layout.places(self.header.layout.keys)
+
+    def rows(self, block: FloatArray) -> None:
+        """Keep a copy of a block."""
+        if self.keep_rows:
+            self.blocks.append(block.copy() if self._places is None else block[:, self._places])
+
+    def event(self, event: Event) -> None:
+        """Keep an event."""
+        self.events.append(event)
+
+    def close(self, outcome: OutcomeRecord | None) -> None:
+        """End the run."""
+        self.outcome = outcome
+
+    def log(self, rows: Rows | None = None) -> RunLog:
+        """The run so far.
+
+        Args:
+            rows: Its rows, if the sink does not keep them.
+
+        Raises:
+            ValueError: The sink was never opened.
+        """
+        if self.header is None:
+            raise ValueError("no run was recorded")
+        if rows is None:
+            rows = np.concatenate((np.empty((0, len(self.header.layout.signals))), *self.blocks))
+        return run_log(self.header, rows, self.events, self.outcome)
+
+
+class EventTap(Sink):
+    """Keeps events until they are taken."""
+
+    def __init__(self) -> None:
+        """Start without events."""
+        self._events: list[Event] = []
+
+    def take(self) -> tuple[Event, ...]:
+        """Events since the last call, in the order of the log."""
+        if not self._events:
+            return ()
+        taken, self._events = tuple(self._events), []
+        return taken
+
+    def event(self, event: Event) -> None:
+        """Keep an event."""
+        self._events.append(event)

@@ -1,27 +1,200 @@
-"""Run folders: log, recording, the inputs of the run, and its summary."""
+"""Run folders: the files of a run, the log while it is written, and those of an earlier run that may be replaced."""
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import stat
+import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ffsm_mj.arrays import FloatArray
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Chunk
+from mcap.stream_reader import StreamReader
+
 from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.invocation import command, option
-from ffsm_mj.log.earlier_run import existing, remove, replaceable
-from ffsm_mj.log.mcap.sink import McapSink
-from ffsm_mj.log.partial_file import PartialFile, nameless
-from ffsm_mj.log.recorder import Sink
-from ffsm_mj.log.rerun.viewer import rust_log
-from ffsm_mj.model.system import System
-from ffsm_mj.records.events import Event, OutcomeRecord
+from ffsm_mj.log.mcap.format import is_plain
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.similar_names import similar_file
+
+try:
+    import fcntl
+except ImportError:  # Windows: an open file can be neither replaced nor removed, so no lock is needed
+    fcntl = None  # type: ignore[assignment]
+
+_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+
+
+class PartialFile:
+    """A partial file locked by this process; the operating system releases the lock when the process ends, even if killed.
+
+    Attributes:
+        partial: Path of the file while it is written.
+        left_bytes: Size of what a killed process left in it.
+        stream: Stream to write to, after :meth:`begin`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Lock the file; its content is kept until :meth:`begin`.
+
+        Args:
+            path: Its path when it is complete.
+
+        Raises:
+            BlockingIOError: Another process, or another object of this one, is writing it.
+            OSError: It cannot be created, or its name is not that of a regular file (symbolic link, folder, device).
+        """
+        self._path, self.partial = path, path.with_name(path.name + ".partial")
+        # The lock belongs to the file, not to its name: after locking, the name may already refer to another file.
+        while True:
+            descriptor = os.open(self.partial, _FLAGS, 0o666)
+            try:
+                _lock(descriptor)
+                status = os.fstat(descriptor)
+                if not stat.S_ISREG(status.st_mode):
+                    raise OSError(errno.EINVAL, "is not a regular file", str(self.partial))
+            except BaseException:
+                os.close(descriptor)
+                raise
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.lstat(self.partial), status):
+                    break
+            os.close(descriptor)  # another process completed or removed it before this one got the lock
+        self.left_bytes = status.st_size
+        self.stream = os.fdopen(descriptor, "r+b")
+
+    @classmethod
+    def appearing(cls, path: Path, nameless: int) -> PartialFile:
+        """Link an unnamed file into a folder of the same file system: it appears with all its content at once.
+
+        Raises:
+            FileExistsError: The name is taken.
+        """
+        file = cls.__new__(cls)
+        file._path, file.partial, file.left_bytes = path, path.with_name(path.name + ".partial"), 0
+        # os.link follows the link in /proc only if src_dir_fd is given; an absolute path ignores its value.
+        os.link(f"/proc/self/fd/{nameless}", file.partial, src_dir_fd=nameless, follow_symlinks=True)
+        file.stream = os.fdopen(nameless, "r+b")
+        file.stream.seek(0, os.SEEK_END)
+        return file
+
+    def begin(self, opening: bytes) -> PartialFile:
+        """Replace its content by its first bytes; returns the file itself."""
+        if self.left_bytes:
+            self.stream.truncate(0)
+        self.stream.write(opening)
+        self.stream.flush()
+        return self
+
+    def finish(self) -> None:
+        """Rename it, then release the lock: in this order, no other process can take it in between."""
+        self.stream.flush()
+        os.replace(self.partial, self._path)
+        self.stream.close()
+
+    def discard(self) -> None:
+        """Remove it unless a killed process left content in it, and release the lock."""
+        if not self.left_bytes:
+            self.partial.unlink(missing_ok=True)
+        self.stream.close()
+
+
+def nameless(folder: Path, opening: bytes) -> int | None:
+    """Descriptor of a locked file with its first bytes that has no name yet, so that a kill leaves no file.
+
+    None if the operating system or the file system does not support unnamed files.
+
+    Raises:
+        OSError: The bytes cannot be written (full disk).
+    """
+    flag = getattr(os, "O_TMPFILE", None)
+    if flag is None or not Path("/proc/self/fd").is_dir():
+        return None
+    try:
+        descriptor = os.open(folder, os.O_RDWR | flag, 0o666)
+    except OSError:
+        return None
+    try:
+        _lock(descriptor)
+        rest = memoryview(opening)
+        while rest:
+            rest = rest[os.write(descriptor, rest) :]
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _lock(descriptor: int) -> None:
+    if fcntl is None:
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError as error:
+        if error.errno not in {errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP}:  # file systems without locks
+            raise
+
+
+MODELS = "mjcf"
+"""Folder of the model files in a run folder and in a log."""
+RECORDED = "recorded"
+"""Folder of the files with recorded numbers that control laws play, likewise."""
+BEFORE = "before"
+"""Folder of what is kept of the run from which a run goes on, likewise."""
+_FOLDERS = (f"{MODELS}/", f"{RECORDED}/", f"{BEFORE}/")
+_UNREADABLE = (McapError, OSError, struct.error, ValueError, LookupError, MemoryError, OverflowError, StopIteration)
+
+
+def existing(folder: Path, names: Iterable[str]) -> list[str]:
+    """Names, relative to a folder, that exist already; a broken symbolic link exists.
+
+    Raises:
+        InputError: A parent folder of one of them is a symbolic link, or is not a folder.
+    """
+    taken = []
+    for name in names:
+        blocked = _blocked(folder, name)
+        if blocked is not None:
+            raise InputError(
+                f"{blocked}: is not a regular folder, so the models of the run cannot be written there; move it away"
+            )
+        if os.path.lexists(folder / name):
+            taken.append(name)
+    return taken
+
+
+def _above(folder: Path, name: str) -> list[Path]:
+    """Folders between a folder and a file in it, innermost first."""
+    return [folder / parent for parent in PurePosixPath(name).parents if parent.parts]
+
+
+def _blocked(folder: Path, name: str) -> Path | None:
+    """The innermost parent of a file that exists and is not a regular folder."""
+    return next((path for path in _above(folder, name) if path.is_symlink() or (path.exists() and not path.is_dir())), None)
+
+
+def _models(log: Path) -> list[str]:
+    """Names of the files of models and of control laws in a log, as far as it is readable; others are ignored."""
+    names = []
+    try:
+        with log.open("rb") as stream:
+            for record in StreamReader(stream, emit_chunks=True, record_size_limit=log.stat().st_size).records:
+                if isinstance(record, Chunk):
+                    break
+                if isinstance(record, Attachment) and record.name.startswith(_FOLDERS) and is_plain(record.name):
+                    names.append(record.name)
+    except _UNREADABLE:
+        pass
+    return names
+
 
 LOG = "run.mcap"
 PARTIAL_LOG = "run.mcap.partial"
@@ -53,7 +226,7 @@ class RunFolder:
     @property
     def log(self) -> Path:
         """Path of the log, complete or partial."""
-        return self.path / (LOG if (self.path / LOG).is_file() else PARTIAL_LOG)
+        return _log_in(self.path) or self.path / PARTIAL_LOG
 
     @classmethod
     def in_logs(cls, scenario_name: str) -> RunFolder:
@@ -76,30 +249,26 @@ class RunFolder:
         if not self._next_name:
             self._refuse(existing(self.path, _RUN_FILES))
 
-    def sinks(self, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
-        """Sinks for the log (opening it creates the folder), for the inputs, and optionally for the recording."""
-        sinks: list[Sink] = [
-            McapSink(lambda opening: self._take(opening, header.files), system, view_rate_hz),
-            _Inputs(self),
-        ]
-        if with_rerun:
-            # Rerun reports an error at the end of its file, such as a full disk, on stderr only.
-            with rust_log("error"):
-                from ffsm_mj.log.rerun.sink import RerunSink  # importing it takes a second
-
-            sinks.append(RerunSink(lambda: self.path / RECORDING, system, view_rate_hz))
-        return sinks
-
-    def _take(self, opening: bytes, models: Iterable[str]) -> PartialFile:
-        """Create the folder, or use one without a run, and create the log in it, locked for this run.
+    def take(self, opening: bytes, header: RunHeader) -> PartialFile:
+        """Create the folder, or use one without a run, and in it the log, locked for this run, and the inputs of the run.
 
         The opening bytes of the log are written before the folder is created, and the log appears with them: a kill leaves
         either no folder, or a folder with a readable log.
 
         Raises:
             InputError: It contains a run and ``force`` is not set, another run is being written there, or it is unusable.
-            LogWriteError: The log cannot be written (full disk).
+            LogWriteError: A file cannot be written (full disk).
         """
+        file = self._locked(opening, header.files)
+        try:
+            self._write_inputs(header)
+        except BaseException:
+            file.stream.close()
+            raise
+        return file
+
+    def _locked(self, opening: bytes, models: Iterable[str]) -> PartialFile:
+        """Create the log with its opening bytes."""
         # Two runs may start in one folder at the same time. mkdir decides which one creates it; in an existing folder the
         # lock on the log decides, and every check is repeated under the lock.
         ready: int | None = None
@@ -121,8 +290,7 @@ class RunFolder:
             if ready is not None:
                 os.close(ready)
         with self._writing():
-            file.begin(opening)
-        return file
+            return file.begin(opening)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -172,17 +340,43 @@ class RunFolder:
             remedy = f"choose another {option('out')}, or {option('force', 'True')} to replace a run"
             raise InputError(f"{self.path}: already contains {holds}; {remedy}")
         if self._force:
-            self._replaced = replaceable(self.path, taken, (LOG, PARTIAL_LOG), _RUN_FILES)
+            self._replaced = self._replaceable(taken)
 
-    def write_inputs(self, header: RunHeader) -> None:
-        """Remove the files of the replaced run, and write the resolved scenario and its model files.
+    def _replaceable(self, taken: Sequence[str]) -> list[str]:
+        """Files that ``force`` removes: those that every run writes, and the models that the log of the earlier run names.
+
+        Args:
+            taken: Names that the new run needs and that exist.
 
         Raises:
-            LogWriteError: A file cannot be written (full disk).
+            InputError: The folder is a symbolic link, it contains no run, or one of the names is not a file of a run.
         """
+        folder, force = self.path, option("force", "True")
+        if folder.is_symlink():
+            raise InputError(f"{folder}: is a symbolic link, which {force} does not follow; give the folder itself")
+        log = next((folder / name for name in (LOG, PARTIAL_LOG) if os.path.lexists(folder / name)), None)
+        if taken and log is None:
+            only = f"{force} replaces runs only; choose another {option('out')}"
+            raise InputError(f"{folder}: contains {taken[0]} but no run, and {only}")
+        # A folder may contain files of the user: only names that a run writes, or that its log lists, are removed.
+        models = _models(log) if log is not None else []
+        for name in taken:
+            if name not in _RUN_FILES and name not in models:
+                raise InputError(f"{folder / name}: does not belong to the run that {force} replaces; move it away")
+            if (folder / name).is_dir() and not (folder / name).is_symlink():
+                raise InputError(f"{folder / name}: is a folder, but a run writes a file of this name; move it away")
+        return [*_RUN_FILES, *(name for name in models if _blocked(folder, name) is None)]
+
+    def _write_inputs(self, header: RunHeader) -> None:
+        """Remove the files of the replaced run, of a symbolic link only the link, and write scenario and model files."""
         file = self.path
         try:
-            remove(self.path, [name for name in self._replaced if name != PARTIAL_LOG])
+            for name in self._replaced:
+                if name != PARTIAL_LOG:
+                    (self.path / name).unlink(missing_ok=True)
+                    for parent in _above(self.path, name):
+                        with suppress(OSError):  # it is not empty
+                            parent.rmdir()
             for name, content in {SCENARIO: header.scenario_yaml.encode(), **header.files}.items():
                 file = self.path / name
                 file.parent.mkdir(parents=True, exist_ok=True)
@@ -241,29 +435,16 @@ def write_scenario(folder: Path, scenario_yaml: str, files: Mapping[str, bytes])
     return folder / SCENARIO
 
 
-class _Inputs:
-    """Sink that writes scenario and models when the run is opened, and ignores rows and events."""
-
-    def __init__(self, folder: RunFolder) -> None:
-        self._folder = folder
-
-    def open(self, header: RunHeader) -> None:
-        self._folder.write_inputs(header)
-
-    def rows(self, block: FloatArray) -> None: ...
-
-    def event(self, event: Event) -> None: ...
-
-    def flush(self) -> None: ...
-
-    def close(self, outcome: OutcomeRecord | None) -> None: ...
-
-
 def holds_log(path: Path) -> bool:
     """Whether a path is a run: a folder with a log, or a log."""
     if path.is_file():
         return path.name.endswith((Path(LOG).suffix, Path(LOG).suffix + Path(PARTIAL_LOG).suffix))
-    return any((path / name).is_file() for name in (LOG, PARTIAL_LOG))
+    return _log_in(path) is not None
+
+
+def _log_in(folder: Path) -> Path | None:
+    """The log in a folder, complete or partial; None if there is none."""
+    return next((folder / name for name in (LOG, PARTIAL_LOG) if (folder / name).is_file()), None)
 
 
 def find_log(run: Path) -> Path:
@@ -273,9 +454,8 @@ def find_log(run: Path) -> Path:
         InputError: There is no log.
     """
     if run.is_dir():
-        for name in (LOG, PARTIAL_LOG):
-            if (run / name).is_file():
-                return run / name
+        if (log := _log_in(run)) is not None:
+            return log
         raise InputError(f"{run}: contains no {LOG}")
     if not run.is_file():
         hint = f"; run '{command('run', 'baseline')}' first" if run.name == "latest" else ""

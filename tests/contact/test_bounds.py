@@ -87,7 +87,8 @@ def test_checks_do_not_depend_on_the_blocks_of_rows(baseline):
     rng = np.random.default_rng(3)
     found = set()
     for cuts in ([], range(1, len(log.rows)), rng.integers(0, len(log.rows), 50), rng.integers(0, len(log.rows), 900)):
-        seen = Digest(header)
+        seen = Digest()
+        seen.open(header)
         for block in np.split(log.rows, sorted({*map(int, cuts)})):
             if len(block):
                 seen.rows(block)

@@ -9,7 +9,8 @@ import numpy as np
 
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.log.memory_sink import MemorySink
+from ffsm_mj.log.mcap.sink import file_sinks
+from ffsm_mj.log.recorder import MemorySink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records import kinds as register_of_kinds
@@ -64,7 +65,7 @@ def recorded(run, folder, *happened, kinds=("grip",)):
     """A run with additional records, passed to the sinks of a run folder; as kept in memory and as read from disk."""
     header, rows, time = replace(run.log.header, kinds=kinds), run.log.rows, run.time
     place, memory = RunFolder(folder), MemorySink()
-    sinks = [memory, *place.sinks(header, compile_log(run.log), with_rerun=True, view_rate_hz=50.0)]
+    sinks = [memory, *file_sinks(place, header, compile_log(run.log), with_rerun=True, view_rate_hz=50.0)]
     for sink in sinks:
         sink.open(header)
     begun = 0

@@ -18,8 +18,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import LogError
-from ffsm_mj.log.partial_file import PartialFile
-from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.log.run_folder import PartialFile, find_log
 from tests.scenes import ball, two_balls
 
 
@@ -183,7 +182,7 @@ BEFORE = ["ffsm_mj.assembly.prepare:assemble", "ffsm_mj.assembly.plant:Plant", "
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("place", [*BEFORE, "ffsm_mj.log.run_folder:RunFolder._take"])
+@pytest.mark.parametrize("place", [*BEFORE, "ffsm_mj.log.run_folder:RunFolder.take"])
 def test_a_start_up_that_is_killed_leaves_nothing(tmp_path, place):
     killed = python(KILLED, place, "kill", "run", two_balls(tmp_path), "--no-rerun")
     assert killed.wait(60) == -signal.SIGKILL
@@ -192,7 +191,7 @@ def test_a_start_up_that_is_killed_leaves_nothing(tmp_path, place):
 
 
 @pytest.mark.parametrize(
-    "place", ["ffsm_mj.log.mcap.block_writer:BlockWriter.continue_in", "ffsm_mj.log.run_folder:_Inputs.open"]
+    "place", ["ffsm_mj.log.mcap.sink:BlockWriter.continue_in", "ffsm_mj.log.run_folder:RunFolder._write_inputs"]
 )
 def test_a_run_that_is_killed_at_once_leaves_a_log_with_scenario_and_models(tmp_path, place):
     """It contains scenario and models, and one line reports that it has no sample."""

@@ -23,7 +23,7 @@ from ffsm_mj.log.foxglove.messages import TransformsCodec
 from ffsm_mj.log.foxglove.outline import outline_cloud
 from ffsm_mj.log.foxglove.topics import ViewerTopics
 from ffsm_mj.log.marker_scale import marker_scale
-from ffsm_mj.log.mcap.block_writer import BlockWriter
+from ffsm_mj.log.mcap.sink import BlockWriter
 from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of

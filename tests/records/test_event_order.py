@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ffsm_mj
-from ffsm_mj.log.recorded_efforts import recorded_efforts
+from ffsm_mj.log.recorded_files import recorded_efforts
 from ffsm_mj.records.event_order import merged
 from tests.contact_models.grasp.scenes import closed_as_armed
 

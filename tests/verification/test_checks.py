@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +12,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.mcap.sink import McapSink
-from ffsm_mj.log.partial_file import PartialFile
+from ffsm_mj.log.run_folder import PartialFile
 from ffsm_mj.log.scenario import compile_log
 from tests.log.test_damage import chunks
 from tests.scenes import two_balls
@@ -43,7 +42,7 @@ def analyzed(path, capsys, *more):
 
 def written(log, path):
     """A log as a whole new file with checksums of its own: first what happened, then a chunk for every 500 samples."""
-    sink = McapSink(partial(PartialFile.begun, path), compile_log(log), 5.0)
+    sink = McapSink(PartialFile(path).begin, compile_log(log), 5.0)
     sink.open(log.header)
     for impact in log.impacts:
         sink.event(impact)
@@ -138,7 +137,7 @@ def test_a_log_that_breaks_off_is_4(folder, tmp_path, capsys):
 
 def test_without_its_models_nothing_is_verified(run, tmp_path, capsys):
     log = replace(run.log, header=replace(run.log.header, files={}))
-    sink = McapSink(partial(PartialFile.begun, tmp_path / "x.mcap"), compile_log(run.log), 5.0)
+    sink = McapSink(PartialFile(tmp_path / "x.mcap").begin, compile_log(run.log), 5.0)
     sink.open(log.header)
     sink.rows(log.rows)
     sink.close(log.outcome)

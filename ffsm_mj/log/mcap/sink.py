@@ -1,4 +1,4 @@
-"""Sink that writes ``run.mcap`` during the run: ``run.mcap.partial`` until it is closed, readable after a kill."""
+"""Sinks that write the files of a run while it runs: ``run.mcap.partial``, readable after a kill, and ``run.rrd``."""
 
 from __future__ import annotations
 
@@ -6,28 +6,103 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
-from mcap.writer import CompressionType
+import numpy.typing as npt
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import MessageIndex
+from mcap.writer import CompressionType, Writer
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.foxglove.messages import descriptor_set
 from ffsm_mj.log.foxglove.topics import Packet, ViewerTopics
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.log.mcap.block_writer import BlockWriter
 from ffsm_mj.log.mcap.format import nanoseconds
 from ffsm_mj.log.mcap.record_format import encode_record, record_schema
-from ffsm_mj.log.partial_file import PartialFile
+from ffsm_mj.log.recorder import Sink
+from ffsm_mj.log.rerun.viewer import rust_log
+from ffsm_mj.log.run_folder import RECORDING, PartialFile, RunFolder
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of, kinds_of
 
+_HEADER = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+
+
+class _BlockIndex(MessageIndex):
+    """Index of messages, serialised by numpy."""
+
+    def write(self, stream: RecordBuilder) -> None:
+        stream.start_record(Opcode.MESSAGE_INDEX)
+        stream.write2(self.channel_id)
+        stream.write4(len(self.records) * 16)
+        stream.write(np.array(self.records, dtype="<u8").tobytes())
+        stream.finish_record()  # type: ignore[no-untyped-call]
+
+
+class BlockWriter(Writer):
+    """Writer with a method for many messages of one channel.
+
+    ``Writer.add_message`` takes several microseconds of Python per message, more than encoding it. :meth:`add_block` does
+    the same to the chunk builder and the statistics of the writer, which are private: pyproject.toml therefore bounds the
+    version of ``mcap``.
+    """
+
+    def add_block(self, channel: int, times_ns: npt.NDArray[np.int64], messages: npt.NDArray[np.uint8]) -> None:
+        """Add messages, (n, bytes of one), with their log times in ascending order, (n,)."""
+        count, size = messages.shape
+        records = np.empty((count, _HEADER.itemsize + size), dtype=np.uint8)
+        header = np.zeros(count, dtype=_HEADER)
+        header["opcode"], header["length"] = Opcode.MESSAGE, records.shape[1] - 9
+        header["channel"], header["log_time"], header["publish_time"] = channel, times_ns, times_ns
+        records[:, : _HEADER.itemsize] = header.view(np.uint8).reshape(count, -1)
+        records[:, _HEADER.itemsize :] = messages
+        self._count(channel, times_ns.tolist(), records.shape[1])
+        self._chunk.record_writer.write(records.data)
+        self._Writer__maybe_finalize_chunk()  # type: ignore[attr-defined]
+
+    def continue_in(self, stream: BinaryIO) -> None:
+        """Continue in another stream that already contains everything written so far."""
+        self._Writer__stream = stream
+
+    @property
+    def _chunk(self) -> Any:
+        return self._Writer__chunk_builder  # type: ignore[attr-defined]
+
+    def _count(self, channel: int, times: list[int], size: int) -> None:
+        """Update the index of the chunk and the statistics of the file."""
+        chunk, statistics = self._chunk, self._Writer__statistics  # type: ignore[attr-defined]
+        start = chunk.count
+        index = chunk.message_indices.setdefault(channel, _BlockIndex(channel_id=channel, records=[]))
+        index.records.extend(zip(times, range(start, start + len(times) * size, size), strict=True))
+        first, last = times[0], times[-1]
+        chunk.message_start_time = min(chunk.message_start_time, first) if chunk.num_messages else first
+        chunk.message_end_time = max(chunk.message_end_time, last)
+        chunk.num_messages += len(times)
+        empty = statistics.message_count == 0
+        statistics.message_start_time = first if empty else min(statistics.message_start_time, first)
+        statistics.message_end_time = max(statistics.message_end_time, last)
+        statistics.channel_message_counts[channel] += len(times)
+        statistics.message_count += len(times)
+
+
 _MEDIA_TYPES = {".yaml": "application/yaml", ".xml": "application/xml", ".urdf": "application/xml"}
 
 
-class McapSink:
+class McapSink(Sink):
     """Writes one run to one file. The first write that fails raises; everything after it is ignored."""
 
     def __init__(self, take: Callable[[bytes], PartialFile], system: System, view_rate_hz: float) -> None:
@@ -157,3 +232,15 @@ class McapSink:
             with suppress(OSError):
                 self._file.stream.close()
             raise LogWriteError(self._file.partial, error) from error
+
+
+def file_sinks(folder: RunFolder, header: RunHeader, system: System, *, with_rerun: bool, view_rate_hz: float) -> list[Sink]:
+    """Sinks that write a run into a folder: its log (opening it creates the folder) and optionally its recording."""
+    sinks: list[Sink] = [McapSink(lambda opening: folder.take(opening, header), system, view_rate_hz)]
+    if with_rerun:
+        # Rerun reports an error at the end of its file, such as a full disk, on stderr only.
+        with rust_log("error"):
+            from ffsm_mj.log.rerun.sink import RerunSink  # importing it takes a second
+
+        sinks.append(RerunSink(lambda: folder.path / RECORDING, system, view_rate_hz))
+    return sinks

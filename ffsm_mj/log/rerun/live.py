@@ -12,6 +12,7 @@ from contextlib import suppress
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
+from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.rerun.viewer import has_display, rust_log, viewer_command
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
@@ -41,7 +42,7 @@ def split_address(address: str) -> tuple[str, int]:
     return host, int(port)
 
 
-class LiveSink:
+class LiveSink(Sink):
     """Sink that sends a run to a viewer; the first failure gives a warning and ends the stream."""
 
     def __init__(self, address: str, system: System, view_rate_hz: float) -> None:

@@ -28,6 +28,7 @@ from ffsm_mj.log.palette import (
     object_colour,
 )
 from ffsm_mj.log.plumes import plume_series, thrusters
+from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, blueprint
 from ffsm_mj.log.rerun.camera import FOLLOWED, Framing
 from ffsm_mj.log.rerun.forces import Forces
@@ -57,7 +58,7 @@ from ffsm_mj.records.signals import TIP
 _PLUME = (*PLUME, round(255 * PLUME_OPACITY))
 
 
-class RerunSink:
+class RerunSink(Sink):
     """Sink that writes a recording to a file when the run ends, or sends it to a viewer at each flush."""
 
     def __init__(self, output: Callable[[], Path] | str, system: System, view_rate_hz: float) -> None:
