@@ -7,10 +7,9 @@ from dataclasses import fields
 from typing import get_args, get_origin, get_type_hints
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.log.arrows import ARROW_M
-from ffsm_mj.log.foxglove import topics as viewer
-from ffsm_mj.log.marker_scale import NOMINAL_M
-from ffsm_mj.log.marks import SHOWN_S, marks_topic
+from ffsm_mj.log import foxglove as viewer
+from ffsm_mj.log.drawing import NOMINAL_M
+from ffsm_mj.log.markers import ARROW_M, SHOWN_S, marks_topic
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.kinds import kinds

@@ -18,7 +18,7 @@ from rerun.experimental import ViewerClient
 
 import ffsm_mj
 from ffsm_mj.cli.main import main as main_of_ffsm
-from ffsm_mj.log.rerun.blueprint import TIMELINE
+from ffsm_mj.log.rerun.layout import TIMELINE
 from ffsm_mj.log.rerun.viewer import viewer_command
 
 IMAGES = Path(__file__).parent / "images"

@@ -11,7 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.dynamics.reach import Reach, reach_of
-from ffsm_mj.log.initial_scene import CheckedPair, InitialScene, NamedPoint
+from ffsm_mj.log.drawing import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.system import System
 
 _TURN = 2.0 * np.pi

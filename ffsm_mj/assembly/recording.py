@@ -29,6 +29,7 @@ from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.mcap.reader import stored_rows
 from ffsm_mj.log.mcap.sink import file_sinks
 from ffsm_mj.log.recorder import BLOCK_ROWS, MemorySink, Recorder, Sink
+from ffsm_mj.log.rerun.viewer import LiveSink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, OutcomeRecord
@@ -99,8 +100,6 @@ class Recording:
             rate_hz = config.log.view_rate_hz
             sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
         if live is not None:
-            from ffsm_mj.log.rerun.live import LiveSink  # takes a second to import
-
             sinks.append(LiveSink(live, system, config.log.view_rate_hz))
         block = np.zeros((BLOCK_ROWS, len(layout.signals)))
         rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)

@@ -93,7 +93,7 @@ def _record(run: Path | None, scenario: str, overrides: list[str], path: Path) -
         write_initial_scene(initial_scene(prepared.assemble(), prepared.describe()), path)
         return
     from ffsm_mj.analysis.run import load_run
-    from ffsm_mj.log.rerun.from_log import write_recording
+    from ffsm_mj.log.rerun.sink import write_recording
 
     log = find_log(run)
     with progress() as shown, working_on(log):

@@ -1,17 +1,19 @@
-"""Shapes of the visible geoms, fixed to their bodies, and poses of the bodies by frame, for any viewer; quaternions wxyz."""
+"""What every viewer draws of a scene: shapes of geoms, poses by frame, the size of markers, the view; quaternions wxyz."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawn_geoms import colour_of, geoms_to_draw
+from ffsm_mj.dynamics.reach import Reach
+from ffsm_mj.log.palette import GREY, ROBOT, WHITE, Colour, mixed, object_colour, shares
 from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import Layout, coordinate_keys
 
@@ -189,3 +191,223 @@ class FramePicker:
             return None
         self._last = number[-1]
         return Frames(rows[:, self._time], rows, *self._poser.poses(rows[:, self._coordinates]))
+
+
+# MuJoCo's viewer draws groups 0 to 2; geoms that are only for contact often have higher groups.
+_DRAWN_GROUPS = 3
+_COVERED, _MARGIN = 0.5, 0.05
+"""Part of the box of a collision geom that the boxes of visual geoms cover if they replace it, and by which these grow."""
+_GRID = np.array(list(product(np.linspace(-0.8, 0.8, 5), repeat=3)))
+_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
+"""MuJoCo's default colour of a geom."""
+_TINTS = (0.25, 0.45)
+"""Parts of white in the colours of bodies without colours; successive ones differ."""
+
+
+def geoms_to_draw(model: Any) -> list[int]:
+    """Ids of the geoms that viewers show.
+
+    These are the geoms of the drawn groups. Where a body has visual geoms (contype and conaffinity zero) that cover a
+    collision geom, only the visual ones are shown: both on top of each other flicker. A model with no geom in the drawn
+    groups shows all of its geoms.
+    """
+    drawn = [geom for geom in range(model.ngeom) if model.geom_group[geom] < _DRAWN_GROUPS]
+    seen = {_root(model, geom) for geom in drawn}
+    drawn += [geom for geom in range(model.ngeom) if _root(model, geom) not in seen]
+    visual: dict[int, list[int]] = {}
+    for geom in drawn:
+        if is_visual(model, geom):
+            visual.setdefault(int(model.geom_bodyid[geom]), []).append(geom)
+    solid = [geom for geom in drawn if not is_visual(model, geom)]
+    covered = {geom for geom in solid if _covered(model, geom, visual.get(int(model.geom_bodyid[geom]), []))}
+    return sorted(set(drawn) - covered)
+
+
+def is_visual(model: Any, geom: int) -> bool:
+    """Whether a geom collides with nothing by MuJoCo's rules."""
+    return not (model.geom_contype[geom] or model.geom_conaffinity[geom])
+
+
+def colour_of(system: System, geom: int) -> tuple[float, ...]:
+    """Colour of a geom: red, green, blue and opacity, each from 0 to 1.
+
+    The geom's own colour wins over its material, as in MuJoCo; a texture counts with its mean colour. A body without colours
+    gets a tint of the colour of its model.
+    """
+    model = system.mj
+    own, material = tuple(map(float, model.geom_rgba[geom])), int(model.geom_matid[geom])
+    if own != _NO_COLOUR:
+        return own
+    if material >= 0:
+        return _material_colour(model, material)
+    body = int(model.geom_bodyid[geom])
+    return shares(mixed(_hue(system, body), WHITE, _TINTS[_depth(model, body) % len(_TINTS)])) if body else own
+
+
+def _root(model: Any, geom: int) -> int:
+    return int(model.body_rootid[model.geom_bodyid[geom]])
+
+
+def _covered(model: Any, geom: int, visual: list[int]) -> bool:
+    """Whether the bounding boxes of visual geoms of one body cover that of a geom of the same body."""
+    around = model.geom_aabb[geom]
+    points = (around[:3] + _GRID * around[3:]) @ _rotation(model, geom).T + model.geom_pos[geom]
+    inside = np.zeros(len(points), dtype=bool)
+    for other in visual:
+        box = model.geom_aabb[other]
+        local = (points - model.geom_pos[other]) @ _rotation(model, other) - box[:3]
+        inside |= (np.abs(local) <= (1.0 + _MARGIN) * box[3:] + _MARGIN * around[3:].max()).all(axis=1)
+    return bool(inside.mean() >= _COVERED)
+
+
+def _rotation(model: Any, geom: int) -> FloatArray:
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    return rotation.reshape(3, 3)
+
+
+def _material_colour(model: Any, material: int) -> tuple[float, ...]:
+    colour = model.mat_rgba[material].astype(np.float64)
+    texture = int(model.mat_texid[material, mujoco.mjtTextureRole.mjTEXROLE_RGB])
+    if texture >= 0:
+        channels, first = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+        count = int(model.tex_height[texture]) * int(model.tex_width[texture]) * channels
+        texels = model.tex_data[first : first + count].reshape(-1, channels)
+        colour[:3] *= texels.mean(axis=0)[[0, 1, 2] if channels >= 3 else [0, 0, 0]] / 255.0
+    return tuple(map(float, colour))
+
+
+def _hue(system: System, body: int) -> Colour:
+    """Colour of the model to which a body belongs."""
+    if body in system.robot.bodies:
+        return ROBOT
+    return next((object_colour(i) for i, tree in enumerate(system.objects) if body in tree.bodies), GREY)
+
+
+def _depth(model: Any, body: int) -> int:
+    """Number of bodies between a body and the world."""
+    depth, body = 0, int(model.body_parentid[body])
+    while body:
+        body, depth = int(model.body_parentid[body]), depth + 1
+    return depth
+
+
+_SIGNS = np.array(list(product((-1.0, 1.0), repeat=3)))
+
+
+def box_corners(model: Any, geoms: Iterable[int], positions: FloatArray, quaternions: FloatArray) -> FloatArray:
+    """Corners of the bounding boxes of some geoms in world axes, (8 * number of geoms, 3), m.
+
+    Args:
+        model: MuJoCo model.
+        geoms: Ids of the geoms.
+        positions: World positions of all bodies, (nbody, 3), m.
+        quaternions: World orientations of all bodies, wxyz, (nbody, 4).
+    """
+    rotation, corners = np.empty(9), [np.empty((0, 3))]
+    for geom in geoms:
+        body, around = int(model.geom_bodyid[geom]), model.geom_aabb[geom]
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+        local = (around[:3] + _SIGNS * around[3:]) @ rotation.reshape(3, 3).T + model.geom_pos[geom]
+        mujoco.mju_quat2Mat(rotation, quaternions[body])
+        corners.append(local @ rotation.reshape(3, 3).T + positions[body])
+    return np.vstack(corners)
+
+
+NOMINAL_M = 10.0
+"""Size of a robot whose markers have their nominal size, m."""
+
+
+def marker_scale(system: System) -> float:
+    """Factor of the lengths of markers: the size of the robot over ``NOMINAL_M``.
+
+    The size is the diagonal of the box around the robot's drawn geoms at the zero position of its model.
+    """
+    model = system.mj
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    mujoco.mj_kinematics(model, data)
+    geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) in system.robot.bodies]
+    if not geoms:
+        return float(model.stat.extent) / NOMINAL_M
+    corners = box_corners(model, geoms, data.xpos, data.xquat)
+    return float(np.linalg.norm(np.ptp(corners, axis=0))) / NOMINAL_M
+
+
+View = tuple[FloatArray, FloatArray]
+"""Lower and upper corner of the box that a view frames, (3,) each, m."""
+
+
+def robot_boxes(system: System, positions: FloatArray) -> FloatArray:
+    """Lower, then upper corners of the boxes around the frames of the robot's bodies in world axes, (n, 6), m.
+
+    Args:
+        system: Robot and objects.
+        positions: World positions of all bodies, (n, nbody, 3), m.
+    """
+    robot = positions[:, list(system.robot.bodies)]
+    return np.hstack((robot.min(axis=1), robot.max(axis=1)))
+
+
+def camera_path(times: FloatArray, boxes: FloatArray, first_s: float, view: View) -> FloatArray | None:
+    """Displacements of a camera, (n, 3), m; None if the robot stays in view.
+
+    They are those of the middle of the robot since the first event. They are zero before it: the camera stands still until
+    then, wherever the viewer begins.
+
+    Args:
+        times: Times, (n,), s.
+        boxes: Boxes around the robot at these times, (n, 6), m.
+        first_s: Time of the first event, at which the view frames everything; zero without events.
+        view: What the view frames.
+    """
+    low, high = view
+    first = min(int(np.searchsorted(times, first_s)), len(times) - 1)
+    if (boxes[first:, :3] >= low).all() and (boxes[first:, 3:] <= high).all():
+        return None
+    middles = 0.5 * (boxes[:, :3] + boxes[:, 3:])
+    middles[:first] = middles[first]
+    return np.asarray(middles - middles[first])
+
+
+class NamedPoint(NamedTuple):
+    """A point in world axes, (3,), m, and what it is."""
+
+    name: str
+    point_m: FloatArray
+
+
+class CheckedPair(NamedTuple):
+    """A pair of geoms whose contacts are resolved: its name, geom ids, coefficients of restitution and of friction."""
+
+    name: str
+    geoms: tuple[int, int]
+    restitution: float
+    mu: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialScene:
+    """A scene at t = 0.
+
+    Attributes:
+        name: Name of the scenario.
+        system: Robot and objects.
+        data: MuJoCo data at t = 0, all derived quantities current.
+        targets: Targets of the tip and of phases.
+        centres: Centres of mass.
+        reaches: Reach of each tip.
+        pairs: Pairs of geoms whose contacts are resolved.
+        ignored: Geom ids of ignored pairs.
+        lines: Text shown beside the scene.
+    """
+
+    name: str
+    system: System
+    data: Any
+    targets: Sequence[NamedPoint]
+    centres: Sequence[NamedPoint]
+    reaches: Sequence[Reach]
+    pairs: Sequence[CheckedPair]
+    ignored: frozenset[frozenset[int]]
+    lines: Sequence[str]

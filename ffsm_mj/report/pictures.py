@@ -14,8 +14,7 @@ from matplotlib.lines import Line2D
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.arrows import arrow_colour, arrow_series, declared_arrows
-from ffsm_mj.log.marks import drawn_marks
+from ffsm_mj.log.markers import arrow_colour, arrow_series, declared_arrows, drawn_marks
 from ffsm_mj.log.palette import hexadecimal
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.report.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box

@@ -68,7 +68,7 @@ def state():
 before = state()
 import ffsm_mj
 run = ffsm_mj.run(sys.argv[1], {"duration_s": 0.35}, out=sys.argv[2], rerun=True)
-from ffsm_mj.log.rerun.live import LiveSink
+from ffsm_mj.log.rerun.viewer import LiveSink
 assert len(run.impacts) == 1 and all(check.passes for check in run.checks())
 for then, now in zip(before, state()):
     assert then == now, (then, now)

@@ -50,7 +50,7 @@ _COSTLY = (
 )
 _COSTLY_TOO = (
     *("ffsm_mj.experiments.campaign", "ffsm_mj.experiments.figures", "ffsm_mj.experiments.page", "scipy.stats.qmc"),
-    *("ffsm_mj.report.page.document", "ffsm_mj.log.rerun.from_log", "ffsm_mj.templates.robot", "imageio_ffmpeg"),
+    *("ffsm_mj.report.page.document", "ffsm_mj.log.rerun.sink", "ffsm_mj.templates.robot", "imageio_ffmpeg"),
     *("ffsm_mj.cli.campaign", "ffsm_mj.report.plots", "matplotlib.backends.backend_svg", "matplotlib.backends.backend_agg"),
 )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.log.marker_scale import marker_scale
+from ffsm_mj.log.drawing import marker_scale
 from ffsm_mj.log.scenario import compile_log
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.log.arrows import ARROW_M, arrow_series, declared_arrows
-from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.markers import ARROW_M, arrow_series, declared_arrows
+from ffsm_mj.log.rerun.sink import write_recording
 from tests.analysis.test_contacts import pushed_twice
 from tests.contact_models.persistent.test_friction_seen import SLIPS, on_floor
 from tests.log.markers import scale_of

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.log.drawing import shapes
-from ffsm_mj.log.drawn_geoms import colour_of, geoms_to_draw
-from ffsm_mj.log.marker_scale import NOMINAL_M, marker_scale
+from ffsm_mj.log.drawing import NOMINAL_M, colour_of, geoms_to_draw, marker_scale, shapes
 from ffsm_mj.log.palette import ROBOT, WHITE, mixed, object_colour, shares
 from tests.scenes import HEAD, compile_paths
 

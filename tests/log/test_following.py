@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.log.following import camera_path
+from ffsm_mj.log.drawing import camera_path
 
 TIMES = np.linspace(0.0, 10.0, 11)
 VIEW = (np.full(3, -1.0), np.full(3, 3.0))

@@ -7,8 +7,7 @@ import pytest
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 
-from ffsm_mj.log.foxglove.messages import descriptor_set
-from ffsm_mj.log.foxglove.topics import viewer_topics
+from ffsm_mj.log.foxglove import descriptor_set, viewer_topics
 from ffsm_mj.records.kinds import kinds
 
 MESSAGES = sorted({*viewer_topics(kinds()).values(), PointCloud}, key=lambda message: message.DESCRIPTOR.full_name)

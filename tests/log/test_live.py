@@ -14,7 +14,7 @@ import rerun as rr
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
-from ffsm_mj.log.rerun import live as rerun_live
+from ffsm_mj.log.rerun import sink as rerun_sink
 from ffsm_mj.log.rerun.viewer import viewer_command
 from tests.log.test_recording import read
 from tests.log.viewer_process import viewer_process
@@ -120,8 +120,8 @@ def test_each_run_is_a_recording_of_its_own_in_the_viewer(tmp_path, monkeypatch)
         return begin(*args, recording_id=recording_id, **options)
 
     monkeypatch.setattr(rr, "RecordingStream", noted)
-    monkeypatch.setattr(rerun_live.RerunSink, "_connect", lambda _: None)
+    monkeypatch.setattr(rerun_sink.RerunSink, "_connect", lambda _: None)
     for output in ("127.0.0.1:1", "127.0.0.1:1", lambda: tmp_path / "run.rrd"):
-        rerun_live.RerunSink(output, made.system, 50.0).open(header)
+        rerun_sink.RerunSink(output, made.system, 50.0).open(header)
     assert len(set(names)) == 3
     assert names[2] == f"{header.scenario_name}-{header.metadata['created_utc']}"

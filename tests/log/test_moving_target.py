@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import ffsm_mj
-from ffsm_mj.log.foxglove.topics import SCENE_TOPIC, TARGET_TOPIC
+from ffsm_mj.log.foxglove import SCENE_TOPIC, TARGET_TOPIC
 from tests.log.test_recording import read
 from tests.log.test_viewer_topics import decoded
 

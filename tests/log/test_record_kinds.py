@@ -17,9 +17,9 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.log.arrows import declared_arrows
+from ffsm_mj.log.markers import declared_arrows
 from ffsm_mj.log.recorder import MemorySink
-from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import Mark, kinds, register
 from ffsm_mj.report.page import moving

@@ -13,9 +13,9 @@ from rerun.chunk import RrdReader
 
 import ffsm_mj
 from ffsm_mj.log.drawing import Frames
-from ffsm_mj.log.plumes import PLUME_M, plume_series, thrusters
-from ffsm_mj.log.rerun.from_log import write_recording
-from ffsm_mj.log.rerun.states import FIRING, Switching
+from ffsm_mj.log.markers import PLUME_M, plume_series, thrusters
+from ffsm_mj.log.rerun.plots import FIRING, Switching
+from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.records.signals import Layout, Signal, identifier
 from tests.conftest import MJCF
 from tests.scenes import compile_paths, two_balls

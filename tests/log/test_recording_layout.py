@@ -8,13 +8,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ffsm_mj.log.drawing import shapes
-from ffsm_mj.log.rerun.blueprint import Contents, blueprint
-from ffsm_mj.log.rerun.camera import Framing
-from ffsm_mj.log.rerun.from_log import write_recording
-from ffsm_mj.log.rerun.marks import Marks
-from ffsm_mj.log.rerun.opening import Opening
-from ffsm_mj.log.rerun.plots import Plot
-from ffsm_mj.log.rerun.states import short_name
+from ffsm_mj.log.rerun.layout import Contents, Framing, Opening, blueprint
+from ffsm_mj.log.rerun.plots import Plot, short_name
+from ffsm_mj.log.rerun.scene import Marks
+from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.records.events import ImpactRecord
 from tests.log.test_recording import read
 from tests.scenes import ball, compile_paths, scene, two_balls

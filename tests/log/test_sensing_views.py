@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.sensing_columns import estimated_columns, measured_columns
 from tests.log.test_recording import read

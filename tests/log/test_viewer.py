@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from ffsm_mj.cli.main import main
-from ffsm_mj.log.rerun import live as rerun_live
+from ffsm_mj.log.rerun import viewer as rerun_live
 from ffsm_mj.log.rerun.viewer import viewer_command
 from tests.log.test_live import free_port, wait_for
 from tests.log.viewer_process import viewer_process
@@ -99,7 +99,7 @@ def test_a_viewer_opened_by_a_live_run_listens_locally(tmp_path, monkeypatch, ca
 
 @TABLE
 def test_the_relay_of_a_live_run_listens_locally():
-    from ffsm_mj.log.rerun.live import Relay
+    from ffsm_mj.log.rerun.viewer import Relay
 
     relay = Relay("127.0.0.1", free_port())
     try:

@@ -17,12 +17,9 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
-from ffsm_mj.log.arrows import ARROW_M
-from ffsm_mj.log.drawing import Frames, shapes
-from ffsm_mj.log.foxglove.messages import TransformsCodec
-from ffsm_mj.log.foxglove.outline import outline_cloud
-from ffsm_mj.log.foxglove.topics import ViewerTopics
-from ffsm_mj.log.marker_scale import marker_scale
+from ffsm_mj.log.drawing import Frames, marker_scale, shapes
+from ffsm_mj.log.foxglove import TransformsCodec, ViewerTopics, outline_cloud
+from ffsm_mj.log.markers import ARROW_M
 from ffsm_mj.log.mcap.sink import BlockWriter
 from ffsm_mj.records.events import OutcomeRecord, UnhandledContactRecord
 from ffsm_mj.records.header import RunHeader

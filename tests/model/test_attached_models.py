@@ -15,7 +15,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import read_log
-from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.model.files import read_model
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.plots import save

@@ -21,7 +21,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.hull import hull
 from ffsm_mj.log.drawing import shapes
-from ffsm_mj.log.foxglove.outline import outline_cloud
+from ffsm_mj.log.foxglove import outline_cloud
 from ffsm_mj.log.mcap import reader as mcap_reader
 from ffsm_mj.log.mcap import salvage
 from ffsm_mj.log.mcap.format import layout_of_schema

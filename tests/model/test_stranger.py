@@ -14,7 +14,7 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log import scenario as log_scenario
 from ffsm_mj.log.mcap.reader import read_log
-from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.log.scenario import compile_log
 from tests.scenes import two_balls
 

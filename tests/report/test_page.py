@@ -19,7 +19,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.errors import MissingPackageError
 from ffsm_mj.log.drawing import shapes
-from ffsm_mj.log.marks import DrawnMark
+from ffsm_mj.log.markers import DrawnMark
 from ffsm_mj.records.kinds import Mark
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from ffsm_mj.report.page import scene, write_page

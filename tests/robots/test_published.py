@@ -17,7 +17,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
-from ffsm_mj.log.drawn_geoms import geoms_to_draw
+from ffsm_mj.log.drawing import geoms_to_draw
 from tests.robots.published import ROBOTS, write_scenario
 
 pytestmark = [pytest.mark.robots, pytest.mark.slow]

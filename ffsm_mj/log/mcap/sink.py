@@ -17,8 +17,7 @@ from mcap.writer import CompressionType, Writer
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.foxglove.messages import descriptor_set
-from ffsm_mj.log.foxglove.topics import Packet, ViewerTopics
+from ffsm_mj.log.foxglove import Packet, ViewerTopics, descriptor_set
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.format import nanoseconds
 from ffsm_mj.log.mcap.record_format import encode_record, record_schema

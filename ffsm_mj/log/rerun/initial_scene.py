@@ -13,13 +13,19 @@ import rerun.blueprint as rrb
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.reach import Reach
 from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.bounding_box import box_corners
-from ffsm_mj.log.drawing import DrawnShape, shapes
-from ffsm_mj.log.drawn_geoms import geoms_to_draw, is_visual
-from ffsm_mj.log.initial_scene import CheckedPair, InitialScene
-from ffsm_mj.log.marker_scale import marker_scale
+from ffsm_mj.log.drawing import (
+    CheckedPair,
+    DrawnShape,
+    InitialScene,
+    box_corners,
+    geoms_to_draw,
+    is_visual,
+    marker_scale,
+    shapes,
+)
 from ffsm_mj.log.palette import AXES, BLUE, FORCE, GREY, MARK, PALE, VERMILION, Colour, shares
-from ffsm_mj.log.rerun.camera import BACKGROUND, UPRIGHT_VIEW, Framing
+from ffsm_mj.log.rerun.layout import BACKGROUND, UPRIGHT_VIEW, Framing
+from ffsm_mj.log.rerun.plots import Recording
 from ffsm_mj.log.rerun.scene import archetype, body_path, log_shapes, target_cross
 from ffsm_mj.records.signals import identifier
 
@@ -51,7 +57,7 @@ def write_initial_scene(scene: InitialScene, path: Path) -> None:
     """
     recording = rr.RecordingStream(f"ffsm-mj {scene.name} at the start")
     data = rr.binary_stream(recording)
-    _draw(recording, scene)
+    _draw(Recording(recording), scene)
     try:
         path.write_bytes(data.read() or b"")
     except OSError as error:
@@ -60,11 +66,8 @@ def write_initial_scene(scene: InitialScene, path: Path) -> None:
         recording.disconnect()
 
 
-def _draw(recording: rr.RecordingStream, scene: InitialScene) -> None:
-    def log(entity: str, archetype_: Any) -> None:
-        recording.log(entity, archetype_, static=True)
-
-    scale, system, data = marker_scale(scene.system), scene.system, scene.data
+def _draw(recording: Recording, scene: InitialScene) -> None:
+    log, scale, system, data = recording.constant, marker_scale(scene.system), scene.system, scene.data
     log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     log("contacts", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
     log_shapes(recording, system)
@@ -83,7 +86,7 @@ def _draw(recording: rr.RecordingStream, scene: InitialScene) -> None:
             log(f"world/reach/{identifier(reach.tip)}", _sphere(reach))
     _contacts(log, scene, scale)
     log("notes", rr.TextDocument(_document(scene), media_type="text/markdown"))
-    recording.send_blueprint(_blueprint(framing))
+    recording.stream.send_blueprint(_blueprint(framing))
 
 
 def _pose(position: FloatArray, quaternion: FloatArray) -> rr.Transform3D:

@@ -1,15 +1,20 @@
-"""Plots of a recording: entities, the columns that they show, names and colours."""
+"""Plots of a recording, and lanes of states: phases, the switching of thrusters, the modes of contacts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.persistent.rule_columns import MODE_NAMES
 from ffsm_mj.dynamics.rigid_body import external_actuators
 from ffsm_mj.log.palette import (
+    AXES,
     BLUE,
     GREEN,
     GREY,
@@ -20,13 +25,15 @@ from ffsm_mj.log.palette import (
     SKY,
     VERMILION,
     Colour,
+    mixed,
     object_colour,
 )
-from ffsm_mj.log.rerun.states import friction_modes
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import free_components
+from ffsm_mj.records.sensing_columns import EstimatedColumns, MeasuredColumns, estimated_columns, measured_columns
 from ffsm_mj.records.signals import COMPONENTS, SUBSYSTEMS, Layout, effort_key, identifier
 
+TIMELINE = "sim_time"
 _COLOURS = {
     "total": (PALE, PALE, PALE),
     "robot": (ROBOT_ON_DARK, BLUE, GREEN),
@@ -43,6 +50,31 @@ TORQUES = "plots/interface_torque"
 """Parent entity of the magnitudes of torques."""
 FRICTION_USE = "plots/friction_use"
 """Entity of the shares of the friction limit that contacts use."""
+
+
+class Recording:
+    """A stream of the Rerun SDK whose values are on one timeline, that of the simulation time.
+
+    Attributes:
+        stream: The stream.
+    """
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        """Wrap a stream."""
+        self.stream = stream
+
+    def constant(self, entity: str, value: Any) -> None:
+        """Send what does not change."""
+        self.stream.log(entity, value, static=True)
+
+    @staticmethod
+    def index(times: FloatArray | Sequence[float]) -> list[rr.TimeColumn]:
+        """Times in s, (n,), at which columns have values."""
+        return [rr.TimeColumn(TIMELINE, duration=times)]
+
+    def send(self, entity: str, index: list[rr.TimeColumn], columns: Any) -> None:
+        """Send columns of values. They go without ``log``, which would add a timeline of wall time."""
+        rr.send_columns(entity, indexes=index, columns=columns, recording=self.stream)
 
 
 @dataclass(frozen=True)
@@ -136,3 +168,203 @@ def _efforts(layout: Layout, system: System) -> list[Plot]:
         names, unit = ["lower bound", "upper bound", name.rsplit("/", 1)[-1]], layout.signals[columns[-1]].unit
         found.append(Plot(entity, columns, names, [GREY, GREY, ORANGE], unit))
     return found
+
+
+_SENSORS, _ESTIMATES = "plots/sensors", "plots/estimates"
+_AXES = {"": ORANGE, "w": PALE, **dict(zip("xyz", AXES, strict=True))}
+_JOINTS = (ORANGE, SKY, GREEN, PURPLE, VERMILION, BLUE, PALE)
+_THIN, _USUAL, _THICK, _TRANSLUCENT = 1.0, 1.5, 4.0, 90
+_ON_A_PAGE = 8
+"""Greatest number of plots of sensors in one tab."""
+
+
+def sensing_tabs(layout: Layout, system: System) -> dict[str, list[Plot]]:
+    """Plots by the name of their tab: sensors in pages, then the estimate of the robot and of each object."""
+    sensors = [_sensor(columns, layout) for columns in measured_columns(layout, system.sensors)]
+    pages = [sensors[first : first + _ON_A_PAGE] for first in range(0, len(sensors), _ON_A_PAGE)]
+    tabs = {"Sensors" if i == 0 else f"Sensors {i + 1}": page for i, page in enumerate(pages)}
+    for columns in estimated_columns(layout, system.trees):
+        tabs.setdefault(f"Estimate of {columns.subsystem}", []).extend(_estimate(columns, layout))
+    return tabs
+
+
+def _sensor(columns: MeasuredColumns, layout: Layout) -> Plot:
+    """Newest sample of a sensor, over its true value at the time of this sample."""
+    colours = [_AXES[component] for component in columns.components]
+    names = [component or "measured" for component in columns.components]
+    title = columns.sensor.split("/", 1)[-1].replace("_", " ")
+    entity = f"{_SENSORS}/{identifier(columns.sensor)}"
+    return _over_truth(entity, title, columns.unit, layout, columns.true, columns.measured, names, colours)
+
+
+def _estimate(columns: EstimatedColumns, layout: Layout) -> list[Plot]:
+    """An estimated quantity over its true value, and its error within three standard deviations."""
+    stem = f"{_ESTIMATES}/{identifier(columns.subsystem)}/{identifier(columns.quantity)}"
+    error = _error(f"{stem}_error", columns, layout)
+    if not columns.quantity.startswith("joint"):
+        names = ["w", "x", "y", "z"][-len(columns.estimate) :]
+        colours = [_AXES[name] for name in names]
+        unit = "quaternion" if len(names) == 4 else columns.unit
+        title = f"{columns.quantity.capitalize()}, estimate"
+        return [_over_truth(stem, title, unit, layout, columns.true, columns.estimate, names, colours), error]
+    return [error]  # the curves of all joints in one plot would cover each other
+
+
+def _over_truth(
+    entity: str,
+    title: str,
+    unit: str,
+    layout: Layout,
+    true: Sequence[str],
+    shown: Sequence[str],
+    names: Sequence[str],
+    colours: Sequence[Colour],
+) -> Plot:
+    """Thin curves, and thick translucent ones of the truth; legends list as many as have room, in this order."""
+    return Plot(
+        entity,
+        layout.places((*shown, *true)).tolist(),
+        [*names, *("true" if name == "measured" else f"true {name}" for name in names)],
+        [*colours, *((*colour, _TRANSLUCENT) for colour in colours)],
+        unit,
+        title=title,
+        widths=[_USUAL] * len(shown) + [_THICK] * len(true),
+    )
+
+
+def _error(entity: str, columns: EstimatedColumns, layout: Layout) -> Plot:
+    """Errors of a quantity, and the bounds of three standard deviations as thin paler curves."""
+    count = len(columns.errors)
+    colours = list(AXES) if columns.components == tuple("xyz") else [_JOINTS[i % len(_JOINTS)] for i in range(count)]
+    bounds = 2 * list(columns.sigmas)
+    return Plot(
+        entity,
+        layout.places((*columns.errors, *bounds)).tolist(),
+        [*columns.components, *(f"3 sigma {component}" for component in columns.components * (len(bounds) // count))],
+        [*colours, *(mixed(colour, GREY, 0.5) for colour in colours * (len(bounds) // count))],
+        columns.unit,
+        title=f"Error of {columns.quantity}{', 3 sigma' if bounds else ''}",
+        widths=[_USUAL] * count + [_THIN] * len(bounds),
+        factors=[1.0] * count + [3.0] * len(columns.sigmas) + [-3.0] * len(columns.sigmas),
+    )
+
+
+_LANE_LETTERS = 80
+"""Number of letters across the lane in a window of 1200 pixels."""
+_PHASE_COLOURS = (BLUE, VERMILION, GREEN, PURPLE)
+"""Dark enough for white letters; successive phases have different ones."""
+OFF = "off"
+FIRING = {1: "fires +", 0: OFF, -1: "fires -"}
+"""States of a thruster by the sign of its force."""
+
+
+def short_name(name: str, room: int) -> str:
+    """Name of a phase in at most ``room`` letters: the whole name, else its last word, else a blank."""
+    words = name.replace("_", " ")
+    return next((text for text in (words, words.rpartition(" ")[2]) if len(text) <= room), " ")
+
+
+def phase_looks(begins: Sequence[tuple[float, str]], end_s: float) -> rr.StateConfiguration:
+    """Labels and colours of phases.
+
+    Args:
+        begins: Start time in s and name of each phase, in order.
+        end_s: End of the run, s.
+    """
+    room: dict[str, int] = {}
+    for (start_s, name), (stop_s, _) in pairwise([*begins, (end_s, "")]):
+        letters = int(_LANE_LETTERS * (stop_s - start_s) / end_s) - 1 if end_s > 0.0 else 0
+        room[name] = min(letters, room.get(name, letters))
+    labels = [short_name(name, letters) for name, letters in room.items()]
+    colours = [_PHASE_COLOURS[i % len(_PHASE_COLOURS)] for i in range(len(room))]
+    return rr.StateConfiguration(values=list(room), labels=labels, colors=colours)
+
+
+def thruster_looks() -> rr.StateConfiguration:
+    """Labels and colours of the states of a thruster."""
+    return rr.StateConfiguration(
+        values=[OFF, "fires +", "fires -"], labels=[" ", "+", "-"], colors=[(60, 60, 60), ORANGE, SKY]
+    )
+
+
+def contact_looks() -> rr.StateConfiguration:
+    """Labels and colours of the modes of a contact."""
+    colours = [(60, 60, 60), (100, 100, 100), BLUE, BLUE, VERMILION]
+    return rr.StateConfiguration(
+        values=list(MODE_NAMES.values()), labels=[" ", " ", "force", "sticks", "slides"], colors=colours
+    )
+
+
+def friction_modes(layout: Layout) -> dict[str, int]:
+    """Columns of the contact modes of the rules with friction, by the name of the rule in columns."""
+    names = (key.removeprefix("contact.").removesuffix("_friction_use") for key in layout.keys if _of_use(key))
+    return {name: layout.index[f"contact.{name}_mode"] for name in names if f"contact.{name}_mode" in layout.index}
+
+
+def _of_use(key: str) -> bool:
+    return key.startswith("contact.") and key.endswith("_friction_use")
+
+
+class Switching:
+    """Detects when thrusters or contacts change their state, from all rows of a run: frames would miss short pulses.
+
+    Attributes:
+        rest: The state at the start.
+    """
+
+    def __init__(self, time: int, columns: dict[str, int], states: Mapping[Any, str]) -> None:
+        """Start with all values at zero.
+
+        Args:
+            time: Column of the simulation time.
+            columns: Column of each value by name; rounded away from zero, and within those of the states, it is the state.
+            states: Names of the states.
+        """
+        self._time, self._columns, self._states, self.rest = time, columns, states, states[0]
+        self._last = dict.fromkeys(columns, 0)
+
+    def changes(self, rows: FloatArray) -> list[tuple[str, FloatArray, list[str]]]:
+        """(Name, times, states) of everything that changes its state in a block of rows."""
+        found: list[tuple[str, FloatArray, list[str]]] = []
+        for name, column in self._columns.items():
+            values: Any = rows[:, column]
+            values = np.clip(np.where(values < 0.0, np.floor(values), np.ceil(values)), min(self._states), max(self._states))
+            values = np.nan_to_num(values).astype(int)
+            switched = np.flatnonzero(np.diff(values, prepend=self._last[name]))
+            if len(switched):
+                found.append((name, rows[switched, self._time], [self._states[int(value)] for value in values[switched]]))
+                self._last[name] = int(values[-1])
+        return found
+
+
+class Lanes:
+    """Sends the states of thrusters or contacts; a lane is created when its state first changes.
+
+    Attributes:
+        begun: Names of the lanes.
+    """
+
+    def __init__(self, recording: Recording, parent: str, switching: Switching, looks: rr.StateConfiguration) -> None:
+        """Start without lanes.
+
+        Args:
+            recording: Destination.
+            parent: Parent entity of the lanes.
+            switching: Detects the changes.
+            looks: Labels and colours.
+        """
+        self._recording, self._parent, self._switching, self._looks = recording, parent, switching, looks
+        self.begun: set[str] = set()
+
+    def send(self, rows: FloatArray) -> list[str]:
+        """Send the changes in a block of rows; names of the lanes that begin."""
+        new, recording = [], self._recording
+        for name, times, states in self._switching.changes(rows):
+            lane = f"{self._parent}/{name}"
+            if name not in self.begun:
+                self.begun.add(name)
+                new.append(name)
+                recording.send(lane, recording.index([0.0]), rr.StateChange.columns(state=[self._switching.rest]))
+                recording.constant(lane, self._looks)
+            recording.send(lane, recording.index(times), rr.StateChange.columns(state=states))
+        return new

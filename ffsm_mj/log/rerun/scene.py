@@ -1,19 +1,26 @@
-"""Drawn geoms as shapes of a recording, each in the frame of its body."""
+"""What a recording shows in its scene: geoms, estimated poses, the target, forces and torques, marks of events."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import DrawnShape, shapes
-from ffsm_mj.log.palette import TARGET_ON_DARK
+from ffsm_mj.log.drawing import DrawnShape, Poser, shapes
+from ffsm_mj.log.markers import SHOWN_S, DrawnMark, MarkSequence, arrow_series, declared_arrows
+from ffsm_mj.log.palette import BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, TARGET_ON_DARK, TORQUE, VERMILION
+from ffsm_mj.log.rerun.layout import Opening
+from ffsm_mj.log.rerun.plots import FORCES, TORQUES, Recording
 from ffsm_mj.model.system import System
-from ffsm_mj.records.signals import identifier
+from ffsm_mj.records.arrows import ArrowColumns
+from ffsm_mj.records.events import Event
+from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.metadata import LoggedTask
+from ffsm_mj.records.signals import Layout, coordinate_keys, identifier
 
 
 def body_path(system: System, body: int) -> str:
@@ -22,13 +29,13 @@ def body_path(system: System, body: int) -> str:
     return f"world/{identifier(tree)}/{identifier(name)}"
 
 
-def log_shapes(recording: rr.RecordingStream, system: System) -> dict[int, str]:
+def log_shapes(recording: Recording, system: System) -> dict[int, str]:
     """Log every drawn geom once, in the frame of its body; returns the entity of the first one of each body."""
     first: dict[int, str] = {}
     for shape in shapes(system):
         parent = body_path(system, shape.body) if shape.body else "world/static"
         entity = f"{parent}/{identifier(shape.name)}"
-        recording.log(entity, archetype(shape), static=True)
+        recording.constant(entity, archetype(shape))
         first.setdefault(shape.body, entity)
     return first
 
@@ -86,3 +93,192 @@ def primitive(shape: DrawnShape, colour: Sequence[int], fill_mode: str = "solid"
     axis = np.zeros(3)
     mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half_length]), shape.quaternion)
     return rr.Capsules3D(lengths=[2 * half_length], radii=[radius], translations=[shape.position - axis], **look)
+
+
+_GHOST = (*GHOST, 170)
+
+
+class Ghosts:
+    """Sends the estimated poses of floating robots and objects with all their bodies; nothing without an estimate."""
+
+    def __init__(self, recording: Recording, system: System, layout: Layout) -> None:
+        """Log the wireframes of the geoms."""
+        self._system, self._recording = system, recording
+        keys = [key.replace("state.", "estimate.", 1) for key in coordinate_keys(system.joints.values())]
+        floating = [tree for tree in system.trees if tree.joints[0].kind == "free"]
+        self._bodies = [body for tree in floating for body in tree.bodies] if set(keys) <= set(layout.index) else []
+        if not self._bodies:
+            return
+        self._coordinates, self._poser = layout.places(keys), Poser(system.mj)
+        for shape in shapes(system):
+            if shape.body in self._bodies:
+                # Of a mesh the bounding box is drawn, as meshes have no wireframe in the viewer.
+                wireframe = primitive(shape, _GHOST, "majorwireframe")
+                recording.constant(f"{self._path(shape.body)}/{identifier(shape.name)}", wireframe)
+        for tree in floating:
+            text = rr.Points3D(
+                [np.zeros(3)], colors=[GHOST], radii=[0.0], labels=[f"estimate of {tree.name}"], show_labels=True
+            )
+            recording.constant(f"{self._path(tree.root)}/name", text)
+
+    def _path(self, body: int) -> str:
+        return body_path(self._system, body).replace("world/", "world/estimate/", 1)
+
+    def send(self, rows: FloatArray, index: Any) -> None:
+        """Send the poses of some rows, (n, number of signals), at an index of their times."""
+        if self._bodies:
+            positions, quaternions = self._poser.poses(rows[:, self._coordinates])
+            for body in self._bodies:
+                self._recording.send(self._path(body), index, poses(positions[:, body], quaternions[:, body]))
+
+
+def poses(positions: FloatArray, quaternions: FloatArray) -> Any:
+    """Columns of the poses of a body: positions, (n, 3), m, and orientations wxyz, (n, 4)."""
+    return rr.Transform3D.columns(translation=positions, quaternion=np.roll(quaternions, -1, axis=-1))  # xyzw
+
+
+class Target:
+    """Draws the target of a task; one that moves is followed."""
+
+    def __init__(self, recording: Recording, header: RunHeader, task: LoggedTask, scale: float) -> None:
+        """Draw it at a scale of markers."""
+        self._task, self._layout, self._moving = task, header.layout, task.moving_columns(header.layout)
+        self._recording = recording
+        line = rr.SeriesLines(names=["tip error"], colors=[ORANGE], widths=[1.5])
+        recording.constant("plots/tip_error", line)
+        place = np.zeros(3) if self._moving else task.point_m
+        recording.constant("world/task/target", target_cross(place, "target", scale))
+
+    @property
+    def points(self) -> FloatArray:
+        """Points to keep in view: where it stands or begins, (1, 3), m."""
+        return self._task.point_m[None]
+
+    def send(self, rows: FloatArray, index: Any) -> None:
+        """Send where it is in some rows, and the distance of the tip, at an index of their times."""
+        if self._moving:
+            self._recording.send("world/task/target", index, rr.Transform3D.columns(translation=rows[:, self._moving]))
+        error = np.linalg.norm(self._task.errors_m(self._layout, lambda key: rows[:, self._layout.index[key]]), axis=1)
+        self._recording.send("plots/tip_error", index, rr.Scalars.columns(scalars=error))
+
+
+_COLOURS = (FORCE, PURPLE, SKY, VERMILION, BLUE)
+"""Colours of forces and their curves in turn; torques have one of their own."""
+
+
+class Forces:
+    """Sends the arrows that contact models declare; an entity is created when its arrow first acts."""
+
+    def __init__(self, recording: Recording, header: RunHeader, scale: float) -> None:
+        """Start without entities, at a scale of markers."""
+        self._scale = scale
+        self._recording, self._declared = recording, declared_arrows(header)
+        self._begun: list[ArrowColumns] = []
+
+    def possible(self, *, torques: bool) -> list[str]:
+        """Names of all declared forces, or torques."""
+        return [arrow.name for arrow in self._declared if arrow.is_torque == torques]
+
+    def begun(self, *, torques: bool) -> list[str]:
+        """Names of the forces, or torques, that have acted."""
+        return [arrow.name for arrow in self._begun if arrow.is_torque == torques]
+
+    def send(self, rows: FloatArray, index: Any) -> None:
+        """Send arrows and magnitudes of some rows at an index of their times."""
+        for arrow in self._declared:
+            series = arrow_series(arrow, rows, self._scale)
+            if arrow not in self._begun:
+                if not series.acts.any():
+                    continue
+                self._begin(arrow)
+            arrows = rr.Arrows3D.columns(origins=series.origins, vectors=series.vectors)
+            self._recording.send(f"world/contacts/{arrow.name}", index, arrows)
+            self._recording.send(_plot(arrow), index, rr.Scalars.columns(scalars=series.sizes))
+
+    def _begin(self, arrow: ArrowColumns) -> None:
+        colour = TORQUE if arrow.is_torque else _COLOURS[len(self._begun) % len(_COLOURS)]
+        self._begun.append(arrow)
+        look = rr.Arrows3D.from_fields(colors=[colour], radii=[0.03 * self._scale])
+        self._recording.constant(f"world/contacts/{arrow.name}", look)
+        line = rr.SeriesLines(names=[arrow.name], colors=[colour], widths=[1.5])
+        self._recording.constant(_plot(arrow), line)
+
+
+def _plot(arrow: ArrowColumns) -> str:
+    """Entity of a magnitude over time."""
+    return f"{TORQUES if arrow.is_torque else FORCES}/{arrow.name}"
+
+
+_APART_M = 0.6
+"""Texts at a smaller distance would overlap at scale 1."""
+
+Send = Callable[[float, str, Any], None]
+"""Sends one value to an entity at a time in s."""
+
+
+class _LabelledMark(NamedTuple):
+    """A mark whose text is shown, and its entity."""
+
+    entity: str
+    drawn: DrawnMark
+
+
+class Marks:
+    """Draws the marks of events as they come, and removes them after some time."""
+
+    def __init__(self, send: Send, opening: Opening, scale: float) -> None:
+        """Start without marks, at a scale of markers."""
+        self._send, self._opening, self._scale = send, opening, scale
+        self._sequence = MarkSequence(scale)
+        self._shown: list[tuple[float, str]] = []
+        self._labelled: list[_LabelledMark] = []
+
+    def event(self, event: Event) -> None:
+        """Draw the marks of an event."""
+        for drawn in self._sequence.add(event):
+            entity = f"world/{drawn.kind.plural}/{drawn.instant}/{identifier(drawn.mark.name)}_{drawn.number + 1}"
+            labelled = self._makes_room(_LabelledMark(entity, drawn))
+            self._send(drawn.time_s, entity, _shape(drawn, self._scale, labelled=labelled))
+            self._shown.append((drawn.end_s, entity))
+            self._opening.add_mark(drawn.time_s, drawn.mark.point_m)
+
+    def clear(self, now_s: float) -> None:
+        """Remove marks whose time is over; never ahead of the motion, or a viewer would jump there."""
+        for end_s, entity in [mark for mark in self._shown if mark[0] <= now_s]:
+            self._shown.remove((end_s, entity))
+            self._send(end_s, entity, rr.Clear.columns(is_recursive=[False]))
+
+    def _makes_room(self, new: _LabelledMark) -> bool:
+        """Whether the text of a new mark is shown.
+
+        Of marks of one kind at one place within ``SHOWN_S``, only that of greatest magnitude has a text; it replaces the
+        earlier ones.
+        """
+        time = new.drawn.time_s
+        self._labelled = [old for old in self._labelled if time - old.drawn.time_s < SHOWN_S]
+        # Bouncing contacts hit the same place many times within seconds; their texts would cover each other.
+        near = [old for old in self._labelled if _distance_m(old.drawn, new.drawn) < self._scale * _APART_M]
+        size = new.drawn.mark.magnitude
+        if any(old.drawn.kind is new.drawn.kind and size <= old.drawn.mark.magnitude for old in near):
+            return False
+        for old in near:
+            self._labelled.remove(old)
+            if old.drawn.time_s < time:
+                self._send(time, old.entity, _shape(old.drawn, self._scale, labelled=False))
+        self._labelled.append(new)
+        return True
+
+
+def _distance_m(one: DrawnMark, other: DrawnMark) -> float:
+    """Distance of the texts of two marks, which stand at the middles of their arrows."""
+    places = [np.array(drawn.mark.point_m) - 0.5 * drawn.vector for drawn in (one, other)]
+    return float(np.linalg.norm(places[0] - places[1]))
+
+
+def _shape(drawn: DrawnMark, scale: float, *, labelled: bool) -> Any:
+    """An arrow that ends at the point, so that the body that it pushes does not hide it, or a dot; optionally a text."""
+    text, vector = [drawn.mark.text if labelled else ""], drawn.vector
+    if not vector.any():
+        return rr.Points3D.columns(positions=[drawn.mark.point_m], colors=[MARK], radii=[0.06 * scale], labels=text)
+    origins = [np.array(drawn.mark.point_m) - vector]
+    return rr.Arrows3D.columns(origins=origins, vectors=[vector], colors=[MARK], radii=[0.04 * scale], labels=text)

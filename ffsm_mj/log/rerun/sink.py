@@ -16,9 +16,9 @@ import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.persistent.rule_columns import MODE_NAMES
-from ffsm_mj.errors import LogWriteError
-from ffsm_mj.log.drawing import FramePicker, Frames, posed_bodies
-from ffsm_mj.log.marker_scale import marker_scale
+from ffsm_mj.errors import THE_LOG, InputError, LogWriteError
+from ffsm_mj.log.drawing import FramePicker, Frames, marker_scale, posed_bodies
+from ffsm_mj.log.markers import plume_series, thrusters
 from ffsm_mj.log.palette import (
     PLUME,
     PLUME_OPACITY,
@@ -27,33 +27,29 @@ from ffsm_mj.log.palette import (
     TIP_BEFORE_ON_DARK,
     object_colour,
 )
-from ffsm_mj.log.plumes import plume_series, thrusters
 from ffsm_mj.log.recorder import Sink
-from ffsm_mj.log.rerun.blueprint import TIMELINE, Contents, blueprint
-from ffsm_mj.log.rerun.camera import FOLLOWED, Framing
-from ffsm_mj.log.rerun.forces import Forces
-from ffsm_mj.log.rerun.ghosts import Ghosts
-from ffsm_mj.log.rerun.marks import Marks
-from ffsm_mj.log.rerun.opening import Opening
-from ffsm_mj.log.rerun.plots import plots
-from ffsm_mj.log.rerun.scene import body_path, log_shapes
-from ffsm_mj.log.rerun.sensing import sensing_tabs
-from ffsm_mj.log.rerun.states import (
+from ffsm_mj.log.rerun.layout import FOLLOWED, Contents, Framing, Opening, blueprint
+from ffsm_mj.log.rerun.plots import (
     FIRING,
     Lanes,
+    Recording,
     Switching,
     contact_looks,
     friction_modes,
     phase_looks,
+    plots,
+    sensing_tabs,
     thruster_looks,
 )
-from ffsm_mj.log.rerun.target import Target
+from ffsm_mj.log.rerun.scene import Forces, Ghosts, Marks, Target, body_path, log_shapes, poses
+from ffsm_mj.log.scenario import compile_log, logged_scenario
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import logged_task
-from ffsm_mj.records.signals import TIP
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import TIP, coordinate_keys
 
 _PLUME = (*PLUME, round(255 * PLUME_OPACITY))
 
@@ -78,12 +74,13 @@ class RerunSink(Sink):
         self._layout = layout = header.layout
         self._picker = FramePicker(self._system, layout, self._view_rate_hz)
         name = f"{header.scenario_name}-{header.metadata.get('created_utc', '')}"
-        self._recording = rr.RecordingStream(
+        self._stream = rr.RecordingStream(
             f"ffsm-mj {header.scenario_name}",  # an open viewer keeps one layout for each application id
             recording_id=f"{name}-{uuid4().hex}" if self._streams else name,  # many runs are streamed in a second
         )
+        self._recording = Recording(self._stream)
         self._connect()
-        self._recording.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._recording.constant("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self._base = log_shapes(self._recording, self._system).get(self._system.robot.root, "")
         task = logged_task(header.metadata)
         self._target = Target(self._recording, header, task, self._scale) if task is not None else None
@@ -93,44 +90,39 @@ class RerunSink(Sink):
         self._curves = [*self._plots, *(plot for tab in self._sensing.values() for plot in tab)]
         for plot in self._curves:
             widths = list(plot.widths) or [1.5] * len(plot.names)
-            lines = rr.SeriesLines(names=plot.names, colors=plot.colours, widths=widths)
-            self._recording.log(plot.entity, lines, static=True)
+            self._recording.constant(plot.entity, rr.SeriesLines(names=plot.names, colors=plot.colours, widths=widths))
         self._thrusters = {thruster.short_name: thruster for thruster in thrusters(self._system, layout)}
         self._forces = Forces(self._recording, header, self._scale)
         applied = {name: thruster.applied for name, thruster in self._thrusters.items()}
-        self._firing = self._lanes("thrusters", Switching(layout.time, applied, FIRING), thruster_looks())
+        switching = Switching(layout.time, applied, FIRING)
+        self._firing = Lanes(self._recording, "states/thrusters", switching, thruster_looks())
         self._modes = friction_modes(layout)
-        self._contacts = self._lanes("contacts", Switching(layout.time, self._modes, MODE_NAMES), contact_looks())
-        self._trail_colours()
+        switching = Switching(layout.time, self._modes, MODE_NAMES)
+        self._contacts = Lanes(self._recording, "states/contacts", switching, contact_looks())
+        objects = {tree.name: object_colour(i) for i, tree in enumerate(self._system.objects)}
+        self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}
         self._opening = Opening(self._system)
         self._marks = Marks(self._at, self._opening, self._scale)
         self._framed, self._states = False, dict[str, list[tuple[float, str]]]()
 
-    def _lanes(self, name: str, switching: Switching, looks: rr.StateConfiguration) -> Lanes:
-        return Lanes(self._recording, f"states/{name}", TIMELINE, switching, looks)
-
     def _connect(self) -> None:
         if isinstance(self._output, str):
-            self._recording.connect_grpc(self._output)
+            self._stream.connect_grpc(self._output)
             return
         # The file is written by this class: on a full disk the thread of the SDK would block its caller forever.
-        self._bytes = rr.binary_stream(self._recording)
+        self._bytes = rr.binary_stream(self._stream)
         self._path = self._output()
         try:
             self._file = self._path.open("wb")
         except OSError as error:
             raise LogWriteError(self._path, error) from error
 
-    def _trail_colours(self) -> None:
-        objects = {tree.name: object_colour(i) for i, tree in enumerate(self._system.objects)}
-        self._colours = {self._system.robot.name: ROBOT_ON_DARK} | objects | {"tip": TIP_BEFORE_ON_DARK}
-
     def rows(self, block: FloatArray) -> None:
         """Buffer the frames of a block for the next flush, and send the changes of thrusters and contacts in it."""
         self._contacts.send(block)
         for name in self._firing.send(block):
             look = rr.Arrows3D.from_fields(colors=[_PLUME], radii=[0.06 * self._scale])
-            self._recording.log(f"world/plumes/{name}", look, static=True)
+            self._recording.constant(f"world/plumes/{name}", look)
         frames = self._picker.pick(block)
         if frames is not None:
             self._pending.append(frames)
@@ -141,22 +133,21 @@ class RerunSink(Sink):
             return
         parts, self._pending = self._pending, []
         frames = Frames.joined(parts)
-        index = [rr.TimeColumn(TIMELINE, duration=frames.times)]
+        index = self._recording.index(frames.times)
         self._opening.add_frames(frames)
         if self._streams and not self._framed:
             # The layout of a stream is sent once, so it has a place for every force that is possible.
             self._arrange(self._forces.possible)
         for body in posed_bodies(self._system):
-            turned = np.roll(frames.quaternions[:, body], -1, axis=-1)  # xyzw
-            poses = rr.Transform3D.columns(translation=frames.positions[:, body], quaternion=turned)
-            self._send(body_path(self._system, body), index, poses)
-        self._ghosts.send(frames.rows, lambda path, columns: self._send(path, index, columns))
+            moved = poses(frames.positions[:, body], frames.quaternions[:, body])
+            self._recording.send(body_path(self._system, body), index, moved)
+        self._ghosts.send(frames.rows, index)
         if self._target is not None:
-            self._target.send(frames, lambda path, columns: self._send(path, index, columns))
+            self._target.send(frames.rows, index)
         self._trails(frames, index)
         self._plumes(frames, index)
         self._lines(frames, index)
-        self._forces.send(frames, index)
+        self._forces.send(frames.rows, index)
         self._marks.clear(float(frames.times[-1]))
 
     @property
@@ -189,8 +180,8 @@ class RerunSink(Sink):
             thrusters=len(self._thrusters if self._streams else self._firing.begun),
             contacts=len(self._modes if self._streams else self._contacts.begun),
         )
-        self._recording.log("world/axes", framing.axes, static=True)
-        self._recording.send_blueprint(blueprint(contents, None if self._streams else self._opening))
+        self._recording.constant("world/axes", framing.axes)
+        self._stream.send_blueprint(blueprint(contents, None if self._streams else self._opening))
 
     def _framing(self, points: FloatArray) -> Framing:
         """View of some points, with a camera that follows the robot if it leaves them; in a stream it always follows."""
@@ -200,9 +191,9 @@ class RerunSink(Sink):
         path = self._opening.followed((framing.low, framing.high))
         if path is None:
             return framing
-        index = [rr.TimeColumn(TIMELINE, duration=path[:, 0])]
-        self._recording.log(FOLLOWED, rr.Points3D.from_fields(radii=[0.0], colors=[(0, 0, 0, 0)]), static=True)
-        self._send(FOLLOWED, index, rr.Points3D.columns(positions=framing.centre + path[:, 1:]))
+        index, places = self._recording.index(path[:, 0]), rr.Points3D.columns(positions=framing.centre + path[:, 1:])
+        self._recording.constant(FOLLOWED, rr.Points3D.from_fields(radii=[0.0], colors=[(0, 0, 0, 0)]))
+        self._recording.send(FOLLOWED, index, places)
         return Framing(points, FOLLOWED)
 
     def _trails(self, frames: Frames, index: Any) -> None:
@@ -216,7 +207,7 @@ class RerunSink(Sink):
             late = TIP_AFTER if name == "tip" else self._colours[name]
             colours = np.where(after[:, None], late, self._colours[name])
             looks = rr.Points3D.columns(positions=points, colors=colours, radii=[0.015 * self._scale] * count)
-            self._send(f"world/trails/{name}", index, looks)
+            self._recording.send(f"world/trails/{name}", index, looks)
 
     def _plumes(self, frames: Frames, index: Any) -> None:
         for name, thruster in self._thrusters.items():
@@ -224,16 +215,13 @@ class RerunSink(Sink):
                 continue
             series = plume_series(thruster, frames, self._scale)
             plume = rr.Arrows3D.columns(origins=series.origins, vectors=series.vectors)
-            self._send(f"world/plumes/{name}", index, plume)
+            self._recording.send(f"world/plumes/{name}", index, plume)
 
     def _lines(self, frames: Frames, index: Any) -> None:
         for plot in self._curves:
             values = plot.values(frames.rows)
             flat = rr.Scalars.columns(scalars=values.ravel()).partition(np.full(len(values), len(plot.columns)))
-            self._send(plot.entity, index, flat)
-
-    def _send(self, path: str, index: Any, columns: Any) -> None:
-        rr.send_columns(path, indexes=index, columns=columns, recording=self._recording)
+            self._recording.send(plot.entity, index, flat)
 
     def event(self, event: Event) -> None:
         """Log an event as text, with the state that begins with it and its marks."""
@@ -252,8 +240,8 @@ class RerunSink(Sink):
         self._at(kind.time(event), "events", text)
 
     def _at(self, time_s: float, path: str, columns: Any) -> None:
-        """Send one value at one time, as columns, because ``log`` would add a timeline of wall time."""
-        self._send(path, [rr.TimeColumn(TIMELINE, duration=[time_s])], columns)
+        """Send one value at one time."""
+        self._recording.send(path, self._recording.index([time_s]), columns)
 
     def close(self, outcome: OutcomeRecord | None) -> None:
         """Send the outcome, and finish the recording.
@@ -261,13 +249,13 @@ class RerunSink(Sink):
         Raises:
             LogWriteError: The file cannot be written (full disk).
         """
-        if not hasattr(self, "_recording"):
+        if not hasattr(self, "_stream"):
             return
         self.flush()
         if outcome is not None:
             self._text(outcome)
         for name, begins in self._states.items():
-            self._recording.log(f"states/{name}", phase_looks(begins, self._opening.end_s), static=True)
+            self._recording.constant(f"states/{name}", phase_looks(begins, self._opening.end_s))
         if self._opening.has_frames and not self._streams:
             self._arrange(self._forces.begun)
         try:
@@ -281,11 +269,34 @@ class RerunSink(Sink):
         Raises:
             RuntimeError: It has not within ``patience_s``.
         """
-        self._recording.flush(timeout_sec=patience_s)
+        self._stream.flush(timeout_sec=patience_s)
 
     def disconnect(self) -> None:
         """Close the connection or the file."""
-        self._recording.disconnect()
+        self._stream.disconnect()
         if not isinstance(self._output, str):
             with suppress(OSError):  # already reported by the write
                 self._file.close()
+
+
+_BLOCKS_AT_ONCE = 25
+
+
+def write_recording(log: RunLog, path: Path) -> None:
+    """Write a recording (``.rrd``) of a log.
+
+    Raises:
+        InputError: The models in the log no longer compile, or do not match its columns.
+    """
+    system = compile_log(log)
+    if missing := set(coordinate_keys(system.joints.values())) - set(log.header.layout.keys):
+        raise InputError(f"{THE_LOG} has no {min(missing)}, a coordinate of its models")
+    sink = RerunSink(lambda: path, system, logged_scenario(log).view_rate_hz)
+    sink.open(log.header)
+    for event in log.events():
+        sink.event(event)
+    for number, block in enumerate(log.blocks(), 1):
+        sink.rows(block)
+        if number % _BLOCKS_AT_ONCE == 0:
+            sink.flush()
+    sink.close(log.outcome)

@@ -22,7 +22,7 @@ from ffsm_mj.analysis.run_card import card_html
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
-from ffsm_mj.log.arrows import arrow_colour, declared_arrows
+from ffsm_mj.log.markers import arrow_colour, declared_arrows
 from ffsm_mj.log.palette import hexadecimal, packed
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict

@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log import palette
-from ffsm_mj.log.arrows import arrow_colour, arrow_series, declared_arrows
+from ffsm_mj.log.markers import arrow_colour, arrow_series, declared_arrows, plume_series, thrusters
 from ffsm_mj.log.palette import packed
-from ffsm_mj.log.plumes import plume_series, thrusters
 from ffsm_mj.model.system import System
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.signals import Layout

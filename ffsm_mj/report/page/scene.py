@@ -14,12 +14,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
-from ffsm_mj.log.bounding_box import box_corners
-from ffsm_mj.log.drawing import DrawnShape, shapes
-from ffsm_mj.log.drawn_geoms import geoms_to_draw
-from ffsm_mj.log.following import camera_path, robot_boxes
-from ffsm_mj.log.marker_scale import marker_scale
-from ffsm_mj.log.marks import DrawnMark, drawn_marks
+from ffsm_mj.log.drawing import DrawnShape, box_corners, camera_path, geoms_to_draw, marker_scale, robot_boxes, shapes
+from ffsm_mj.log.markers import DrawnMark, drawn_marks
 from ffsm_mj.log.palette import packed
 from ffsm_mj.records.metadata import LoggedTask, logged_task
 from ffsm_mj.report.page.moving import FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick

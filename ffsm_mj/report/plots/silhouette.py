@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.hull import hull
-from ffsm_mj.log.drawn_geoms import colour_of, geoms_to_draw
+from ffsm_mj.log.drawing import colour_of, geoms_to_draw
 from ffsm_mj.model.system import System
 
 _TURN = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)

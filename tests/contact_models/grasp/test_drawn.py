@@ -7,9 +7,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.grasp.record_kinds import GRASP
-from ffsm_mj.log.arrows import ARROW_M
-from ffsm_mj.log.marks import marks_topic
-from ffsm_mj.log.rerun.from_log import write_recording
+from ffsm_mj.log.markers import ARROW_M, marks_topic
+from ffsm_mj.log.rerun.sink import write_recording
 from tests.contact_models.grasp.scenes import grasping
 from tests.log.markers import scale_of
 from tests.log.test_recording import entities, read

@@ -1,1 +1,0 @@
-"""Topics in Foxglove's well-known schemas, drawn by viewers without set-up."""

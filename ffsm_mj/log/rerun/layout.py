@@ -1,0 +1,376 @@
+"""Layout of a recording: a scene at the first event, and beside it tabs of plots; the time and view at which it opens."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log.drawing import Frames, View, box_corners, camera_path, geoms_to_draw, robot_boxes
+from ffsm_mj.log.markers import SHOWN_S
+from ffsm_mj.log.palette import AXES
+from ffsm_mj.log.rerun.plots import BASE, FORCES, FRICTION_USE, JOINTS, TIMELINE, TORQUES, Plot
+from ffsm_mj.model.system import System
+
+_LEGEND = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
+_NO_LEGEND = rrb.PlotLegend(visible=False)
+_LETTER_PX, _BESIDE_PX, _PLOT_PX = 6.4, 34.0, 290.0
+"""Widths of a letter of a legend, of its remaining parts, and of a plot in a window of 1300 pixels."""
+_MOST_LANES = 5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """Contents of a recording, as far as its layout depends on them.
+
+    Attributes:
+        framing: Points to keep in view.
+        plots: Plots of columns.
+        sensing: Plots of measurements and estimates by the name of their tab.
+        trails: Names of the trails.
+        tip: Whether the tip error is plotted.
+        forces: Names of the forces that are plotted.
+        torques: Names of the torques that are plotted.
+        thrusters: Number of lanes of states of thrusters.
+        contacts: Number of lanes of modes of contacts.
+    """
+
+    framing: Framing
+    plots: Sequence[Plot]
+    trails: Sequence[str]
+    tip: bool
+    forces: Sequence[str]
+    torques: Sequence[str] = ()
+    thrusters: int = 0
+    contacts: int = 0
+    sensing: Mapping[str, Sequence[Plot]] = field(default_factory=dict)
+
+    @property
+    def lanes(self) -> str:
+        """Title of the lanes of states."""
+        shown = ["Phase", *(["contacts"] if self.contacts else []), *(["thrusters"] if self.thrusters else [])]
+        return " and ".join([", ".join(shown[:-1]), shown[-1]] if len(shown) > 1 else shown)
+
+
+class _Curves(NamedTuple):
+    """Contents of one view: its entity, its title (with the unit early, as long titles are cut), and names in its legend."""
+
+    origin: str
+    title: str
+    names: Sequence[str] = ()
+
+    def room(self, views: int) -> float:
+        """Width of the legend relative to that of the curves, if ``views`` plots are in one row."""
+        if not self.names:
+            return 0.0
+        legend, plot = _BESIDE_PX + _LETTER_PX * max(map(len, self.names)), _PLOT_PX * (1.0 if views > 1 else 1.6)
+        return legend / max(plot - legend, 0.25 * plot)
+
+
+def blueprint(contents: Contents, opening: Opening | None) -> rrb.Blueprint:
+    """Layout of a recording.
+
+    Args:
+        contents: Contents of the recording.
+        opening: Time and view at which it opens; None for a stream, which is shown at its latest time.
+    """
+    loop = opening.loop if opening is not None else None
+    lanes = 2.0 + min(1 + contents.thrusters + contents.contacts, _MOST_LANES)
+    left = rrb.Vertical(
+        _scene(contents),
+        rrb.StateTimelineView(origin="/states", name=contents.lanes),
+        rrb.TextLogView(origin="/events", name="Events", columns=_event_columns()),
+        row_shares=[22.0 - lanes, lanes, 6.0],
+    )
+    playing: dict[str, Any] = {"play_state": "following" if opening is None else "playing"}
+    if loop is not None:
+        playing |= {"loop_mode": "selection", "time_selection": _selection(loop)}
+    return rrb.Blueprint(
+        rrb.Horizontal(left, rrb.Tabs(*_tabs(contents, opening), active_tab=0)),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", **playing),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+    )
+
+
+def _scene(contents: Contents) -> rrb.Spatial3DView:
+    framing = contents.framing
+    return rrb.Spatial3DView(
+        origin="/world",
+        name=f"Scene, lines every {framing.grid_m:g} m",
+        line_grid=framing.ground,
+        background=BACKGROUND,
+        eye_controls=framing.eye,
+        overrides={
+            f"world/trails/{name}": [
+                rrb.VisibleTimeRanges(
+                    timeline=TIMELINE,
+                    start=rrb.TimeRangeBoundary.infinite(),
+                    end=rrb.TimeRangeBoundary.cursor_relative(),
+                )
+            ]
+            for name in contents.trails
+        },
+    )
+
+
+def _selection(time_range: TimeRange) -> rr.encodings.AbsoluteTimeRange:
+    return rr.encodings.AbsoluteTimeRange(*(rr.encodings.TimeInt(seconds=time) for time in time_range))
+
+
+def _event_columns() -> rrb.TextLogColumns:
+    """Columns of time and text; the entity is always the same."""
+    return rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
+
+
+def _tabs(contents: Contents, opening: Opening | None) -> list[rrb.Container]:
+    whole = TimeRange(0.0, opening.end_s) if opening is not None else None
+    close_up = opening.close_up if opening is not None else None
+    tabs = [_in_two_columns("Overview", _overview(contents), whole)]
+    if close_up is not None:
+        tabs.append(_in_two_columns("Close-up of the events", _overview(contents), close_up))
+    for name, parent in (("Joints", JOINTS), ("Thrusters and base", BASE)):
+        if efforts := _efforts(contents.plots, parent):
+            tabs.append(_in_two_columns(name, efforts, whole))
+    for name, plotted in contents.sensing.items():
+        tabs.append(_in_two_columns(name, [_titled(plot) for plot in plotted], whole))
+    return tabs
+
+
+def _titled(plot: Plot) -> _Curves:
+    return _Curves(plot.entity, plot.title + (f" [{plot.unit}]" if plot.unit else ""), plot.names)
+
+
+def _in_two_columns(name: str, plotted: Sequence[_Curves], time_range: TimeRange | None) -> rrb.Container:
+    """Views in two columns; the last one of an odd number is as wide as both."""
+    rows = (plotted[first : first + 2] for first in range(0, len(plotted), 2))
+    views = ([_series(curves, time_range, len(row)) for curves in row] for row in rows)
+    return rrb.Vertical(*(rrb.Horizontal(*row) if len(row) > 1 else row[0] for row in views), name=name)
+
+
+def _overview(contents: Contents) -> list[_Curves]:
+    def names(origin: str) -> list[str]:
+        return [name for plot in contents.plots if plot.entity.startswith(origin) for name in plot.names]
+
+    overview = [
+        _Curves("plots/energy", "Kinetic energy [J]", names("plots/energy")),
+        _Curves("plots/linear_momentum", "Momentum P [N s]", names("plots/linear_momentum")),
+        _Curves("plots/angular_momentum", "Momentum L [N m s]", names("plots/angular_momentum")),
+        _Curves(FORCES, "Contact force [N]", contents.forces),
+        _Curves(FRICTION_USE, "Share of friction limit used", names(FRICTION_USE)),
+        _Curves(TORQUES, "Interface torque [N m]", contents.torques),
+        _Curves("plots/balance", "Residuals [log10 of SI]", names("plots/balance")),
+    ]
+    tip = [_Curves("plots/tip_error", "Tip error [m]")] if contents.tip else []
+    return tip + [curves for curves in overview if curves.names]
+
+
+def _efforts(plots: Sequence[Plot], parent: str) -> list[_Curves]:
+    return [
+        _Curves(plot.entity, f"{plot.names[-1]} [{plot.unit}] and its bounds")
+        for plot in plots
+        if plot.entity.startswith(f"{parent}/")
+    ]
+
+
+def _series(curves: _Curves, time_range: TimeRange | None, views: int) -> rrb.TimeSeriesView:
+    """Curves over a time range, with room for the legend after it; over the whole run for a stream."""
+    return rrb.TimeSeriesView(
+        origin=f"/{curves.origin}",
+        name=curves.title,
+        plot_legend=_LEGEND if curves.names else _NO_LEGEND,
+        axis_x=None if time_range is None else _time_axis(time_range, curves.room(views)),
+    )
+
+
+def _time_axis(time_range: TimeRange, room: float) -> rrb.TimeAxis:
+    span = max(time_range.end_s - time_range.start_s, 1e-6)
+    ends = time_range.start_s - 0.02 * span, time_range.end_s + (0.04 + room) * span
+    start, end = (rrb.TimeRangeBoundary.absolute(seconds=seconds) for seconds in ends)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+
+
+_BEFORE_S, _AFTER_S = 1.0, SHOWN_S
+_CLOSE_UP = 0.5
+"""Greatest fraction of a run for which a time range gets plots of its own."""
+
+
+class TimeRange(NamedTuple):
+    """Time range of a run, s."""
+
+    start_s: float
+    end_s: float
+
+
+class Opening:
+    """Follows the marks and frames of a run to find the time and view at which the recording opens.
+
+    Attributes:
+        first_s: Time of the first mark, s; None before it.
+        end_s: Time of the last frame, s.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Start without marks and frames."""
+        self._system = system
+        self.first_s: float | None = None
+        self.end_s = self._last_s = 0.0
+        self._points: list[tuple[float, ...]] = []
+        self._pose: tuple[FloatArray, FloatArray] | None = None
+        self._at_event = False
+        self._boxes: list[FloatArray] = []
+
+    def add_mark(self, time_s: float, point_m: tuple[float, ...]) -> None:
+        """Take a mark at a time and a point; marks need not come in order of time."""
+        if self.first_s is None or time_s < self.first_s:
+            self.first_s, self._points, self._at_event = time_s, [], False
+        if time_s == self.first_s:
+            self._points.append(point_m)
+        self._last_s = max(self._last_s, time_s)
+
+    def add_frames(self, frames: Frames) -> None:
+        """Take the next frames."""
+        self.end_s = float(frames.times[-1])
+        self._boxes.append(np.column_stack((frames.times, robot_boxes(self._system, frames.positions))))
+        if self._pose is None:
+            self._pose = frames.positions[0], frames.quaternions[0]
+        if self.first_s is not None and not self._at_event and self.end_s >= self.first_s:
+            i = int(np.searchsorted(frames.times, self.first_s))
+            self._pose, self._at_event = (frames.positions[i], frames.quaternions[i]), True
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether there was any frame."""
+        return self._pose is not None
+
+    @property
+    def loop(self) -> TimeRange | None:
+        """Time range to play in a loop: around the first event; None without marks."""
+        return None if self.first_s is None else self._within(self.first_s, self.first_s)
+
+    @property
+    def close_up(self) -> TimeRange | None:
+        """Time range of the close-up plots: around all events, or else the first; None if both are most of the run."""
+        if self.first_s is None:
+            return None
+        # All events if they are close together, else only the first: a close-up of most of the run would show nothing new.
+        around = self._within(self.first_s, self._last_s), self._within(self.first_s, self.first_s)
+        return next((part for part in around if part.end_s - part.start_s <= _CLOSE_UP * self.end_s), None)
+
+    def _within(self, first_s: float, last_s: float) -> TimeRange:
+        return TimeRange(max(0.0, first_s - _BEFORE_S), min(last_s + _AFTER_S, self.end_s))
+
+    def followed(self, view: View) -> FloatArray | None:
+        """Times in s and displacements in m of a camera that follows the robot, (n, 4); None if it stays in a view."""
+        times, boxes = np.split(np.concatenate(self._boxes), [1], axis=1)
+        path = camera_path(times[:, 0], boxes, self.first_s or 0.0, view)
+        return None if path is None else np.hstack((times, path))
+
+    def points(self, more: FloatArray) -> FloatArray:
+        """Points to keep in view at the first event, or else at the start, in world axes, (n, 3), m.
+
+        These are the marks and the corners of the moving bodies; fixed bodies may be large and are left out.
+
+        Args:
+            more: Additional points, (n, 3), m.
+        """
+        assert self._pose is not None, "add_frames comes first"
+        drawn = np.array(self._points).reshape(-1, 3)
+        return np.vstack((_corners(self._system, *self._pose), more, drawn))
+
+
+def _corners(system: System, positions: FloatArray, quaternions: FloatArray) -> FloatArray:
+    """Corners of the bounding boxes of the drawn geoms of moving bodies, (n, 3), m; else the origins of all bodies."""
+    model, still = system.mj, {0, *system.fixed_bodies}
+    geoms = [geom for geom in geoms_to_draw(model) if int(model.geom_bodyid[geom]) not in still]
+    return box_corners(model, geoms, positions, quaternions) if geoms else np.asarray(positions[1:])
+
+
+_GRID = [90, 98, 112, 110]
+BACKGROUND = [24, 27, 33]
+FOLLOWED = "world/followed"
+"""Entity of the point that the camera follows, which is not drawn."""
+_WIDE_VIEW, UPRIGHT_VIEW = (0.55, 0.42), (0.36, 0.42)
+"""Tangents of half the horizontal and vertical field of view of the camera, minus a margin: over and beside other views."""
+
+
+@dataclass(frozen=True)
+class Framing:
+    """Points to keep in view.
+
+    Attributes:
+        points: The points in world axes, (n, 3), m.
+        follows: Entity that the camera follows; empty if it stands still.
+        half_view: Tangents of half the horizontal and vertical field of view.
+    """
+
+    points: FloatArray
+    follows: str = ""
+    half_view: tuple[float, float] = _WIDE_VIEW
+
+    @property
+    def low(self) -> FloatArray:
+        """Lower corner of the box around the points, (3,), m."""
+        return np.asarray(self.points.min(axis=0))
+
+    @property
+    def high(self) -> FloatArray:
+        """Upper corner of the box around the points, (3,), m."""
+        return np.asarray(self.points.max(axis=0))
+
+    @property
+    def grid_m(self) -> float:
+        """Spacing of the lines of the ground, a power of ten, m."""
+        reach_m = max(float(np.linalg.norm(self.high - self.low)), 1e-3)
+        return float(10.0 ** math.floor(math.log10(reach_m / 3.0)))
+
+    @property
+    def eye(self) -> rrb.EyeControls3D:
+        """Camera above and a little behind, so that a planar robot fills the view; as near as all points permit."""
+        position, centre = self._aim
+        return rrb.EyeControls3D(
+            position=position, look_target=centre, eye_up=[0.0, 0.0, 1.0], tracking_entity=self.follows or None
+        )
+
+    @property
+    def centre(self) -> FloatArray:
+        """Point at which the camera looks, (3,), m. A followed entity is seen there."""
+        return self._aim[1]
+
+    @cached_property
+    def _aim(self) -> tuple[FloatArray, FloatArray]:
+        """Position of the camera, and the point at which it looks."""
+        back = np.array([-0.1, -0.56, 0.82]) / np.linalg.norm([-0.1, -0.56, 0.82])
+        right = np.cross([0.0, 0.0, 1.0], back) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], back))
+        view = np.stack((right, np.cross(back, right), back))
+        centre = 0.5 * (self.low + self.high)
+        distance = 0.0
+        for _ in range(4):  # perspective: the middle of the picture is not the projection of the middle of the box
+            viewed = (self.points - centre) @ view.T
+            distance = float(np.max(np.abs(viewed[:, :2]) / self.half_view + viewed[:, 2:]))
+            flat = viewed[:, :2] / np.maximum(distance - viewed[:, 2:], 1e-9)
+            middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0)) * distance
+            centre = centre + middle @ view[:2]
+        # A least distance keeps a single small body from filling the view.
+        return centre + max(distance, 2.0 * self.grid_m) * back, centre
+
+    @property
+    def ground(self) -> rrb.LineGrid3D:
+        """Lines on the ground, the lowest of the points."""
+        plane = rr.components.Plane3D.XY.with_distance(float(self.low[2]))
+        return rrb.LineGrid3D(visible=True, spacing=self.grid_m, plane=plane, color=_GRID, stroke_width=1.0)
+
+    @property
+    def axes(self) -> rr.Arrows3D:
+        """Axes of the world on the ground, each as long as the spacing of its lines, at the rear left corner of the view."""
+        corner, vectors = (self.low[0], self.high[1], self.low[2]), self.grid_m * np.eye(3)
+        return rr.Arrows3D(
+            origins=[corner] * 3, vectors=vectors, colors=AXES, labels=["x", "y", "z"], radii=0.02 * self.grid_m
+        )
