@@ -15,6 +15,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.log.rerun import sink as rerun_sink
+from ffsm_mj.log.rerun import viewer as rerun_live
 from ffsm_mj.log.rerun.viewer import viewer_command
 from tests.log.test_recording import read
 from tests.log.viewer_process import viewer_process
