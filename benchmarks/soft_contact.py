@@ -22,7 +22,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, subtree_momenta
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import markdown_table
 from ffsm_mj.validation.cases.seed_paper.measure import tip_state
 from ffsm_mj.validation.page import fixed, small
 

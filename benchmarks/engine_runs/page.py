@@ -8,7 +8,7 @@ from typing import Any
 
 from engine_runs.costs import OURS, PANELS, Panel, Row, Setting, best, cheapest, cost_at, settings
 from engine_runs.figure import draw
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import markdown_table
 
 TEMPLATE = Path(__file__).with_name("page.md")
 DETAILS: dict[str, dict[str, str]] = {

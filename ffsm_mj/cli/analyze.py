@@ -10,9 +10,8 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run, compare, load_run
 from ffsm_mj.assembly.interrupts import noted
-from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
-from ffsm_mj.cli.progress import Report
+from ffsm_mj.cli.progress import Report, Stage
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.cli.truncation import PATIENCE, explained_checks
 from ffsm_mj.errors import InputError, unknown_name, working_on
@@ -43,11 +42,11 @@ def analyze(options: argparse.Namespace, output: Output) -> int:
         OutputLostError: A figure could not be written completely.
     """
     _refuse_impossible(options)
-    with display(output) as (say, shown):
-        return _analyze(options, say, shown.stage)
+    with output.progress() as stage:
+        return _analyze(options, output, stage)
 
 
-def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _analyze(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     tolerance = _tolerance(options.tolerance)
     names = run_names(options.runs)
     several = len(names) > 1
@@ -68,16 +67,17 @@ def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
                 else:
                     text = verification(run, again, explained, tolerance)
                     text += "\n" * (several or options.plots is not None)
-                    say(f"{path.resolve()}\n\n{text}")
+                    output.write(str(path.resolve()))
+                    output.say(f"\n{text}")
                     for line in _internal_errors(run, options.runs, shown=options.traceback):
-                        say(line)
+                        output.write(line)
             if options.plots:
                 folder = folder_below(Path(options.plots), name) if several else Path(options.plots)
-                _plot(run, folder, None if options.json else say, stage(f"figures of {shown[name]}", "figures"))
+                _plot(run, folder, None if options.json else output, stage(f"figures of {shown[name]}", "figures"))
         if several and (options.compare or options.plots):
             kept.append((name, run))
     if options.json:
-        say(json_text(data if several else data[0]))
+        output.write(json_text(data if several else data[0]))
     elif several:
         words = (
             (CHECK_FAILED, "; FAILED in "),
@@ -85,11 +85,11 @@ def _analyze(options: argparse.Namespace, say: Say, stage: Stage) -> int:
             (TRUNCATED, "; truncation of the step: "),
         )
         rest = "".join(head + ", ".join(found[code]) for code, head in words if found[code])
-        say(f"{len(found[OK])} of {len(names)} runs verified{rest}")
+        output.say(f"{len(found[OK])} of {len(names)} runs verified{rest}")
     if options.compare:
-        _compare(kept, say, stage)
+        _compare(kept, output, stage)
     if options.plots and several:
-        _plot_comparison(kept, Path(options.plots), None if options.json else say, stage)
+        _plot_comparison(kept, Path(options.plots), None if options.json else output, stage)
     return next((code for code in (CHECK_FAILED, DAMAGED, TRUNCATED) if found[code]), OK)
 
 
@@ -136,7 +136,7 @@ def run_names(paths: Sequence[str]) -> list[str]:
 def _load_all(paths: Sequence[str], names: Mapping[str, str], stage: Stage) -> Iterator[tuple[Path, str, Run]]:
     """Each run with its path and name; ``names`` maps a name to its displayed form."""
     for path, (name, shown) in zip(paths, names.items(), strict=True):
-        stage(f"read {shown}", "")
+        stage(f"read {shown}")
         with working_on(path):
             run = load_run(path)
         if not len(run.log.rows):
@@ -157,27 +157,27 @@ def _refuse_impossible(options: argparse.Namespace) -> None:
         usable_folder(Path(options.plots))
 
 
-def _compare(runs: Sequence[tuple[str, Run]], say: Say, stage: Stage) -> None:
+def _compare(runs: Sequence[tuple[str, Run]], output: Output, stage: Stage) -> None:
     for name, run in runs[1:]:
-        stage(f"compare {name}", "")
+        stage(f"compare {name}")
         with working_on(run.path or name):
-            say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
+            output.say("\n" + comparison_report((runs[0][0], name), compare(runs[0][1], run)))
 
 
-def _plot(run: Run, folder: Path, say: Say | None, report: Report | None) -> None:
+def _plot(run: Run, folder: Path, output: Output | None, report: Report | None) -> None:
     from ffsm_mj.report.plots import save  # matplotlib is slow to import
 
     files = save(run, folder, report=report)
-    if say is not None:
-        say(f"figures in {folder}: {', '.join(dict.fromkeys(file.stem for file in files))} (svg, png)")
+    if output is not None:
+        output.say(f"figures in {folder}: {', '.join(dict.fromkeys(file.stem for file in files))} (svg, png)")
 
 
-def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, say: Say | None, stage: Stage) -> None:
+def _plot_comparison(runs: Sequence[tuple[str, Run]], folder: Path, output: Output | None, stage: Stage) -> None:
     from ffsm_mj.report.plots import MOST_RUNS, save_comparison
 
-    stage("comparison", "")
+    stage("comparison")
     with working_on(", ".join(str(run.path) for _, run in runs)):
         save_comparison(runs, folder)
-    if say is not None:
+    if output is not None:
         left_out = f", the first {MOST_RUNS} runs" if len(runs) > MOST_RUNS else ""
-        say(f"figures in {folder}: comparison (svg, png){left_out}")
+        output.say(f"figures in {folder}: comparison (svg, png){left_out}")

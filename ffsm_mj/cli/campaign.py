@@ -6,9 +6,8 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from ffsm_mj.cli.batch_progress import BatchProgress
-from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
+from ffsm_mj.cli.progress import Stage, lines_of_runs
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, one_line, working_on
 from ffsm_mj.experiments.campaign import Campaign
@@ -17,7 +16,7 @@ from ffsm_mj.experiments.metrics import NO_CLASSES, ScriptClasses, read_metrics
 from ffsm_mj.experiments.planning import VariantsPlan, load_campaign
 from ffsm_mj.experiments.results import Status
 from ffsm_mj.invocation import command
-from ffsm_mj.report.text_table import listed, wrapped
+from ffsm_mj.report.terminal import listed
 
 
 def campaign(options: argparse.Namespace, output: Output) -> int:
@@ -27,50 +26,50 @@ def campaign(options: argparse.Namespace, output: Output) -> int:
         InputError: The campaign file or the folder is invalid, or the settings differ.
     """
     with (
-        display(output) as (say, shown),
+        output.progress() as stage,
         working_on(options.folder if "folder" in options else options.campaign or "campaign"),
     ):
-        return _ACTIONS[options.action](options, say, shown.stage)
+        return _ACTIONS[options.action](options, output, stage)
 
 
-def _run(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _run(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     from ffsm_mj.experiments.file import described_campaigns
 
     if options.list:
-        say(listed(described_campaigns()))
+        output.say(listed(described_campaigns()))
         return OK
     if options.campaign is None:
         raise InputError(
             f"ffsm campaign run: name a campaign file; '{command('campaign', 'run', '--list')}' shows the shipped ones"
         )
-    stage("sample and validate the runs", "")
+    stage("sample and validate the runs")
     own = ScriptClasses(metrics=read_metrics(Path(options.metrics))) if options.metrics else NO_CLASSES
     plan = load_campaign(options.campaign, options.overrides, own)
     if isinstance(plan, VariantsPlan):
         for name, reason in plan.not_applicable.items():
-            say(f"not applicable: {name}: {reason}")
+            output.say(f"not applicable: {name}: {reason}")
     out = Path(options.out) if options.out else Path("logs") / f"campaign-{plan.config.campaign}"
-    return _make(Campaign.begin(plan, out), options, say, stage)
+    return _make(Campaign.begin(plan, out), options, output, stage)
 
 
 def _open(options: argparse.Namespace) -> Campaign:
     return Campaign.open(options.folder, metrics=options.metrics or {})
 
 
-def _resume(options: argparse.Namespace, say: Say, stage: Stage) -> int:
-    return _make(_open(options), options, say, stage)
+def _resume(options: argparse.Namespace, output: Output, stage: Stage) -> int:
+    return _make(_open(options), options, output, stage)
 
 
-def _extend(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _extend(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     found = _open(options)
     found.extend(options.n)
-    return _make(found, options, say, stage)
+    return _make(found, options, output, stage)
 
 
-def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _make(found: Campaign, options: argparse.Namespace, output: Output, stage: Stage) -> int:
     """Execute the remaining runs, then write the logs that the campaign file asks for."""
     name, folder = found.config.campaign, found.folder.path
-    report = stage(name, "runs") or BatchProgress(name)
+    report = stage(name, "runs") or lines_of_runs(name, complain)
     try:
         status = found.run(
             workers=options.workers, dask=options.dask or "", retry=getattr(options, "retry", ()), report=report
@@ -79,22 +78,22 @@ def _make(found: Campaign, options: argparse.Namespace, say: Say, stage: Stage) 
         complain(str(error))
         return RUN_FAILED
     except KeyboardInterrupt:
-        _say_status(found.status(), say)
-        say(f"continue: {_continuation(found, options)}")
+        _say_status(found.status(), output)
+        output.say(f"continue: {_continuation(found, options)}")
         raise
-    _say_results(found, status, say)
+    _say_results(found, status, output)
     if status.stopped:
         complain(
             f"{status.stopped}; to continue anyway, raise the limit: {command('campaign', 'run')} -s limits.max_failed=1 ..."
         )
         return RUN_FAILED
     if status.enough:
-        say(f"ended early: {status.enough}")
+        output.say(f"ended early: {status.enough}")
     for each in found.variants.values() or [found]:
-        _keep(each, say, stage)
-    say(f"report: {command('campaign', 'report', folder)}")
+        _keep(each, output, stage)
+    output.say(f"report: {command('campaign', 'report', folder)}")
     which = ["--variant", next(iter(found.variants))] if found.variants else []
-    say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0, *which)}")
+    output.say(f"repeat a run and write its log: {command('campaign', 'rerun', folder, 0, *which)}")
     return OK
 
 
@@ -107,68 +106,70 @@ def _continuation(found: Campaign, options: argparse.Namespace) -> str:
     return command("campaign", "resume", found.folder.path)
 
 
-def _keep(found: Campaign, say: Say, stage: Stage) -> None:
+def _keep(found: Campaign, output: Output, stage: Stage) -> None:
     wanted = [index for index in found.kept() if not found.folder.has_rerun(index)]
     report = stage("write the logs to keep", "runs")
     for done, index in enumerate(wanted):
-        say(found.rerun(index).verdict)
+        output.say(found.rerun(index).verdict)
         if report is not None:
             report(done + 1, len(wanted))
 
 
-def _status(options: argparse.Namespace, say: Say, _: Stage) -> int:
-    _say_status(Campaign.open(options.folder).status(), say)
+def _status(options: argparse.Namespace, output: Output, _: Stage) -> int:
+    _say_status(Campaign.open(options.folder).status(), output)
     return OK
 
 
-def _say_results(found: Campaign, status: Status, say: Say) -> None:
+def _say_results(found: Campaign, status: Status, output: Output) -> None:
     """Print progress and what the results show."""
-    _say_status(status, say)
+    _say_status(status, output)
     for line in found.sentences():
-        say(wrapped(one_line(line), 2))
+        output.say(one_line(line))
 
 
-def _say_status(status: Status, say: Say) -> None:
+def _say_status(status: Status, output: Output) -> None:
     """Print the progress of a campaign, or of each of its variants."""
     if status.variants:
         for each in status.variants.values():
-            _say_status(each, say)
+            _say_status(each, output)
         return
     outcomes = ", ".join(f"{count} {one_line(name)}" for name, count in status.outcomes.items())
-    say(f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed")
+    output.say(
+        f"{status.name}: {status.done} of {status.runs} runs{f' ({outcomes})' if outcomes else ''}, {status.failed} failed"
+    )
     for message in status.messages:
-        say(f"  {one_line(message)}")
+        output.say(f"  {one_line(message)}")
     if status.failed > len(status.messages):
-        say(f"  and {status.failed - len(status.messages)} more")
+        output.say(f"  and {status.failed - len(status.messages)} more")
     for check in status.checks:
         runs = f"{check.runs} run{'s' if check.runs > 1 else ''}"
         worst = f"at worst {check.excess:.3g} times its tolerance, run {check.worst}"
-        say(f"  check fails in {runs}: {one_line(check.name)}, {worst}")
+        output.say(f"  check fails in {runs}: {one_line(check.name)}, {worst}")
 
 
-def _rerun(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _rerun(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     found, code = _open(options), OK
     for index in options.index:
-        stage(f"run {index}", "")
+        stage(f"run {index}")
         again = found.rerun(index, options.variant)
         folder = found.folder.variant(options.variant) if options.variant else found.folder
-        say(f"{folder.rerun(index)}: {again.verdict}")
+        output.say(f"{folder.rerun(index)}: {again.verdict}")
         code = RUN_FAILED if again.differences else code
     return code
 
 
-def _report(options: argparse.Namespace, say: Say, stage: Stage) -> int:
+def _report(options: argparse.Namespace, output: Output, stage: Stage) -> int:
     from ffsm_mj.experiments.report import write_report
 
     found = Campaign.open(options.folder)
-    stage(f"report of {found.config.campaign}", "")
+    stage(f"report of {found.config.campaign}")
     html, page, *_ = write_report(found, Path(options.page) if options.page else None)
-    _say_results(found, found.status(), say)
-    say(f"report: {html}, {page}")
+    _say_results(found, found.status(), output)
+    output.say(f"report: {html}, {page}")
     return OK
 
 
-_ACTIONS: dict[str, Callable[[argparse.Namespace, Say, Stage], int]] = {
+_ACTIONS: dict[str, Callable[[argparse.Namespace, Output, Stage], int]] = {
     "run": _run,
     "status": _status,
     "resume": _resume,

@@ -34,5 +34,5 @@ def check(options: argparse.Namespace, output: Output) -> int:
 
 def schema(options: argparse.Namespace, output: Output) -> int:
     """Print the JSON Schema of scenario or campaign files; returns the exit code."""
-    output.say(json.dumps((campaign_schema if options.campaign else scenario_schema)(), indent=2))
+    output.write(json.dumps((campaign_schema if options.campaign else scenario_schema)(), indent=2))
     return OK

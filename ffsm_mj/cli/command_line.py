@@ -5,16 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import cache
-from typing import NoReturn
+from ipaddress import ip_address
+from typing import Any, NoReturn
 
-from ffsm_mj.cli.campaign_options import describe_campaign
 from ffsm_mj.cli.exit_codes import exit_codes
-from ffsm_mj.cli.idle_options import refuse_idle
-from ffsm_mj.cli.impact_map import describe_impact_map
-from ffsm_mj.cli.option_values import address, frame_rate, positive, seconds_or_off, tolerance
-from ffsm_mj.cli.sensitivity import describe_sensitivity
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
+from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
 from ffsm_mj.similar_names import did_you_mean
 
 COMMANDS = {
@@ -43,6 +40,24 @@ _EXPORTS = {
     "gif": "export the motion as an animated GIF",
     "mp4": "export the motion as a video (needs the extra 'mp4')",
     "html": "export a page for a browser: scene, plots, checks (needs the extra 'html')",
+}
+
+
+_WORKS_WITH: dict[str, dict[str, tuple[str, ...]]] = {
+    "run": {"--viewer": ("--live",), "--force": ("--out",)},
+    "export": {"--table": ("--csv", "--parquet"), "--fps": ("--gif", "--mp4"), "--speed": ("--gif", "--mp4")},
+    "validate": {"--long": ("--check",)},
+}
+"""Options by command and option of which at least one must be given for the option to have an effect."""
+
+
+_CAMPAIGN_ACTIONS = {
+    "run": "run a campaign, or continue the one in its folder, and print its results",
+    "status": "print the progress of a campaign",
+    "resume": "run what has no result yet",
+    "extend": "enlarge a design of random or Sobol samples, and run the new samples",
+    "report": "write tables, figures and a page for a campaign, and print a summary",
+    "rerun": "repeat runs of a campaign, write their logs and compare them with the recorded results",
 }
 
 
@@ -78,7 +93,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         meant = f", now {_NEW_OPTIONS[extra[0]]!r}" if extra[0] in _NEW_OPTIONS else meant
         help_command = command(*words, "--help")
         raise InputError(f"{' '.join(['ffsm', *words])}: unexpected argument {extra[0]!r}{meant}; see '{help_command}'")
-    refuse_idle(options)
+    _refuse_idle(options)
     return options
 
 
@@ -89,6 +104,31 @@ def _option_strings(words: Sequence[str]) -> list[str]:
         (below,) = (action for action in of._actions if isinstance(action, argparse._SubParsersAction))  # not public
         of = below.choices[word]
     return [name for action in of._actions for name in action.option_strings]
+
+
+def _refuse_idle(options: argparse.Namespace) -> None:
+    """Refuse options that would be ignored.
+
+    Raises:
+        InputError: An option has no effect in combination with the others.
+    """
+    given = {name: value for name, value in vars(options).items() if value not in (None, False, [])}
+    if options.version and options.command:
+        raise InputError(f"ffsm: --version has no effect with the command {options.command}")
+    if "list" in given:
+        idle = [_as_written(name, value) for name, value in given.items() if name not in ("command", "action", "list")]
+        if idle:
+            command = " ".join(given[part] for part in ("command", "action") if part in given)
+            raise InputError(f"ffsm {command}: {idle[0]} has no effect with --list")
+    words = {_as_written(name, value) for name, value in given.items()}
+    for option, others in _WORKS_WITH.get(options.command, {}).items():
+        if option in words and not words & set(others):
+            raise InputError(f"ffsm {options.command}: {option} has no effect without {' or '.join(others)}")
+
+
+def _as_written(name: str, value: Any) -> str:
+    """An argument as written on the command line."""
+    return {"form": f"--{value}", "overrides": "-s", "scenario": str(value)}.get(name, f"--{name.replace('_', '-')}")
 
 
 @cache
@@ -113,9 +153,9 @@ def parser() -> argparse.ArgumentParser:
     _describe_export(parsers["export"])
     _describe_view(parsers["view"])
     _describe_new(parsers["new"])
-    describe_campaign(parsers["campaign"], _add_overrides)
-    describe_impact_map(parsers["impact-map"], _add_overrides)
-    describe_sensitivity(parsers["sensitivity"], _add_overrides)
+    _describe_campaign(parsers["campaign"])
+    _describe_impact_map(parsers["impact-map"])
+    _describe_sensitivity(parsers["sensitivity"])
     law = parsers["new-law"]
     law.add_argument(
         "name", help="kind of the law, also name of the folder and module: lower-case letters, digits, underscores"
@@ -302,3 +342,174 @@ def _add_run(to: argparse.ArgumentParser, *, several: bool = False) -> None:
         to.add_argument("runs", nargs="*", metavar="run", default=["logs/latest"], help=text)
     else:
         to.add_argument("run", nargs="?", default="logs/latest", help=text)
+
+
+_VECTORS = {
+    "--point": "another contact point at that instant, world axes, m",
+    "--normal": "another normal there, from the robot to the object",
+}
+
+
+def _describe_impact_map(of: argparse.ArgumentParser) -> None:
+    of.add_argument("scenario", help="a scenario file, a run folder, or the name of a shipped scenario")
+    _add_overrides(of)
+    of.add_argument("--impact", type=int, default=1, metavar="N", help="which impact of the run, from 1 (default: 1)")
+    for name, text in _VECTORS.items():
+        of.add_argument(name, nargs=3, type=float, metavar=("X", "Y", "Z"), help=text)
+    of.add_argument(
+        "--hold",
+        choices=("com", "base", "nothing"),
+        default="com",
+        help="what of a floating base is kept: the robot's centre of mass (default), the pose of the base, or nothing",
+    )
+    goal = of.add_mutually_exclusive_group()
+    goal.add_argument(
+        "--minimize", metavar="EFFECT", default="impulse_N_s", help="effect to make small (default: impulse_N_s)"
+    )
+    goal.add_argument("--maximize", metavar="EFFECT", help="effect to make large")
+    of.add_argument(
+        "--bounds", action="append", default=[], metavar="JOINT=LOW:HIGH", help="a narrower range of a joint, rad or m"
+    )
+    of.add_argument("--samples", type=int, default=400, metavar="N", help="configurations to draw (default: 400)")
+    of.add_argument("--starts", type=int, default=8, metavar="N", help="optimisations from the best of them (default: 8)")
+    of.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the samples (default: 0)")
+    of.add_argument("--allow-overlaps", action="store_true", help="let the best configuration have overlapping geoms")
+    of.add_argument("--axes", nargs=2, metavar="COLUMN", default=("", ""), help="columns of the table to draw it over")
+    of.add_argument("--out", metavar="DIR", help="output folder (default: logs/<scenario>-impact-map, replaced)")
+
+
+def _describe_sensitivity(of: argparse.ArgumentParser) -> None:
+    of.add_argument("scenario", help="a scenario file, a run folder, or the name of a shipped scenario")
+    _add_overrides(of)
+    of.add_argument(
+        "--of",
+        action="append",
+        default=[],
+        metavar="OUTCOME",
+        help="number of summary.json, e.g. impacts.0.impulse_N_s (default: first impact and final error of the tip)",
+    )
+    of.add_argument(
+        "--wrt",
+        action="append",
+        default=[],
+        metavar="KEY=SIGMA",
+        help="an uncertain key and its standard deviation, in SI units or with mm, um, mrad, deg: "
+        "initial.joints.object/y=1mm (default: 'uncertainties' of the scenario)",
+    )
+    of.add_argument("--exact", action="store_true", help="derivatives, where they exist, in place of runs")
+    of.add_argument("--out", metavar="FILE", help="also write the table as CSV or, with the suffix .parquet, as Parquet")
+
+
+def _describe_campaign(of: argparse.ArgumentParser) -> None:
+    actions = of.add_subparsers(title="actions", metavar="ACTION", dest="action", required=True)
+    parsers = {
+        name: actions.add_parser(
+            name, help=text, description=f"{text[0].upper()}{text[1:]}.", epilog=exit_codes(f"campaign {name}")
+        )
+        for name, text in _CAMPAIGN_ACTIONS.items()
+    }
+    run = parsers["run"]
+    run.add_argument("campaign", nargs="?", help="a campaign file, or the name of a shipped one (see --list)")
+    run.add_argument("--list", action="store_true", help="list the shipped campaigns and exit")
+    run.add_argument("--out", metavar="DIR", help="campaign folder (default: logs/campaign-<name>)")
+    _add_overrides(run)
+    for name in ("status", "resume", "extend", "report", "rerun"):
+        parsers[name].add_argument("folder", metavar="DIR", help="campaign folder")
+    parsers["extend"].add_argument("n", type=_whole, help="new total number of samples; a power of 2 for a Sobol design")
+    parsers["rerun"].add_argument("index", type=_whole, nargs="+", help="indices of the runs, from 0")
+    parsers["report"].add_argument(
+        "--page",
+        metavar="FILE",
+        help="Markdown file; figures go to figures/ beside it (default: report.md in DIR, beside report.html)",
+    )
+    parsers["rerun"].add_argument("--variant", metavar="NAME", default="", help="variant of the runs")
+    parsers["resume"].add_argument(
+        "--retry",
+        type=_outcomes,
+        default=(),
+        metavar="OUTCOMES",
+        help="also repeat runs with these outcomes: error, crashed, timeout; separate several by commas",
+    )
+    for name in ("run", "resume", "extend", "rerun"):
+        parsers[name].add_argument(
+            "--metrics", metavar="FILE", help="Python file, which is executed: each of its functions of a run is a metric"
+        )
+    for name in ("run", "resume", "extend"):
+        _add_engine(parsers[name])
+
+
+def _add_engine(to: argparse.ArgumentParser) -> None:
+    """Add the options of where runs are executed."""
+    where = to.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=_positive, metavar="N", help="number of worker processes (default: one per processor)"
+    )
+    where.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler, e.g. tcp://host:8786; local: a cluster on this machine, one worker per processor",
+    )
+
+
+def _whole(text: str) -> int:
+    """An integer, not negative.
+
+    Raises:
+        ArgumentTypeError: The text is none.
+    """
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} is not an integer")
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    if _whole(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    return int(text)
+
+
+def _outcomes(text: str) -> tuple[str, ...]:
+    from ffsm_mj.experiments.store import RETRIED  # slow to import
+
+    names = tuple(text.split(","))
+    for name in names:
+        if name not in RETRIED:
+            raise argparse.ArgumentTypeError(f"{name!r} is not one of {', '.join(RETRIED)}")
+    return names
+
+
+def address(text: str) -> str:
+    """An IP address."""
+    try:
+        return str(ip_address(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} is not an IP address, e.g. 192.168.0.5, or 0.0.0.0 for all") from error
+
+
+def tolerance(text: str) -> tuple[str, float]:
+    """Name of a check, empty for all checks, and its tolerance."""
+    name, _, value = text.rpartition("=")
+    return name.replace("_", " ").strip(), positive(value)
+
+
+def seconds_or_off(text: str) -> float:
+    """A positive time in s; 0 for ``off``."""
+    return 0.0 if text == "off" else positive(text)
+
+
+def frame_rate(text: str) -> float:
+    """Frames per second that an animation can have."""
+    if positive(text) > MOST_FRAMES_PER_SECOND:
+        raise argparse.ArgumentTypeError(f"{text} is more than {MOST_FRAMES_PER_SECOND} frames per second")
+    return float(text)
+
+
+def positive(text: str) -> float:
+    """A positive, finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value

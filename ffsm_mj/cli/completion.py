@@ -20,56 +20,33 @@ _TABLES = ("samples", "checks", "contacts", "grasps")
 # shtab treats the output of a function with "file" in its name as file names, so bash appends a slash to folders.
 _FUNCTIONS = {
     "bash": """
-_ffsm_scenario_or_file() {{
-  compgen -W "{scenarios}" -- "$1"
-  compgen -f -- "$1"
-}}
-_ffsm_campaign_or_file() {{
-  compgen -W "{campaigns}" -- "$1"
-  compgen -f -- "$1"
-}}
-_ffsm_any_or_file() {{
-  compgen -W "{scenarios} {campaigns}" -- "$1"
-  compgen -f -- "$1"
-}}
-_ffsm_table() {{
-  compgen -W "{tables}" -- "$1"
-}}
-_ffsm_key() {{
-  compgen -W "$(ffsm completion --keys "${{COMP_WORDS[@]:1}}" 2>/dev/null)" -- "$1"
+{name}() {{
+  compgen -W "{words}" -- "$1"{files}
 }}""",
     "zsh": """
-_ffsm_scenario_or_file() {{
-  _alternative 'scenarios:shipped scenario:({scenarios})' 'files:file:_files'
-}}
-_ffsm_campaign_or_file() {{
-  _alternative 'campaigns:shipped campaign:({campaigns})' 'files:file:_files'
-}}
-_ffsm_any_or_file() {{
-  _alternative 'shipped:shipped scenario or campaign:({scenarios} {campaigns})' 'files:file:_files'
-}}
-_ffsm_table() {{
-  compadd {tables}
-}}
-_ffsm_key() {{
-  compadd -S '=' -- ${{(f)"$(ffsm completion --keys "${{(@)words[2,-1]}}" 2>/dev/null)"}}
+{name}() {{
+  _alternative 'shipped:shipped:({words})'{files}
 }}""",
     "fish": """
-function _ffsm_scenario_or_file
-  string split ' ' -- "{scenarios}"
-  __fish_complete_path (commandline -ct)
-end
-function _ffsm_campaign_or_file
-  string split ' ' -- "{campaigns}"
-  __fish_complete_path (commandline -ct)
-end
-function _ffsm_any_or_file
-  string split ' ' -- "{scenarios} {campaigns}"
-  __fish_complete_path (commandline -ct)
-end
-function _ffsm_table
-  string split ' ' -- "{tables}"
-end
+function {name}
+  string split ' ' -- "{words}"{files}
+end""",
+}
+_FILES = {
+    "bash": '\n  compgen -f -- "$1"',
+    "zsh": " 'files:file:_files'",
+    "fish": "\n  __fish_complete_path (commandline -ct)",
+}
+_KEYS = {
+    "bash": """
+_ffsm_key() {
+  compgen -W "$(ffsm completion --keys "${COMP_WORDS[@]:1}" 2>/dev/null)" -- "$1"
+}""",
+    "zsh": """
+_ffsm_key() {
+  compadd -S '=' -- ${(f)"$(ffsm completion --keys "${(@)words[2,-1]}" 2>/dev/null)"}
+}""",
+    "fish": """
 function _ffsm_key
   set words (commandline -opc)
   ffsm completion --keys $words[2..-1] 2>/dev/null
@@ -84,11 +61,11 @@ def completion(options: argparse.Namespace, output: Output) -> int:
         InputError: Neither is named.
     """
     if options.keys is not None:
-        output.say("\n".join(_keys(options.keys)))
+        output.write("\n".join(_keys(options.keys)))
     elif options.shell is None:
         raise InputError("ffsm completion: name a shell: bash, zsh or fish")
     else:
-        output.say(_script(options.shell))
+        output.write(_script(options.shell))
     return OK
 
 
@@ -99,11 +76,16 @@ def _script(shell: str) -> str:
     whole = parser()
     for command, option in _options(whole):
         _set_completion(command, option)
-    preamble = _FUNCTIONS[shell].format(
-        scenarios=" ".join(scenario_names()),
-        campaigns=" ".join(campaign_names()),
-        tables=" ".join([*_TABLES, *(kind.plural for kind in BUILT_IN_RECORDS if kind.name != "outcome")]),
-    )
+    words = {
+        "_ffsm_scenario_or_file": scenario_names(),
+        "_ffsm_campaign_or_file": campaign_names(),
+        "_ffsm_any_or_file": (*scenario_names(), *campaign_names()),
+        "_ffsm_table": (*_TABLES, *(kind.plural for kind in BUILT_IN_RECORDS if kind.name != "outcome")),
+    }
+    preamble = _KEYS[shell]
+    for name, some in words.items():
+        files = _FILES[shell] if name.endswith("file") else ""
+        preamble += _FUNCTIONS[shell].format(name=name, words=" ".join(some), files=files)
     return shtab.complete(whole, shell=shell, preamble=preamble).rstrip()
 
 

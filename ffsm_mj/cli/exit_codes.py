@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 OK, CHECK_FAILED, BAD_INPUT, RUN_FAILED, DAMAGED, TRUNCATED, INTERRUPTED = 0, 1, 2, 3, 4, 5, 130
 OUTPUT_LOST = RUN_FAILED
 
@@ -11,7 +9,13 @@ _GENERAL = {OK: "done", BAD_INPUT: "bad input", OUTPUT_LOST: "output was lost (f
 _TRUNCATION = "checks fail by the truncation of the step alone"
 _NO_VERDICT = " (not by truncation alone, or without a verdict on it)"
 _INCOMPLETE = "the log is damaged or incomplete"
-_OF_COMMANDS = {
+_EXECUTED = {
+    OK: "every run has a result",
+    BAD_INPUT: "bad input, changed settings, or already running elsewhere",
+    RUN_FAILED: "stopped early (limits.max_failed, workers lost, full disk)",
+    INTERRUPTED: "interrupted (results kept)",
+}
+_OF_COMMANDS: dict[str, dict[int, str]] = {
     "run": {
         CHECK_FAILED: f"a check fails{_NO_VERDICT}",
         RUN_FAILED: "the run failed (log kept), or output was lost (full disk)",
@@ -23,6 +27,8 @@ _OF_COMMANDS = {
         DAMAGED: _INCOMPLETE,
         TRUNCATED: _TRUNCATION,
     },
+    **dict.fromkeys(("campaign run", "campaign resume", "campaign extend"), _EXECUTED),
+    "campaign rerun": {RUN_FAILED: "a rerun differs from its result, or output was lost (full disk)"},
     "export": {DAMAGED: f"{_INCOMPLETE}; what it has is exported"},
     "view": {RUN_FAILED: "the viewer did not open, or there is no display"},
     "sensitivity": {RUN_FAILED: "the run failed, or output was lost (full disk)"},
@@ -33,10 +39,6 @@ _OF_COMMANDS = {
 
 def exit_codes(command: str = "") -> str:
     """Sentence with the exit codes of a command; without one, those of every command."""
+    codes = _GENERAL | _OF_COMMANDS.get(command, {})
     more = "" if command else "; further codes: ffsm COMMAND --help"
-    return exit_codes_with(_OF_COMMANDS.get(command, {})) + more
-
-
-def exit_codes_with(meanings: Mapping[int, str]) -> str:
-    """Sentence with the general exit codes, and with these in their place or in addition."""
-    return "exit codes: " + "; ".join(f"{code} {meaning}" for code, meaning in sorted((_GENERAL | dict(meanings)).items()))
+    return f"exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in sorted(codes.items()))}{more}"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ffsm_mj.analysis.run import Run, load_run
-from ffsm_mj.cli.display import Say, Stage, display
 from ffsm_mj.cli.exit_codes import DAMAGED, OK
+from ffsm_mj.cli.progress import Stage
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, working_on
 from ffsm_mj.log.run_folder import find_log
@@ -40,33 +40,32 @@ def export(options: argparse.Namespace, output: Output) -> int:
     if out.suffix.lower() != suffix and (options.form in _FILE_NAMES or out.suffix.lower() in _EXPORT_SUFFIX.values()):
         raise InputError(f"--{options.form} writes {suffix}, but --out {out} has another suffix")
     usable_file(out)
-    with display(output) as (say, shown):
-        with working_on(log):
-            run = _export(log, table, out, options, say, shown.stage)
-        if run.note:
-            say(f"note: {run.note}")
+    with output.progress() as stage, working_on(log):
+        run = _export(log, table, out, options, output, stage)
+    if run.note:
+        output.say(f"note: {run.note}")
     if missing := run.missing:
         complain(f"{log}: {missing}")
         return DAMAGED
     return OK
 
 
-def _export(log: Path, table: str, out: Path, options: argparse.Namespace, say: Say, stage: Stage) -> Run:
-    stage(f"read {log}", "")
+def _export(log: Path, table: str, out: Path, options: argparse.Namespace, output: Output, stage: Stage) -> Run:
+    stage(f"read {log}")
     run = load_run(log)
     if options.form == "html":
         from ffsm_mj.report.page import write_page
 
-        stage(out.name, "")
-        say(f"{out}: {write_page(run, out)}")
+        stage(out.name)
+        output.say(f"{out}: {write_page(run, out)}")
     elif options.form in _FILE_NAMES:
         from ffsm_mj.report.animation import write_animation
 
         report, rate = stage(out.name, "pictures"), options.fps or 20.0
-        say(f"{out}: {write_animation(run, out, frames_per_second=rate, speed=options.speed, report=report)}")
+        output.say(f"{out}: {write_animation(run, out, frames_per_second=rate, speed=options.speed, report=report)}")
     else:
         from ffsm_mj.report.export import write_table
 
-        stage(out.name, "")
-        say(f"{out}: {write_table(run, table, out, options.form)}")
+        stage(out.name)
+        output.say(f"{out}: {write_table(run, table, out, options.form)}")
     return run

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ffsm_mj.cli.exit_codes import OK
-from ffsm_mj.cli.progress import Progress, progress
+from ffsm_mj.cli.progress import Stage
 from ffsm_mj.cli.standard_streams import Output
 from ffsm_mj.errors import InputError, working_on
 
@@ -17,14 +17,14 @@ def new(options: argparse.Namespace, output: Output) -> int:
     Raises:
         InputError: The model cannot be used, or a file exists.
     """
-    with progress() as shown:
-        lines = _new_scene(options, shown) if options.scene else _new_robot(options, shown)
+    with output.progress() as stage:
+        lines = (_new_scene if options.scene else _new_robot)(options, stage)
     for line in lines:
         output.say(line)
     return OK
 
 
-def _new_scene(options: argparse.Namespace, shown: Progress) -> list[str]:
+def _new_scene(options: argparse.Namespace, stage: Stage) -> list[str]:
     """Generate a scenario for a scene in one file; returns what was written, as text."""
     from ffsm_mj.templates.scene import SceneRequest, write_scene
 
@@ -33,11 +33,11 @@ def _new_scene(options: argparse.Namespace, shown: Progress) -> list[str]:
     if options.base or options.base_mass or options.root or options.tip or options.package_path:
         raise InputError("new: --scene FILE goes with --robot BODY and --out alone")
     with working_on(options.scene):
-        shown.stage(f"compile {options.scene}")
+        stage(f"compile {options.scene}")
         return write_scene(SceneRequest(options.name, Path(options.scene), options.robot, Path(options.out)))
 
 
-def _new_robot(options: argparse.Namespace, shown: Progress) -> list[str]:
+def _new_robot(options: argparse.Namespace, stage: Stage) -> list[str]:
     """Generate a scenario around a robot's file; returns what was written, as text."""
     from ffsm_mj.templates.robot import TemplateRequest, copied, write_scenario
 
@@ -45,7 +45,7 @@ def _new_robot(options: argparse.Namespace, shown: Progress) -> list[str]:
         raise InputError("new: give the robot by --robot FILE or by --menagerie NAME")
     robot, out = options.robot or options.menagerie, Path(options.out)
     with working_on(robot):
-        shown.stage(f"compile {robot}")
+        stage(f"compile {robot}")
         file = copied(options.menagerie, out) if options.menagerie else Path(robot)
         return write_scenario(
             TemplateRequest(

@@ -1,21 +1,24 @@
-"""Progress display of a command on a terminal; nothing is displayed elsewhere."""
+"""Progress of a command: a line on a terminal; of many runs also lines on stderr where it is none."""
 
 from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Protocol
 
 Report = Callable[[float, float], None]
 """Callback (amount done, total amount), called as often as convenient."""
+Stage = Callable[..., Report | None]
+"""Begins a stage; see :meth:`Progress.stage`."""
+_LINE_EVERY_S = 30.0
 
 
-class Progress(Protocol):
-    """Progress of a command, in stages."""
+class Progress:
+    """Progress of a command, in stages; this one is not displayed."""
 
-    def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:
+    def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:  # noqa: ARG002
         """Begin the next stage.
 
         Args:
@@ -26,28 +29,19 @@ class Progress(Protocol):
         Returns:
             Callback for the progress of the stage; None if progress is not displayed.
         """
-
-    def hidden(self) -> AbstractContextManager[None]:
-        """Hide the display while something else is printed."""
-
-
-class Silence:
-    """Progress that is not displayed."""
-
-    def stage(self, name: str, unit: str = "", total: float | None = None) -> Report | None:  # noqa: ARG002
-        """Return None: no progress is reported."""
         return None
 
     def hidden(self) -> AbstractContextManager[None]:
-        """Do nothing: there is no display."""
+        """Hide the display while something else is printed."""
         return nullcontext()
 
 
 @contextmanager
 def progress() -> Iterator[Progress]:
     """Display progress on the last line of the terminal; the line is removed at exit of the context."""
-    if not _watched():
-        yield Silence()
+    # Standard error must be a terminal that can redraw a line.
+    if not sys.stderr.isatty() or (os.name != "nt" and os.environ.get("TERM", "").lower() in ("", "dumb", "unknown")):
+        yield Progress()
         return
     from ffsm_mj.cli.progress_line import ProgressLine  # rich is slow to import
 
@@ -58,8 +52,20 @@ def progress() -> Iterator[Progress]:
         line.hide()
 
 
-def _watched() -> bool:
-    """Whether standard error is a terminal that can redraw a line."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        return False
-    return os.name == "nt" or os.environ.get("TERM", "").lower() not in ("", "dumb", "unknown")
+def lines_of_runs(name: str, complain: Callable[[str], None]) -> Report:
+    """Callback that prints a line every 30 s: runs done, rate and remaining time since its first call."""
+    begun = time.monotonic()
+    first, due = None, begun + _LINE_EVERY_S
+
+    def report(done: float, total: float) -> None:
+        nonlocal first, due
+        now = time.monotonic()
+        first = done if first is None else first
+        if now < due or done >= total:
+            return
+        due = now + _LINE_EVERY_S
+        per_s = (done - first) / (now - begun)
+        left = f", {(total - done) / per_s / 60.0:.0f} min left" if per_s > 0.0 else ""
+        complain(f"{name}: {done:.0f} of {total:.0f} runs, {per_s * 60.0:.0f} a minute{left}")
+
+    return report

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
-from rich.cells import cell_len
+from rich import progress as rich
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
-from ffsm_mj.cli.remaining_time import RemainingTime, clock
+from ffsm_mj.cli.progress import Progress, Report
 from ffsm_mj.errors import one_line
 
 _PATIENCE_S = 0.4
 """A stage that takes less time than this shows no line."""
-_BAR_CELLS = (8, 40)
-_NUMBERS_CELLS = 30  # amount, time and the blanks between the columns
+_WINDOW_S = 8.0
+"""The remaining time follows from the rate over this time: a run has slow parts, such as series of impacts."""
+_LEAST_CELLS = 60
+"""A narrower terminal shows the percentage and the name of the stage alone."""
 
 
-class ProgressLine(Progress):
+def _text(template: str) -> rich.TextColumn:
+    """Column of a text, cut where it is too long; names come from files and are no markup."""
+    return rich.TextColumn(template, markup=False, table_column=Column(no_wrap=True, overflow="crop"))
+
+
+_NAME, _AMOUNT = "{task.description}", "{task.completed:.{task.fields[digits]}f} of {task.total:g} {task.fields[unit]}"
+_COUNTED = (_text(_NAME), rich.BarColumn(), _text(_AMOUNT), rich.TimeRemainingColumn(compact=True))
+_UNCOUNTED = (_text(_NAME), rich.BarColumn(), rich.TimeElapsedColumn())
+
+
+class ProgressLine(rich.Progress, Progress):
     """Progress line of rich with one task, the stage; redrawn from the last reported amounts, so that reporting is cheap.
 
     If the terminal goes away, only the line is lost.
@@ -28,23 +39,21 @@ class ProgressLine(Progress):
     def __init__(self) -> None:
         """Start without a stage; nothing is displayed yet."""
         self._reported: tuple[float, float | None] = 0.0, None
-        self._remaining = RemainingTime()
-        self._started = False
         # stdout carries the command's result: rich must not redirect it to print above the line.
-        super().__init__(console=Console(stderr=True), transient=True, redirect_stdout=False)
+        console = Console(stderr=True)
+        super().__init__(console=console, transient=True, redirect_stdout=False, speed_estimate_period=_WINDOW_S)
 
-    def stage(self, name: str, unit: str = "", total: float | None = None) -> Callable[[float, float], None]:
+    def stage(self, name: str, unit: str = "", total: float | None = None) -> Report:
         """See :meth:`ffsm_mj.cli.progress.Progress.stage`."""
         with suppress(OSError):
             for task in self.task_ids:
                 self.remove_task(task)
             self._reported = 0.0, total
-            self._remaining, self._started = RemainingTime(), False
             self.add_task(one_line(name), visible=False, total=total, unit=unit, digits=1 if unit == "s" else 0)
             self.start()
 
         def report(done: float, total: float) -> None:
-            self._reported, self._started = (done, total), True
+            self._reported = done, total
 
         return report
 
@@ -64,31 +73,13 @@ class ProgressLine(Progress):
             self.stop()
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """Update the task and fit the columns to the current width of the terminal; called by rich at each redraw."""
+        """Update the task and choose its columns; called by rich at each redraw."""
         done, total = self._reported
-        if self._started:
-            self._remaining.add(done)
         for task in self.tasks:
             # Once all that was counted is done, the stage may still go on: the bar pulses.
             task.total = None if total is None or done >= total else total
             self.update(task.id, completed=done, visible=(task.elapsed or 0.0) >= _PATIENCE_S)
-            self.columns = self._columns(task)
+            self.columns = _COUNTED if task.total is not None else _UNCOUNTED
+            if self.console.width < _LEAST_CELLS:
+                self.columns = (_text(("{task.percentage:.0f} %  " if task.total is not None else "") + _NAME),)
         return super().get_renderables()
-
-    def _columns(self, task: Task) -> tuple[ProgressColumn, ...]:
-        """Columns that fit: without the bar, or the percentage and the name alone, on a narrow terminal."""
-        counted = task.total is not None
-        room = self.console.width - cell_len(task.description) - _NUMBERS_CELLS
-        if room < 0:
-            return (_text(("{task.percentage:.0f} %  " if counted else "") + "{task.description}"),)
-        bar = (BarColumn(min(room, _BAR_CELLS[1])),) if room >= _BAR_CELLS[0] else ()
-        if not counted:
-            return (_text("{task.description}"), *bar, TimeElapsedColumn())
-        amount = _text("{task.completed:.{task.fields[digits]}f} of {task.total:g} {task.fields[unit]}")
-        left = clock(self._remaining.seconds(task.total or 0.0))
-        return (_text("{task.description}"), *bar, amount, _text(left))
-
-
-def _text(template: str) -> TextColumn:
-    """Column of a text, cut where it is too long; names come from files and are no markup."""
-    return TextColumn(template, markup=False, table_column=Column(no_wrap=True, overflow="crop"))

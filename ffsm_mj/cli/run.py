@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ffsm_mj.cli.exit_codes import BAD_INPUT, CHECK_FAILED, INTERRUPTED, OK, RUN_FAILED, TRUNCATED
-from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.sensitivity import of_run
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
+from ffsm_mj.report.terminal import listed, wrapped
 
 if TYPE_CHECKING:
     from ffsm_mj.analysis.run import Run
@@ -52,15 +52,15 @@ def run(options: argparse.Namespace, output: Output) -> int:
     given = RunFolder(Path(options.out), force=options.force) if options.out else None
     if given is not None:
         given.refuse_earlier_run()
-    with progress() as shown:
-        shown.stage(f"prepare {options.scenario}")
+    with output.progress() as stage:
+        stage(f"prepare {options.scenario}")
         prepared = (
             prepare(options.scenario, options.overrides)
             if options.from_s is None
             else prepare_from(options.scenario, options.from_s, options.overrides)
         )
         if prepared.origin is not None:
-            shown.stage(f"make {prepared.origin.folder} again")
+            stage(f"make {prepared.origin.folder} again")
             prepared.origin.start()
         checked_parameters(prepared)
         notes = prepared.notes()
@@ -70,18 +70,20 @@ def run(options: argparse.Namespace, output: Output) -> int:
         output.say(head)
     folder = given or RunFolder.in_logs(scenario.name)
     live, rerun = (options.viewer or _VIEWER) if options.live else None, False if options.no_rerun else None
-    with progress() as shown:
-        report = shown.stage(scenario.name, "s", scenario.duration_s)
+    with output.progress() as stage:
+        report = stage(scenario.name, "s", scenario.duration_s)
         done = prepared.run(folder=folder, rerun=rerun, live=live, report=report)
     if given is None:
         folder.link_latest()
-    said = of_run(prepared, done, folder)
+    said = of_run(prepared, done, folder, output)
     with noted(PATIENCE) as stopped:
-        explained = _explained(done, folder, options.truncation, stopped)
-        return _summarise(done, explained, folder, notes, options, output, len(head.splitlines()), said)
+        explained = _explained(done, folder, options.truncation, stopped, output)
+        return _summarise(done, explained, folder, notes, options, output, len(wrapped(head).splitlines()), said)
 
 
-def _explained(run: Run, folder: RunFolder, budget_s: float | None, stopped: Callable[[], bool]) -> ExplainedChecks:
+def _explained(
+    run: Run, folder: RunFolder, budget_s: float | None, stopped: Callable[[], bool], output: Output
+) -> ExplainedChecks:
     """Find out whether checks fail by truncation, and add the verdict to the summary, which is complete without it."""
     from ffsm_mj.analysis.run_models import all_checks
     from ffsm_mj.analysis.summary import failing_checks
@@ -91,8 +93,8 @@ def _explained(run: Run, folder: RunFolder, budget_s: float | None, stopped: Cal
     checks = all_checks(run)
     if run.outcome == "interrupted":  # its user does not want to wait
         return ExplainedChecks(checks, "the run was interrupted")
-    with progress() as shown:
-        explained = explained_checks(run, checks, budget_s, shown.stage, str(folder.path), stopped)
+    with output.progress() as stage:
+        explained = explained_checks(run, checks, budget_s, stage, str(folder.path), stopped)
     if explained.checks != checks:
         folder.add_to_summary({"checks": failing_checks(explained.checks)})
     return explained
@@ -100,18 +102,15 @@ def _explained(run: Run, folder: RunFolder, budget_s: float | None, stopped: Cal
 
 def _notes(notes: Sequence[str], options: argparse.Namespace) -> str:
     """The first notes on a scenario, as lines; empty if there are none."""
-    from ffsm_mj.report.text_table import wrapped
-
     lines: list[str] = []
     for note in notes:
-        text = wrapped(f"note: {note}", 2)
-        if lines and "\n".join([*lines, text]).count("\n") >= _MOST_NOTE_LINES:
+        if lines and wrapped("\n".join([*lines, f"note: {note}"])).count("\n") >= _MOST_NOTE_LINES:
             break
-        lines.append(text)
+        lines.append(f"note: {note}")
     left = len(notes) - len(lines)
     if left:
         again = [word for text in options.overrides for word in ("-s", text)]
-        lines.append(wrapped(f"and {left} more note{'s' * (left > 1)}: {command('check', options.scenario, *again)}", 2))
+        lines.append(f"and {left} more note{'s' * (left > 1)}: {command('check', options.scenario, *again)}")
     return "\n".join(lines)
 
 
@@ -123,20 +122,19 @@ def _summarise(
     options: argparse.Namespace,
     output: Output,
     used: int,
-    said: Sequence[str],
+    said: Iterable[str],
 ) -> int:
     """Print the summary of a run below ``used`` lines of output, and what is said of it; returns the exit code."""
     from ffsm_mj.report.check_report import verdict
     from ffsm_mj.report.run_report import MOST_LINES, run_report
-    from ffsm_mj.report.text_table import wrapped
     from ffsm_mj.verification.check_result import all_by_truncation
 
     failed = run.outcome != "completed" or not all(check.passes for check in explained.checks)
     output.say(run_report(run, explained, notes, MOST_LINES - used - (_REASON_LINES if failed else 0)))
     for sentence in said:
         output.say(sentence)
-    output.say(wrapped(f"files in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}", 2))
-    output.say(f"view:   {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
+    output.say(f"files in {folder.path}: {', '.join(sorted(p.name for p in folder.path.iterdir()))}")
+    output.write(f"view:   {command('view', folder.path)}\nverify: {command('analyze', folder.path)}")
     if run.outcome != "completed":
         complain(f"{run.outcome}: {run.message}")
         return INTERRUPTED if run.outcome == "interrupted" else RUN_FAILED
@@ -148,7 +146,6 @@ def _summarise(
 
 
 def _list(output: Output) -> int:
-    from ffsm_mj.report.text_table import listed
     from ffsm_mj.scenario.shipped import scenario_names, scenario_path
     from ffsm_mj.scenario.source import read_yaml
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
-from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
 
 if TYPE_CHECKING:
@@ -16,29 +15,6 @@ if TYPE_CHECKING:
     from ffsm_mj.assembly.prepare import PreparedRun
     from ffsm_mj.experiments.uncertainty import Sensitivity
     from ffsm_mj.log.run_folder import RunFolder
-
-
-def describe_sensitivity(of: argparse.ArgumentParser, add_overrides: Callable[[argparse.ArgumentParser], None]) -> None:
-    """Add the options to a parser."""
-    of.add_argument("scenario", help="a scenario file, a run folder, or the name of a shipped scenario")
-    add_overrides(of)
-    of.add_argument(
-        "--of",
-        action="append",
-        default=[],
-        metavar="OUTCOME",
-        help="number of summary.json, e.g. impacts.0.impulse_N_s (default: first impact and final error of the tip)",
-    )
-    of.add_argument(
-        "--wrt",
-        action="append",
-        default=[],
-        metavar="KEY=SIGMA",
-        help="an uncertain key and its standard deviation, in SI units or with mm, um, mrad, deg: "
-        "initial.joints.object/y=1mm (default: 'uncertainties' of the scenario)",
-    )
-    of.add_argument("--exact", action="store_true", help="derivatives, where they exist, in place of runs")
-    of.add_argument("--out", metavar="FILE", help="also write the table as CSV or, with the suffix .parquet, as Parquet")
 
 
 def sensitivity(options: argparse.Namespace, output: Output) -> int:
@@ -52,30 +28,23 @@ def sensitivity(options: argparse.Namespace, output: Output) -> int:
     from ffsm_mj.experiments.uncertainty import given
 
     wrt = given(options.wrt)
-    with progress() as shown:
+    with output.progress() as stage:
         prepared = prepare(options.scenario, options.overrides)
         checked_parameters(prepared, wrt)
-        nominal = prepared.run(report=shown.stage(prepared.scenario.name, "s", prepared.scenario.duration_s))
+        nominal = prepared.run(report=stage(prepared.scenario.name, "s", prepared.scenario.duration_s))
         if nominal.outcome != "completed":
             complain(f"{nominal.outcome}: {nominal.message}")
             return RUN_FAILED
-        report = shown.stage("sensitivity", "runs")
+        report = stage("sensitivity", "runs")
         found = of_prepared(prepared, nominal, options.of, wrt, "exact" if options.exact else "secant", report)
-    for sentence in sentences(found):
+    for sentence in found.sentences():
         output.say(sentence)
     if options.out:
         output.say(f"{options.out}: {_write(found, Path(options.out))}")
     return OK
 
 
-def sentences(found: Sensitivity) -> list[str]:
-    """Sentences on a sensitivity, wrapped at the width of the terminal."""
-    from ffsm_mj.report.text_table import wrapped
-
-    return [wrapped(sentence, 2) for sentence in found.sentences()]
-
-
-def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
+def of_run(prepared: PreparedRun, run: Run, folder: RunFolder, output: Output) -> Iterable[str]:
     """Sentences on the ``uncertainties`` of a scenario, also written into the run folder, as a table and in its summary."""
     if not prepared.scenario.uncertainties or run.outcome != "completed":
         return []
@@ -83,11 +52,11 @@ def of_run(prepared: PreparedRun, run: Run, folder: RunFolder) -> list[str]:
     from ffsm_mj.log.run_folder import SENSITIVITY
     from ffsm_mj.report.stated_sensitivity import KEY
 
-    with progress() as shown:
-        found = of_prepared(prepared, run, report=shown.stage("sensitivity", "runs"))
+    with output.progress() as stage:
+        found = of_prepared(prepared, run, report=stage("sensitivity", "runs"))
     _write(found, folder.path / SENSITIVITY)
     folder.add_to_summary({KEY: found.data()})
-    return sentences(found)
+    return found.sentences()
 
 
 def _write(found: Sensitivity, path: Path) -> str:

@@ -10,9 +10,13 @@ import io
 import os
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TextIO
 
+from ffsm_mj.cli.progress import Progress, Stage, progress
 from ffsm_mj.errors import one_line, printable
+from ffsm_mj.report.terminal import wrapped
 
 _COLOURS = (
     (re.compile(r"\b(FAILED|DAMAGED|NOT VERIFIED|DO NOT AGREE)\b|^(damaged|incomplete|[a-z_]+_failed|diverged): "), "1;31"),
@@ -52,14 +56,29 @@ class Output:
 
     def __init__(self) -> None:
         """Start without lost output."""
-        self.lost, self._open = "", True
+        self.lost, self._open, self._progress = "", True, Progress()
+
+    @contextmanager
+    def progress(self) -> Iterator[Stage]:
+        """Display the progress of a command, hidden while something is printed; gives what begins its stages."""
+        with progress() as self._progress:
+            yield self._progress.stage
+        self._progress = Progress()
 
     def say(self, text: str) -> None:
-        """Print one or more lines; control characters (colours, bidirectional marks) are escaped."""
+        """Print lines of prose and tables, on a terminal wrapped at its width; control characters are escaped."""
+        self._print("\n".join(_coloured(line, wrapped(line), sys.stdout) for line in printable(text).split("\n")))
+
+    def write(self, text: str) -> None:
+        """Print data and commands, whose lines are as they are on a terminal too; control characters are escaped."""
+        self._print(printable(text))
+
+    def _print(self, text: str) -> None:
         if not self._open:
             return
         try:
-            print(_coloured(printable(text), sys.stdout), flush=True)
+            with self._progress.hidden():
+                print(text, flush=True)
         except OSError as error:
             self._open = False
             if error.errno not in _GONE:
@@ -69,22 +88,19 @@ class Output:
 
 def complain(text: str) -> None:
     """Print a line to stderr with control characters escaped; a failure to print is ignored."""
+    line = one_line(text)
     try:
-        print(_coloured(one_line(text), sys.stderr), file=sys.stderr, flush=True)
+        print(_coloured(line, line, sys.stderr), file=sys.stderr, flush=True)
     except OSError:
         _silence(2)
 
 
-def _coloured(text: str, stream: TextIO) -> str:
-    """A text with its lines in colour, if the stream is a terminal that shows colours and the user wants them."""
+def _coloured(line: str, shown: str, stream: TextIO) -> str:
+    """What is shown of a line, in its colour, if the stream is a terminal that shows colours and the user wants them."""
     if os.environ.get("NO_COLOR") or os.environ.get("TERM", "").lower() in _NO_COLOURS or not stream.isatty():
-        return text
-    return "\n".join(map(_coloured_line, text.split("\n")))
-
-
-def _coloured_line(line: str) -> str:
+        return shown
     colour = next((code for pattern, code in _COLOURS if pattern.search(line)), "")
-    return f"\x1b[{colour}m{line}\x1b[0m" if colour else line
+    return "\n".join(f"\x1b[{colour}m{part}\x1b[0m" for part in shown.split("\n")) if colour else shown
 
 
 def _silence(number: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.cli.progress import Report
+from ffsm_mj.cli.progress import Stage
 from ffsm_mj.errors import described, raised_at
 from ffsm_mj.replay import explain
 from ffsm_mj.replay.truncation import AnalysisLimits, usual_seconds
@@ -21,7 +21,7 @@ def explained_checks(
     run: Run,
     checks: tuple[Check, ...],
     budget_s: float | None,
-    stage: Callable[[str, str], Report | None],
+    stage: Stage,
     name: str,
     stopped: Callable[[], bool],
     tolerance: Tolerance = DEFAULT_TOLERANCE,

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from ffsm_mj.all_cores import on_all_cores
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, OK
-from ffsm_mj.cli.progress import progress
+from ffsm_mj.cli.progress import Stage
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.report.output_place import new_file, usable_folder
-from ffsm_mj.report.text_table import table, wrapped
+from ffsm_mj.report.terminal import table
 from ffsm_mj.validation.case import ComparedCase, ValidationCase, Verdict, compared_case
 from ffsm_mj.validation.cases import CASES, LONGEST, case_names, seed_paper, values_of
 from ffsm_mj.validation.cases.seed_paper import page as paper
@@ -42,10 +42,12 @@ def validate(options: argparse.Namespace, output: Output) -> int:
     pages = (*(() if names == [seed_paper.GROUP] else (PAGE,)), *(paper.PAGES if of_paper else ()))
     committed = {page: committed_page(folder, page) for page in pages if options.check is not None}
     every = options.page is not None or options.long
-    results = _performed(cases, all_runs() if every else (THRESHOLD,) if committed and of_paper else ())
+    runs = all_runs() if every else (THRESHOLD,) if committed and of_paper else ()
+    with output.progress() as stage:
+        results = _performed(cases, runs, stage)
     compared = [compared_case(case, results[_task(case.name)].values) for case in cases]
     output.say("\n".join(map(_shown, compared)) if names else _summary(compared))
-    output.say(wrapped(total(compared)))
+    output.say(total(compared))
     fresh = {} if names else {PAGE: validation_page(compared)}
     if of_paper and (every or committed):
         fresh |= paper.pages(results, committed.get(seed_paper.PAGE, ""))
@@ -86,8 +88,8 @@ def _write(folder: Path, pages: Mapping[str, str]) -> None:
 def _shown(case: ComparedCase) -> str:
     """Everything about one case."""
     texts = (case.case.title, f"Source: {case.case.source}.", case.case.setting, case.case.explanation)
-    head = "\n".join(wrapped(text, 2) for text in texts if text)
-    lines = "".join(f"  {wrapped(line, 4)}\n" for line in reasons(case.numbers))
+    head = "\n".join(text for text in texts if text)
+    lines = "".join(f"  {line}\n" for line in reasons(case.numbers))
     return f"{head}\n\n{table(HEAD, rows(case.numbers), spare=('tolerance',))}\n{lines}"
 
 
@@ -112,12 +114,11 @@ def _task(name: str) -> str | PaperRun:
     return seed_paper.RUNS.get(name, name)
 
 
-def _performed(cases: Sequence[ValidationCase], runs: Sequence[PaperRun]) -> dict[str | PaperRun, Result]:
+def _performed(cases: Sequence[ValidationCase], runs: Sequence[PaperRun], stage: Stage) -> dict[str | PaperRun, Result]:
     """Results of cases, and of runs of the seed paper, on all cores."""
     tasks = sorted(dict.fromkeys((*runs, *(_task(case.name) for case in cases))), key=lambda task: task != LONGEST)
-    with progress() as shown:
-        report = shown.stage("validate", "cases", len(tasks))
-        return dict(zip(tasks, on_all_cores(_perform, tasks, report), strict=True))
+    report = stage("validate", "cases", len(tasks))
+    return dict(zip(tasks, on_all_cores(_perform, tasks, report), strict=True))
 
 
 def _perform(task: str | PaperRun) -> Result:

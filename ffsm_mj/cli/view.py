@@ -8,7 +8,6 @@ import tempfile
 from pathlib import Path
 
 from ffsm_mj.cli.exit_codes import OK, RUN_FAILED
-from ffsm_mj.cli.progress import progress
 from ffsm_mj.cli.standard_streams import Output, complain
 from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.invocation import command
@@ -43,7 +42,7 @@ def view(options: argparse.Namespace, output: Output) -> int:
         if options.save is not None:
             usable_file(Path(options.save))
         if recording is None:
-            _record(run, scenario, options.overrides, made)
+            _record(run, scenario, options.overrides, made, output)
         if options.save is None:
             return _open_viewer(made, options.listen)
         with new_file(Path(options.save)) as place:
@@ -82,7 +81,7 @@ def _without_display(run: Path | None, given: str) -> str:
     return f"no display for the Rerun viewer; '{saved}' writes a recording for another machine"
 
 
-def _record(run: Path | None, scenario: str, overrides: list[str], path: Path) -> None:
+def _record(run: Path | None, scenario: str, overrides: list[str], path: Path, output: Output) -> None:
     """Write the recording of a run from its log, or of a scenario at t = 0."""
     if run is None:
         from ffsm_mj.assembly.initial_scene import initial_scene
@@ -96,8 +95,8 @@ def _record(run: Path | None, scenario: str, overrides: list[str], path: Path) -
     from ffsm_mj.log.rerun.sink import write_recording
 
     log = find_log(run)
-    with progress() as shown, working_on(log):
-        shown.stage(f"recording of {log}")
+    with output.progress() as stage, working_on(log):
+        stage(f"recording of {log}")
         write_recording(load_run(log).log, path)
 
 

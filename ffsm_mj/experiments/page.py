@@ -24,8 +24,7 @@ from ffsm_mj.experiments.statistics import (
     sobol_indices,
     values_for_upper_end,
 )
-from ffsm_mj.report.markdown_text import code, escaped, number, percent
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import code, escaped, markdown_table, number, percent
 
 _SHARES = (0.05, 0.5, 0.95)
 _SHOWN_RUNS = 6

@@ -13,7 +13,7 @@ from ffsm_mj.experiments.comparison import compare_variants
 from ffsm_mj.experiments.folder import RERUNS
 from ffsm_mj.experiments.results import TableRow, as_arrow
 from ffsm_mj.log.run_folder import find_log
-from ffsm_mj.report.markdown_page import html_page
+from ffsm_mj.report.markdown import html_page
 from ffsm_mj.report.output_place import folder_below, new_file
 
 PAGE, HTML, PARQUET, CSV = "report.md", "report.html", "results.parquet", "results.csv"

@@ -28,7 +28,7 @@ from ffsm_mj.experiments.statistics import (
     quantile,
     rank_correlation,
 )
-from ffsm_mj.report.markdown_text import number, percent
+from ffsm_mj.report.markdown import number, percent
 
 _MOST_CORRELATIONS, _MOST_PAIRS = 3, 3
 """Correlations, and pairs of variants whose differences are printed: more are in the page only."""

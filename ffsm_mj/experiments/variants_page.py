@@ -19,8 +19,7 @@ from ffsm_mj.experiments.page import samples
 from ffsm_mj.experiments.planning import flow
 from ffsm_mj.experiments.statistics import SUCCESS, Proportion
 from ffsm_mj.experiments.summary import confidence_sentence, sentences
-from ffsm_mj.report.markdown_text import code, escaped, number, percent
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import code, escaped, markdown_table, number, percent
 
 _HEAD = ("first", "second", "runs", "mean of first", "mean of second", "difference", "interval", "less", "more", "shown")
 _MOST_SENTENCES = 3

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.invocation import command
-from ffsm_mj.report.text_table import table, wrapped
+from ffsm_mj.report.terminal import table
 from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 from ffsm_mj.verification.truncation import ExplainedChecks, has_question
@@ -36,7 +36,7 @@ def check_table(checks: Sequence[Check]) -> str:
         )
         for check in sorted(checks, key=lambda check: check.passes)
     )
-    return table(("check", "of", "worst", "unit", "in", "at s", "allowed", ""), rows, keys=2, spare=("in",))
+    return table(("check", "of", "worst", "unit", "in", "at s", "allowed", ""), rows, spare=("in",))
 
 
 def _result(check: Check) -> str:
@@ -50,7 +50,7 @@ def truncation_lines(checks: Sequence[Check]) -> list[str]:
         for check in checks
         if check.truncation
     ]
-    return [*(wrapped(line, 4) for line in lines), *([step_hint()] if all_by_truncation(checks) else [])]
+    return [*lines, *([step_hint()] if all_by_truncation(checks) else [])]
 
 
 def no_verdict(explained: ExplainedChecks, tolerance: Tolerance) -> str:
@@ -60,12 +60,12 @@ def no_verdict(explained: ExplainedChecks, tolerance: Tolerance) -> str:
     why = explained.obstacle
     if not has_question(explained.checks, tolerance):
         why = f"tolerances below {DEFAULT_TOLERANCE:g} are not"
-    return wrapped(f"  truncation: not analysed{why and f' ({one_line(why)})'}", 4)
+    return f"  truncation: not analysed{why and f' ({one_line(why)})'}"
 
 
 def step_hint() -> str:
     """What to do about checks that fail by truncation alone."""
-    return wrapped(f"{_STEP_HINT}: {command('analyze', '--tolerance', '1e-8')}", 4)
+    return f"{_STEP_HINT}: {command('analyze', '--tolerance', '1e-8')}"
 
 
 def verdict(run: Run, checks: Sequence[Check]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ffsm_mj.analysis.comparison import Comparison, ImpactDifference, RecordsDifference
 from ffsm_mj.errors import one_line
-from ffsm_mj.report.text_table import table
+from ffsm_mj.report.terminal import table
 
 
 def comparison_report(labels: tuple[str, str], found: Comparison) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import angular_momentum
 from ffsm_mj.errors import one_line
-from ffsm_mj.report.text_table import table
+from ffsm_mj.report.terminal import table
 
 _HEAD = ("angular momentum\nN m s", "before", "after", "change x", "change y", "change z")
 _NEGLIGIBLE = 1e-12

@@ -16,7 +16,7 @@ from ffsm_mj.errors import one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.records.events import ImpactRecord, UnhandledContactRecord
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.report.text_table import table, wrapped
+from ffsm_mj.report.terminal import table
 
 MOST_ROWS = 20
 _Record = TypeVar("_Record", ImpactRecord, ContactInterval)
@@ -48,7 +48,7 @@ def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most:
         *(("status",) if odd else ()),
     )
     rows = (_impact_row(record, rough=rough, changes=changes, odd=odd) for record in impacts)
-    return table(head, rows, keys=3, spare=("|dL|", "|dP|"))
+    return table(head, rows, spare=("|dL|", "|dP|"))
 
 
 def _impact_row(record: ImpactRecord, *, rough: bool, changes: bool, odd: bool) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
         )
         for number, contact in enumerate(contacts, 1)
     )
-    return table((*head, *(_SLIP_HEAD if with_friction else ())), rows, keys=4)
+    return table((*head, *(_SLIP_HEAD if with_friction else ())), rows)
 
 
 _SLIP_HEAD = ("friction\nuse", "sliding\ns", "slip\nm")
@@ -170,7 +170,7 @@ def _folded(
     ]
     rules.sort(key=lambda group: -len(group))
     more = f"\n  and {len(rules) - most} more" if len(rules) > most else ""
-    return table(head, map(cells, rules[:most]), keys=2) + more
+    return table(head, map(cells, rules[:most])) + more
 
 
 def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = MOST_ROWS) -> str:
@@ -184,7 +184,7 @@ def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = M
     )
     more = f"\n  and {len(contacts) - most} more" if len(contacts) > most else ""
     remedy = "  these contacts had no forces: resolve them by a rule of contacts.rules, or list them in contacts.ignored"
-    return f"{table(head, rows, keys=2)}{more}\n{wrapped(remedy, 2)}"
+    return f"{table(head, rows)}{more}\n{remedy}"
 
 
 def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:
@@ -196,19 +196,14 @@ def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:
     lines = [line for kind, records in listed for line in _lines(run, kind, records, most)]
     if counted:
         counts = ", ".join(f"{kind.plural.replace('_', ' ')}: {len(records)}" for kind, records in counted)
-        lines.append(wrapped(f"{counts} (listed by analyze)", 2))
-    missing = [kind.plural.replace("_", " ") for kind, records in kinds if not records]
-    return "\n".join([*lines, *([wrapped(f"no {_listed(missing)}", 2)] if missing else [])])
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " or ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+        lines.append(f"{counts} (listed by analyze)")
+    return "\n".join(lines)
 
 
 def _lines(run: Run, kind: RecordKind, records: Sequence[Any], most: int) -> Iterator[str]:
     yield f"{kind.plural.replace('_', ' ')}: {len(records)}"
     for record in records[:most]:
-        yield wrapped(f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}", 4)
+        yield f"  {kind.time(record):.6f} s  {one_line(kind.sentence(record))}"
     if len(records) > most:
         yield f"  and {len(records) - most} more: {export_command(run, kind.plural)}"
 

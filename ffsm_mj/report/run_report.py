@@ -10,7 +10,7 @@ from ffsm_mj.records.metadata import changed_property_lines, gravity_line
 from ffsm_mj.report.check_report import check_table, no_verdict, step_hint
 from ffsm_mj.report.momentum_report import momentum_line
 from ffsm_mj.report.record_tables import MOST_ROWS, contact_table, impact_table, record_lines, unhandled_table
-from ffsm_mj.report.text_table import wrapped
+from ffsm_mj.report.terminal import wrapped
 from ffsm_mj.verification.check_result import all_by_truncation, worst_check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
 from ffsm_mj.verification.truncation import ExplainedChecks
@@ -33,7 +33,7 @@ def run_report(run: Run, explained: ExplainedChecks, notes: Sequence[str] = (), 
     """
     for most, tight in _LAYOUTS:
         report = _report(run, explained, notes, most, tight=tight)
-        if report.count("\n") < lines:
+        if wrapped(report).count("\n") < lines:
             break
     return report
 
@@ -46,7 +46,7 @@ def _report(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: in
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
     records = [impact_table(run.impacts, changes=False, most=most), *details(run, most)] if most else [_counts(run)]
     parts = [headline(run), failures, _sub_steps(run), *records, result]
-    shown = [wrapped(part, 2) if "\n" not in part else part for part in parts if part]
+    shown = [part for part in parts if part]
     return "\n".join(shown) if tight else _stacked(shown)
 
 
@@ -62,13 +62,15 @@ def _failures(explained: ExplainedChecks, notes: Sequence[str], most: int) -> st
         lines.append(f"  and {len(failing) - shown} more")
     lines += [step_hint()] if all_by_truncation(checks) else []
     lines += filter(None, [no_verdict(explained, DEFAULT_TOLERANCE)])
-    return "\n".join([*lines, *(wrapped(f"  note: {note}", 4) for note in notes[: max(most, 1)])])
+    return "\n".join([*lines, *(f"  note: {note}" for note in notes[: max(most, 1)])])
 
 
 def _counts(run: Run) -> str:
     """Numbers of records by kind, where there is no room for the records."""
-    counted = [f"{len(found)} {name.replace('_', ' ')}" for name, found in run.records.items() if found]
-    return f"records, shown by analyze: {', '.join(counted)}"
+    kinds = {kind.plural: kind.name for kind in run.log.kinds}
+    found = ((len(records), kinds.get(name, name) if len(records) == 1 else name) for name, records in run.records.items())
+    counted = ", ".join(f"{count} {name.replace('_', ' ')}" for count, name in found if count)
+    return f"records, shown by analyze: {counted}"
 
 
 def _stacked(parts: Iterable[str]) -> str:
@@ -128,8 +130,8 @@ def _models(run: Run, most: int) -> str:
     """Compiled values of body and geom properties that the scenario sets; gravity."""
     metadata = run.log.header.metadata
     lines = [*changed_property_lines(metadata), *filter(None, [gravity_line(metadata)])]
-    more = [f"and {len(lines) - most} more properties"] if len(lines) > most else []
-    return "\n".join([*(wrapped(line, 2) for line in lines[:most]), *more])
+    more = [f"and {len(lines) - most} more"] if len(lines) > most else []
+    return "\n".join([*lines[:most], *more])
 
 
 def _missed_phases(run: Run) -> str:

@@ -15,7 +15,6 @@ from ffsm_mj.report.momentum_report import momentum_table
 from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
 from ffsm_mj.report.stated_sensitivity import stated_sensitivity
-from ffsm_mj.report.text_table import wrapped
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import Tolerance
@@ -48,29 +47,29 @@ def verification(run: Run, again: ReplayResult, explained: ExplainedChecks, tole
     if checks:
         left = " in the readable part" if damage else ""
         lines = [*truncation_lines(checks), *filter(None, [no_verdict(explained, tolerance)])]
-        parts.append("\n".join([wrapped(verdict(run, checks) + left, 2), *lines]))
+        parts.append("\n".join([verdict(run, checks) + left, *lines]))
     parts.append(agreement(again))
-    parts.append("\n".join(wrapped(sentence, 2) for sentence in stated_sensitivity(run)))
+    parts.append("\n".join(stated_sensitivity(run)))
     if not run.complete:
         parts.append("incomplete: the log breaks off before the end of the run")
     if run.note:
         parts.append(f"note: {run.note}")
     if damage:
         parts.append(f"damaged: {damage}")
-    return "\n\n".join(wrapped(part, 2) if "\n" not in part else part for part in parts if part)
+    return "\n\n".join(part for part in parts if part)
 
 
 def agreement(again: ReplayResult) -> str:
     """One line: whether the columns of the log agree with its states; one more line per difference if not."""
     if again.obstacle:
         why = f"nothing can be recomputed ({one_line(again.obstacle)})"
-        return wrapped(f"NOT VERIFIED: {why}; the checks use the logged balances", 2)
+        return f"NOT VERIFIED: {why}; the checks use the logged balances"
     worst = sorted(again.worst.values(), key=lambda one: -one.excess)
     if not worst:
         return "NOT VERIFIED: nothing of the log could be replayed; see its damage below"
     if again.agrees:
         of = f"{again.numbers} numbers of {again.samples} samples"
-        return wrapped(f"columns agree with states ({of}); worst difference: {_difference(worst[0])}", 2)
+        return f"columns agree with states ({of}); worst difference: {_difference(worst[0])}"
     return "COLUMNS DO NOT AGREE WITH STATES:" + "".join(f"\n  {_difference(one)}" for one in worst if not one.passes)
 
 

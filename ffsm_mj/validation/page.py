@@ -12,7 +12,7 @@ from string import Template
 
 from ffsm_mj.errors import InputError
 from ffsm_mj.invocation import command
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import markdown_table
 from ffsm_mj.validation.case import ComparedCase, ComparedNumber, Number, Origin, Verdict, verdicts_in_words
 
 PAGE = "validation.md"

@@ -47,7 +47,7 @@ def test_a_run_shows_how_far_it_is_and_leaves_its_report_alone(tmp_path, monkeyp
     run = ffsm("run", path, "--no-rerun", "--out", "a")
     shown = on_terminal(run, columns=columns, **environment)
     assert shown.code == 0, shown.written
-    monkeypatch.setattr("ffsm_mj.report.text_table.terminal_width", lambda: columns if columns > 20 else None)
+    monkeypatch.setattr("ffsm_mj.report.terminal.terminal_width", lambda: columns if columns > 20 else None)
     read = load_run("a")
     expected = run_report(read, ExplainedChecks(all_checks(read)))
     called = "python -m ffsm_mj.cli.main"

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import html
 import re
 from html.parser import HTMLParser
 
-from ffsm_mj.report.markdown_page import html_page
-from ffsm_mj.report.markdown_text import code, escaped
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import code, escaped, html_page, markdown_table
 
 HOSTILE = 'a|b <script>alert(1)</script> & "q" `c` *d* &lt; ![x](http://e)'
 
@@ -53,4 +50,4 @@ def test_blocks() -> None:
     wanted = ["main", "h1", "p", "ul", "li", "li", "div", "table", "thead", "tr", "th", "th", "tbody", "tr", "td", "td"]
     assert found.tags == [*wanted, "figure", "img", "figcaption", "p"]
     assert "![other](g)" in found.text
-    assert html.unescape("text more") in found.text
+    assert "text\nmore" in found.text

@@ -8,7 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.report import text_table
+from ffsm_mj.report import terminal
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
 from ffsm_mj.report.verification_report import check_table
@@ -23,7 +23,7 @@ def hit(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def _narrow(monkeypatch):
-    monkeypatch.setattr(text_table, "terminal_width", lambda: 80)
+    monkeypatch.setattr(terminal, "terminal_width", lambda: 80)
 
 
 def with_records(run, **records):
@@ -31,7 +31,7 @@ def with_records(run, **records):
 
 
 def reported(run, notes, lines=MOST_LINES):
-    return run_report(run, ExplainedChecks(all_checks(run)), notes, lines)
+    return terminal.wrapped(run_report(run, ExplainedChecks(all_checks(run)), notes, lines))
 
 
 def bounces(run, pair, times):

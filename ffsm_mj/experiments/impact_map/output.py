@@ -24,7 +24,7 @@ from ffsm_mj.report.export import to_arrow, write_arrow
 from ffsm_mj.report.output_place import new_file, usable_folder
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
 from ffsm_mj.report.plots.style import BLACK, VERMILION, WIDTH_IN, plain, publication, write
-from ffsm_mj.report.text_table import table, wrapped
+from ffsm_mj.report.terminal import table
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
 from ffsm_mj.scenario.source import read_yaml
 from ffsm_mj.yaml import write_yaml
@@ -48,14 +48,13 @@ def lines(mapped: ImpactMap, hold: str) -> Iterator[str]:
     """Contact, counts, and a table of the run, the best configuration and the extremes."""
     target = mapped.target
     place, normal = (", ".join(f"{x + 0.0:.6g}" for x in v) for v in (target.contact.point, target.outward))
-    yield wrapped(
+    yield (
         f"contact of {target.pair} at ({place}) m, normal ({normal}): approach {target.approach_speed:.4g} m/s, "
-        f"e = {target.contact.restitution:g}, mu = {target.contact.mu:g}",
-        2,
+        f"e = {target.contact.restitution:g}, mu = {target.contact.mu:g}"
     )
     counts = {status: sum(each.status == status for each in mapped.configurations) for status in ("overlap", "no rates")}
     said = "".join(f"; {counts[name]} {words}" for name, words in _COUNTED.items() if counts[name])
-    yield wrapped(f"{mapped.reached} of {mapped.drawn} drawn configurations reach it {_KEPT[hold]}{said}", 2)
+    yield f"{mapped.reached} of {mapped.drawn} drawn configurations reach it {_KEPT[hold]}{said}"
     head = ("configuration", *(head for head, _ in _SHOWN.values()), "status")
     yield table(head, _rows(mapped), spare=("joint rate", "eff. mass"))
 

@@ -13,7 +13,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.impact import Contact, resolve, solve_paper_system
 from ffsm_mj.model.system import System
-from ffsm_mj.report.text_table import markdown_table
+from ffsm_mj.report.markdown import markdown_table
 from ffsm_mj.validation.cases.seed_paper.measure import slope, tip_state
 from ffsm_mj.validation.cases.seed_paper.printed import PRINTED
 from ffsm_mj.validation.cases.seed_paper.runs import threshold_impact

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.report.markdown import markdown_table
 from ffsm_mj.report.output_place import usable_folder
-from ffsm_mj.report.text_table import markdown_table
 from ffsm_mj.validation.case import ComparedNumber, verdicts_in_words
 from ffsm_mj.validation.cases.seed_paper import PAGE
 from ffsm_mj.validation.cases.seed_paper.appendix import APPENDIX_PAGE, appendix_page
