@@ -403,7 +403,7 @@ class EventDrivenIntegrator:
     def _to_kink(self, step_s: float, clear: bool) -> tuple[float, bool]:
         """The step that was made, or as much of it as there is before a force reaches its limit, or leaves it."""
         motion = self.motion
-        if motion.force_limits is None or not motion.flight.kinked or motion.stiff is not None:
+        if motion.force_limits is None or not motion.flight.kinked:
             return step_s, clear
         of_activation = motion.activations.kink_s if motion.activations is not None else math.inf
         at_s = motion.force_limits.first_kink(motion.path, min(step_s, of_activation))
