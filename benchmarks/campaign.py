@@ -28,7 +28,7 @@ from typing import Any
 from unittest.mock import patch
 
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.engines import executor, loop
+from ffsm_mj.experiments.engines import Processes, loop
 from ffsm_mj.experiments.worker import execute_runs
 from ffsm_mj.simulation.loop import Simulation
 
@@ -77,7 +77,7 @@ def dispersed(folder: Path, runs: int) -> float:
     """CPU time of a run of ``baseline-dispersed`` in a pool of two processes, s: median over the first runs."""
     found = Campaign.load("baseline-dispersed", folder / "dispersed", overrides=["keep.failures=0"])
     job = found._job(own=False)
-    with executor(2) as pool:
+    with Processes(2) as pool:
         made = [pool.submit(execute_runs, job, [(i, found.design.overrides(i))]) for i in range(runs)]
         return statistics.median(row.cpu_s for future in made for row in future.result())
 
@@ -101,7 +101,7 @@ def memory_MiB(pool: Executor) -> float:
 
 def growth(found: Campaign, runs: int) -> tuple[float, float]:
     """Memory of a worker after two fifths of its runs and after all runs, MiB."""
-    with executor(1) as pool:
+    with Processes(1) as pool:
         job = found._job(own=False)
         batch = [(i, found.design.overrides(i)) for i in range(runs)]
         pool.submit(execute_runs, job, batch[: runs * 2 // 5]).result()
@@ -112,7 +112,7 @@ def growth(found: Campaign, runs: int) -> tuple[float, float]:
 
 def engines(stack: ExitStack) -> dict[str, Executor]:
     """A loop, a pool of two processes, and two Dask workers if distributed is installed."""
-    found: dict[str, Any] = {"loop": stack.enter_context(loop().open()), "pool": stack.enter_context(executor(2))}
+    found: dict[str, Any] = {"loop": stack.enter_context(loop().open()), "pool": stack.enter_context(Processes(2))}
     try:
         from distributed import Client, LocalCluster
     except ImportError:

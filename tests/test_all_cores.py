@@ -56,7 +56,7 @@ def end_all_cores(marker: Path) -> None:
 
 
 def end_campaign_workers(marker: Path) -> None:
-    with engines.executor(2) as pool:
+    with engines.Processes(2) as pool:
         pool.submit(sent, marker)
         end(marker)
 

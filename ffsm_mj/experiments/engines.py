@@ -8,15 +8,17 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from multiprocessing.context import SpawnContext, SpawnProcess
+from queue import SimpleQueue
 from types import ModuleType
 from typing import Any, TypeVar
 
 from ffsm_mj.all_cores import end_at_once
-from ffsm_mj.errors import InputError, MissingPackageError
+from ffsm_mj.errors import InputError, MissingPackageError, described
 from ffsm_mj.experiments.metrics import FileMetric
 from ffsm_mj.invocation import on_command_line
 from ffsm_mj.module_path import importable_elsewhere, without_current_folder
@@ -40,7 +42,8 @@ class Engine:
         own_processes: Whether its processes execute nothing else, so that a process with a stuck run may be ended.
         reopens: Whether it can open another executor after one is lost.
         in_this_thread: Whether runs are executed by the calling thread, so that the interrupt of a run ends the campaign.
-        ahead: Batches per worker that are handed out at once.
+        batches: Whether several runs make one task, because a task costs its scheduler some milliseconds.
+        ahead: Tasks per worker that are handed out at once.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Engine:
     own_processes: bool = True
     reopens: bool = True
     in_this_thread: bool = False
+    batches: bool = False
     ahead: int = 4
 
 
@@ -107,7 +111,7 @@ def pool(workers: int | None = None) -> Engine:
         workers: Number of processes; None: one per processor that this process may use.
     """
     count = workers or usable_processors()
-    return Engine(f"{count} processes", count, lambda: _processes(count))
+    return Engine(f"{count} processes", count, lambda: Processes(count))
 
 
 def usable_processors() -> int:
@@ -121,11 +125,6 @@ def importable(law: Any) -> bool:
         return True
     module, name = getattr(law, "__module__", "__main__"), getattr(law, "__qualname__", "<object>")
     return module != "__main__" and "<" not in name and importable_elsewhere(module)
-
-
-def executor(workers: int | None = None) -> Any:
-    """Context of a :class:`concurrent.futures.Executor` with processes on this machine; None: one per processor."""
-    return _processes(workers or usable_processors())
 
 
 def caller_engine(executor: Executor, workers: int | None = None) -> Engine:
@@ -174,7 +173,7 @@ def dask(address: str) -> Engine:
     several = [name for name, count in threads.items() if count != 1]
     if several:
         raise InputError(f"{where}: worker {several[0]} has {threads[several[0]]} threads; start it with --nthreads 1")
-    return Engine(f"{len(threads)} Dask workers", len(threads), connected)
+    return Engine(f"{len(threads)} Dask workers", len(threads), connected, batches=True)
 
 
 @contextmanager
@@ -210,16 +209,58 @@ def _distributed() -> Any:
     return distributed
 
 
-@contextmanager
-def _processes(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Pool of processes; if an exception leaves the context, running processes are killed."""
-    executor = ProcessPoolExecutor(workers, mp_context=_Spawn(), initializer=_begin_worker)
-    try:
-        yield executor
-    except BaseException:
-        end_at_once(executor, [process for process in multiprocessing.active_children() if isinstance(process, _Process)])
-        raise
-    executor.shutdown(cancel_futures=True)
+class WorkerLostError(Exception):
+    """The process of a run has ended."""
+
+
+class Processes(ThreadPoolExecutor):
+    """Executor whose threads have one process each: one that ends takes its own run with it, and another one begins.
+
+    A context; if an exception leaves it, running processes are killed.
+    """
+
+    def __init__(self, workers: int) -> None:
+        """Begin no process yet."""
+        super().__init__(workers)
+        self._idle: SimpleQueue[ProcessPoolExecutor] = SimpleQueue()
+        self._pools: list[ProcessPoolExecutor] = []
+        for _ in range(workers):
+            self._add()
+
+    def _add(self) -> None:
+        self._pools.append(ProcessPoolExecutor(1, mp_context=_Spawn(), initializer=_begin_worker))
+        self._idle.put(self._pools[-1])
+
+    def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """Call a function in a process; the future has a WorkerLostError if it ends."""
+        return super().submit(self._called, fn, *args, **kwargs)
+
+    def _called(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Result:
+        pool = self._idle.get()
+        try:
+            result = pool.submit(fn, *args, **kwargs).result()
+        except BrokenProcessPool as error:
+            self._pools.remove(pool)
+            self._add()
+            raise WorkerLostError(described(error)) from error
+        except BaseException:
+            self._idle.put(pool)
+            raise
+        self._idle.put(pool)
+        return result
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """End the processes: at once after an exception, else when their functions have returned."""
+        pools = list(self._pools)
+        if kind is not None:
+            super().shutdown(wait=False, cancel_futures=True)
+            for pool in pools:
+                with _STARTING:
+                    mine = [process for process in multiprocessing.active_children() if isinstance(process, _Process)]
+                end_at_once(pool, mine)
+        self.shutdown(cancel_futures=True)
+        for pool in pools:
+            pool.shutdown()
 
 
 def _begin_worker() -> None:

@@ -14,7 +14,6 @@ from typing import Any
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.assembly.models import Reader
 from ffsm_mj.assembly.prepare import PreparedRun, as_overrides, recipe, uninterrupted
 from ffsm_mj.assembly.run import simulate
@@ -32,6 +31,9 @@ from ffsm_mj.replay.truncation import AnalysisLimits, usual_steps
 from ffsm_mj.scenario.loading import validated
 from ffsm_mj.scenario.source import YamlSource, read_yaml
 from ffsm_mj.verification.check_result import Check
+
+PlannedRun = tuple[int, Mapping[str, Any]]
+"""Index of a run in the design, and its overrides."""
 
 
 @dataclass(frozen=True)
@@ -86,15 +88,13 @@ def probe(job: Job) -> str:
     return platform.node()
 
 
-def execute_runs(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> list[RunRow]:
-    """Execute runs one after the other, up to the first that is interrupted.
+@lru_cache(maxsize=4)
+def _probed(scenario: str, versions: tuple[tuple[str, str], ...], digest: str) -> None:
+    probe(Job(scenario, (), dict(versions), digest))
 
-    Args:
-        job: The campaign.
-        runs: Index and overrides of each run.
 
-    Returns:
-        A row per completed run.
+def execute_runs(job: Job, runs: Sequence[PlannedRun]) -> list[RunRow]:
+    """Execute runs one after the other, up to the first that is interrupted; returns their rows.
 
     Raises:
         OtherVersionsError: The package versions differ from those of the campaign.
@@ -102,21 +102,15 @@ def execute_runs(job: Job, runs: Sequence[tuple[int, Mapping[str, Any]]]) -> lis
     """
     _probed(job.scenario, tuple(sorted(job.versions.items())), job.digest)
     rows: list[RunRow] = []
-    with one_blas_thread():  # set once instead of in every run
-        for index, overrides in runs:
-            row = execute_run(job, index, overrides)
-            if row.outcome == "interrupted":
-                break
-            rows.append(row)
+    for index, overrides in runs:
+        row = _row(job, index, overrides)
+        if row.outcome == Outcome.INTERRUPTED:
+            break
+        rows.append(row)
     return rows
 
 
-@lru_cache(maxsize=4)
-def _probed(scenario: str, versions: tuple[tuple[str, str], ...], digest: str) -> None:
-    probe(Job(scenario, (), dict(versions), digest))
-
-
-def execute_run(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
+def _row(job: Job, index: int, overrides: Mapping[str, Any]) -> RunRow:
     """Execute one run; a failure of any kind gives a row too."""
     started, used = time.perf_counter(), time.process_time()
     try:

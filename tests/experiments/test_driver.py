@@ -19,7 +19,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.experiments import engines
 from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.driver import Driver, EngineLostError
-from ffsm_mj.experiments.engines import Engine, loop
+from ffsm_mj.experiments.engines import Engine, WorkerLostError, loop
 from ffsm_mj.experiments.store import RunRow
 from ffsm_mj.experiments.worker import Job, probe
 from tests.experiments.files import campaign_file, rock_hits, two_rocks
@@ -48,33 +48,37 @@ def test_an_interrupted_run_interrupts_a_loop(tmp_path: Path) -> None:
 
 
 class Lossy(Executor):
-    """Makes nothing the first time: its worker is lost once a batch has waited for long."""
+    """The worker of its first runs is lost after they have waited for long."""
 
-    losses = 1
+    def __init__(self, losses: int) -> None:
+        self._losses = losses
 
     def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
         future: Future[Any] = Future()
         if fn is probe:
             future.set_result("here")
-        elif Lossy.losses:
-            Lossy.losses -= 1
-            future.set_exception(BrokenProcessPool("lost"))
+        elif self._losses:
+            self._losses -= 1
+            future.set_exception(WorkerLostError("lost"))
         else:
-            future.set_result([RunRow(index, "completed") for index, _ in args[1]])
+            future.set_result([RunRow(args[1][0][0], "completed")])
         return future
 
 
-def test_a_run_that_waited_is_not_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker is lost after more than a run's time: whether its run or the wait before it took that, nobody knows."""
-    monkeypatch.setattr(Lossy, "losses", 1)
+@pytest.mark.parametrize(("losses", "outcome"), [(1, "completed"), (2, "timeout")])
+def test_a_run_that_waited_is_not_late(losses: int, outcome: str) -> None:
+    """A worker is lost after more than a run's time: whether its run or the wait before it took that, nobody knows.
+
+    The second time it is handed to a worker without another run.
+    """
     rows: list[RunRow] = []
     job = Job("", (), MappingProxyType({}), timeout_s=1e-9)
-    Driver(Engine("lossy", 1, Lossy), job, rows.extend, lambda: False).drive([(0, {})])
-    assert [(row.index, row.outcome) for row in rows] == [(0, "completed")]
+    Driver(Engine("lossy", 1, lambda: Lossy(losses)), job, rows.extend, lambda: False).drive([(0, {})])
+    assert [(row.index, row.outcome) for row in rows] == [(0, outcome)]
 
 
 class Refusing(Executor):
-    """Its worker is lost between two batches: the executor knows before the driver does, and refuses the next batch."""
+    """It is lost between two runs: it knows before the driver does, and refuses the next run."""
 
     opened = 0
 
@@ -90,11 +94,11 @@ class Refusing(Executor):
         if not self._left:
             raise BrokenProcessPool("lost")
         self._left -= 1
-        future.set_result([RunRow(index, "completed") for index, _ in args[1]])
+        future.set_result([RunRow(args[1][0][0], "completed")])
         return future
 
 
-def test_a_batch_that_is_refused_is_executed_later(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_refused_is_executed_later(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Refusing, "opened", 0)
     rows: list[RunRow] = []
     engine = Engine("refusing", 2, Refusing)
@@ -104,12 +108,12 @@ def test_a_batch_that_is_refused_is_executed_later(monkeypatch: pytest.MonkeyPat
 
 
 class Fragile(Executor):
-    """A pool of three workers: it is lost as soon as one of them begins a certain run."""
+    """A pool of three workers, one of which ends as soon as it begins a certain run."""
 
     workers, deadly = 3, 17
 
     def __init__(self, begun: list[list[int]]) -> None:
-        self._begun, self._waiting = begun, dict[Future[Any], list[int]]()
+        self._begun, self._waiting = begun, dict[Future[Any], int]()
 
     def submit(self, fn: Any, /, *args: Any, **_: Any) -> Future[Any]:
         future: Future[Any] = Future()
@@ -117,42 +121,37 @@ class Fragile(Executor):
             future.set_result("here")
             return future
         if not self._waiting:
-            Timer(0.01, self._work).start()
-        self._waiting[future] = [index for index, _ in args[1]]
+            Timer(0.001, self._work).start()
+        self._waiting[future] = args[1][0][0]
         return future
 
     def _work(self) -> None:
-        batches = dict(list(self._waiting.items())[: self.workers])
-        self._begun.append([index for batch in batches.values() for index in batch])
-        lost = self.deadly in self._begun[-1]
-        taken = dict(self._waiting) if lost else batches
+        taken = dict(list(self._waiting.items())[: self.workers])
+        self._begun.append(list(taken.values()))
         for future in taken:
             del self._waiting[future]
         if self._waiting:
-            Timer(0.01, self._work).start()
-        for future, batch in taken.items():
-            if lost:
-                future.set_exception(BrokenProcessPool("lost"))
+            Timer(0.001, self._work).start()
+        for future, index in taken.items():
+            if index == self.deadly:
+                future.set_exception(WorkerLostError("lost"))
             else:
-                future.set_result([RunRow(index, "completed") for index in batch])
+                future.set_result([RunRow(index, "completed")])
 
 
-def test_after_a_loss_runs_go_on_in_parallel_until_the_one_that_ends_its_worker_is_found() -> None:
-    """First batches, then one run per worker; only the runs that had begun at the second loss go alone."""
+def test_the_run_that_ends_its_worker_is_a_row_and_every_other_is_made_once() -> None:
     begun: list[list[int]] = []
     rows: list[RunRow] = []
     engine = Engine("fragile", Fragile.workers, lambda: Fragile(begun))
-    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(240)])
-    assert sorted(row.index for row in rows) == list(range(240))
+    Driver(engine, Job("", (), MappingProxyType({})), rows.extend, lambda: False).drive([(i, {}) for i in range(90)])
+    assert sorted(row.index for row in rows) == list(range(90))
     assert [row.index for row in rows if row.outcome == "crashed"] == [Fragile.deadly]
-    losses = [indices for indices in begun if Fragile.deadly in indices]
-    assert [len(indices) for indices in losses] == [12, 3, 1, 1]  # batches of 4
-    alone = {indices[0] for indices in begun if len(indices) == 1}
-    assert alone <= set(losses[1]) | {239}
+    assert sorted(index for indices in begun for index in indices) == sorted([*range(90), Fragile.deadly])
+    assert begun[-1] == [Fragile.deadly]
 
 
 class Cut(Executor):
-    """Its scheduler is gone after three batches: what was asked of it is cancelled, as by the client of a dask cluster."""
+    """Its scheduler is gone after three runs: what was asked of it is cancelled, as by the client of a dask cluster."""
 
     def __init__(self) -> None:
         self._left = 3
@@ -261,7 +260,7 @@ def test_the_status_tells_failing_checks_by_name_and_size(tmp_path: Path, capfd:
 
 
 class Busy(Executor):
-    """Makes the first batch at once, has begun the second, and has the others wait."""
+    """Makes the first run at once, has begun the second, and has the others wait."""
 
     def __init__(self) -> None:
         self.asked: list[int] = []
@@ -271,13 +270,12 @@ class Busy(Executor):
         if fn is probe:
             future.set_result("here")
             return future
-        rows = [RunRow(index, "completed") for index, _ in args[1]]
-        self.asked += [row.index for row in rows]
+        self.asked.append(args[1][0][0])
         if len(self.asked) == 1:
-            future.set_result(rows)
+            future.set_result([RunRow(args[1][0][0], "completed")])
         elif len(self.asked) == 2:
             future.set_running_or_notify_cancel()
-            Timer(0.1, future.set_result, [rows]).start()
+            Timer(0.1, future.set_result, [[RunRow(args[1][0][0], "completed")]]).start()
         return future
 
 
