@@ -274,5 +274,5 @@ class Driver:
             self._probe(executor)  # that no worker can do anything is not the fault of a run
             limit_s = self._job.timeout_s
             late = limit_s and spent > limit_s
-            message = f"took more than {limit_s:g} s and did not stop" if late else described(error)
+            message = f"took more than {limit_s:g} s and did not stop" if late else described(error.__cause__ or error)
             return [RunRow(runs[0][0], TIMEOUT if late else CRASHED, message, wall_s=round(spent, 6))]

@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from ffsm_mj.all_cores import end_at_once
-from ffsm_mj.errors import InputError, MissingPackageError, described
+from ffsm_mj.errors import InputError, MissingPackageError
 from ffsm_mj.experiments.metrics import FileMetric
 from ffsm_mj.invocation import on_command_line
 from ffsm_mj.module_path import importable_elsewhere, without_current_folder
@@ -242,7 +242,7 @@ class Processes(ThreadPoolExecutor):
         except BrokenProcessPool as error:
             self._pools.remove(pool)
             self._add()
-            raise WorkerLostError(described(error)) from error
+            raise WorkerLostError from error
         except BaseException:
             self._idle.put(pool)
             raise
