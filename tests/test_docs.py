@@ -21,18 +21,18 @@ def python_blocks(page):
 
 @pytest.mark.long
 @pytest.mark.parametrize("word", ["resolve", "Scenario.load", "animate"])
-def test_what_the_code_of_the_user_guide_prints(capsys, tmp_path, monkeypatch, word):
+def test_what_the_code_of_the_page_prints(capsys, tmp_path, monkeypatch, word):
     monkeypatch.chdir(tmp_path)
-    code = next(block for block in python_blocks("docs/user-guide.md") if word in block)
+    code = next(block for block in python_blocks("docs/python.md") if word in block)
     promised = re.search(r"\)  # (.*)$", code, flags=re.MULTILINE).group(1)
     exec(code, {})
     assert capsys.readouterr().out.strip() == promised
 
 
-def test_reading_the_log_as_the_user_guide_does(tmp_path, capsys, monkeypatch):
+def test_reading_the_log_as_the_page_does(tmp_path, capsys, monkeypatch):
     ffsm_mj.run(two_balls(tmp_path, duration_s=0.01), out=tmp_path / "logs" / "latest", rerun=False)
     monkeypatch.chdir(tmp_path)
-    exec(next(block for block in python_blocks("docs/user-guide.md") if "make_reader" in block), {})
+    exec(next(block for block in python_blocks("docs/python.md") if "make_reader" in block), {})
     assert len(capsys.readouterr().out.splitlines()) == 11
 
 
@@ -81,10 +81,10 @@ def test_tests_of_the_verified_result(baseline):
     assert masked(promised) == masked(f"AssertionError: {caught.value}")
 
 
-def test_impacts_and_frames_as_the_user_guide_reads_them(tmp_path, capsys, monkeypatch):
+def test_impacts_and_frames_as_the_page_reads_them(tmp_path, capsys, monkeypatch):
     ffsm_mj.run(two_balls(tmp_path, duration_s=0.4), out=tmp_path / "logs" / "latest", rerun=False)
     monkeypatch.chdir(tmp_path)
-    exec(next(block for block in python_blocks("docs/user-guide.md") if "/ffsm/impact" in block), {})
+    exec(next(block for block in python_blocks("docs/python.md") if "/ffsm/impact" in block), {})
     impact, robot, target, *frames = capsys.readouterr().out.splitlines()
     assert impact == "0.300 s: 2.4000 N s"
     assert target.startswith("target/x from 0.0 to 0.8")
@@ -99,40 +99,30 @@ def test_the_log_reference_is_current():
     assert made == (ROOT / "docs" / "log-reference.md").read_text()
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        "README.md",
-        "docs/user-guide.md",
-        "docs/derivations.md",
-        "docs/control-laws.md",
-        "docs/own-controller.md",
-        "docs/own-robot.md",
-        "docs/performance.md",
-        "docs/verified-result.md",
-        "docs/reproduction.md",
-        "docs/appendix-a.md",
-        "docs/soft-contact.md",
-        "docs/log-reference.md",
-        "docs/friction.md",
-        "docs/persistent-contact.md",
-        "docs/joint-limits.md",
-        "docs/mechanisms.md",
-        "docs/contact-models.md",
-        "docs/capture.md",
-        "docs/probe-and-cone.md",
-        "docs/berth.md",
-        "docs/linkage-gripper.md",
-        "docs/servo-arm.md",
-        "docs/campaigns.md",
-        "docs/variants.md",
-        "docs/accuracy.md",
-        "docs/architecture.md",
-    ],
-)
+PAGES = ["README.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs").glob("*.md"))]
+
+
+def anchors(page):
+    """Anchors of the headings of a page, as GitHub and the site make them."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL), flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)#]+)\)", (ROOT / page).read_text()):
-        assert target.startswith("http") or (ROOT / page).parent.joinpath(target).exists(), target
+    for target in re.findall(r"\]\(([^) ]+)\)", (ROOT / page).read_text()):
+        if target.startswith(("http", "mailto:")):
+            continue
+        name, _, anchor = target.partition("#")
+        leads_to = (ROOT / page).parent / name if name else ROOT / page
+        assert leads_to.exists(), target
+        assert not anchor or leads_to.suffix != ".md" or anchor in anchors(leads_to), target
+
+
+@pytest.mark.parametrize("page", ["docs/architecture.md", "docs/how-a-step-works.md"])
+def test_files_named_by_the_pages_on_the_code_exist(page):
+    for name in re.findall(r"`(?:ffsm_mj/)?([\w/]+/\w+\.pyx?)", (ROOT / page).read_text()):
+        assert (ROOT / "ffsm_mj" / name).exists() or (ROOT / name).exists(), name
 
 
 def test_pages_install_from_a_checkout():

@@ -1,6 +1,6 @@
 """Seeded mutations of scenarios, models, logs and campaigns, and the answers that the threat model allows.
 
-The threat model is a section of ``docs/user-guide.md``. Series by its classes of input:
+The threat model is ``docs/threat-model.md``. Series by its classes of input:
 
 - trusted, possibly wrong: scenarios, models, overrides and paths of ``test_series``, ``test_captures``, ``test_friction``
   and ``test_numbers``;

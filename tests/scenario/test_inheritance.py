@@ -206,7 +206,7 @@ def test_editors_refuse_what_is_wrong_in_a_child(change):
 
 
 def test_the_example_of_the_user_guide(tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "user-guide.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "scenario-file.md").read_text()
     path = tmp_path / "heavier-hit.yaml"
     path.write_text(re.search(r"```yaml\n(extends.*?)```", page, flags=re.DOTALL).group(1))
     scenario = prepare(path).scenario
