@@ -42,8 +42,7 @@ from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import is_servo
 from ffsm_mj.model.driven_joints import DrivenJoints, control_unit, driven_joints, drives_rotation, servo_joints
 from ffsm_mj.model.grasp import Grasp
-from ffsm_mj.model.shared_joints import SharedJoints, shared_joints
-from ffsm_mj.model.system import Joint, System, Tree, driven_bodies
+from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodies, shared_joints
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import Command, GivenCommand

@@ -18,8 +18,7 @@ from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, LawInCore, Observation
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
 from ffsm_mj.errors import Fault, ScenarioFaults, described, raised_at
-from ffsm_mj.model.shared_joints import shared_joints
-from ffsm_mj.model.system import System
+from ffsm_mj.model.system import System, shared_joints
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.signals import Signal, coordinate_keys, rate_keys, unit_of

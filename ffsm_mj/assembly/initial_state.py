@@ -9,12 +9,13 @@ import numpy as np
 
 from ffsm_mj.assembly.closed_start import close_loops
 from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.model.number_faults import LEAST_SHARE, weakest_dof
+from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.system import Joint, System
 from ffsm_mj.scenario.scenario import JointValue, ScenarioConfig
 
 _HUGE = 1e10
+_LEAST_SHARE = 1e-10
+"""Least eigenvalue of the mass matrix scaled to a diagonal of ones: below it, accelerations lose six digits to rounding."""
 
 
 class InitialState(NamedTuple):
@@ -60,10 +61,10 @@ def fault_of_start(system: System, data: Any) -> str:
     warnings: list[str] = []
     with collected_warnings(warnings):
         mujoco.mj_forward(system.mj, data)
-    dof, share = weakest_dof(system.mj, data)
-    if not share > LEAST_SHARE:
+    dof, share = _weakest_dof(system.mj, data)
+    if not share > _LEAST_SHARE:
         joint = system.mj.joint(int(system.mj.dof_jntid[dof])).name
-        how = f"singular to {share:.1g}" if share <= LEAST_SHARE else "not finite"
+        how = f"singular to {share:.1g}" if share <= _LEAST_SHARE else "not finite"
         return f"the mass matrix is {how} at joint {joint!r}: what it moves here has next to no mass or inertia"
     return f"MuJoCo warns: {' '.join(warnings[0].split())}" if warnings else ""
 
@@ -84,3 +85,25 @@ def _set_joint(joint: Joint, key: str, value: JointValue, target: Any) -> str:
         numbers[-4:] /= length
     target[part] = numbers
     return ""
+
+
+def _weakest_dof(model: Any, data: Any) -> tuple[int, float]:
+    """The degree of freedom with the least effective inertia, and the least eigenvalue of the scaled mass matrix.
+
+    Args:
+        model: The scene.
+        data: MuJoCo data after ``mj_forward``.
+
+    Returns:
+        Index of the degree of freedom, and the eigenvalue: 1 if all are independent, NaN if the matrix is not finite.
+    """
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    diagonal = np.diag(mass)
+    bad = ~(np.isfinite(mass).all(axis=0) & (diagonal > 0.0))
+    if bad.any():
+        return int(np.argmax(bad)), float("nan")
+    # Scaling removes units and sizes: what remains small is a combination of coordinates with almost no inertia.
+    scale = 1.0 / np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(mass * np.outer(scale, scale))
+    return int(np.argmax(np.abs(vectors[:, 0]))), float(values[0])

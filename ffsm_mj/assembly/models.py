@@ -10,14 +10,12 @@ from pathlib import Path
 
 from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
 from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.model.actuators import motors_of
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.edits import AddedSite, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inline import InlineModel
 from ffsm_mj.model.properties import Overrides, PropertyChange
-from ffsm_mj.model.sites import AddedSite
-from ffsm_mj.model.strip import to_strip
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource

@@ -27,8 +27,7 @@ from ffsm_mj.assembly.recording import Recording
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.log.run_folder import BEFORE, SCENARIO, find_log, holds_log
-from ffsm_mj.model.mujoco_clock import stopped_clock
-from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.mujoco_process import collected_warnings, stopped_clock
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig, located
 from ffsm_mj.scenario.source import YamlSource

@@ -13,7 +13,7 @@ from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.recording import Recording
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.model.mujoco_clock import stopped_clock
+from ffsm_mj.model.mujoco_process import stopped_clock
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.simulation.outcome import Ended
 

@@ -26,8 +26,7 @@ from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import EventTap
 from ffsm_mj.log.run_folder import RunFolder
-from ffsm_mj.model.mujoco_clock import stopped_clock
-from ffsm_mj.model.mujoco_warnings import collecting, collectors, handled_warnings
+from ffsm_mj.model.mujoco_process import collecting, collectors, handled_warnings, stopped_clock
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.state import StateError

@@ -13,7 +13,7 @@ def quiet_libraries() -> Iterator[None]:
     """Keep warnings of NumPy, Matplotlib, MuJoCo and other libraries from stderr."""
     import numpy as np
 
-    from ffsm_mj.model.mujoco_warnings import collected_warnings
+    from ffsm_mj.model.mujoco_process import collected_warnings
 
     nobody = logging.NullHandler()  # without a handler, logging writes to stderr itself
     logging.getLogger().addHandler(nobody)

@@ -15,7 +15,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.dynamics.tendon_springs import TendonSprings
-from ffsm_mj.model.coefficients import damping_coefficients, stiffness_coefficients
+from ffsm_mj.model.system import damping_coefficients, stiffness_coefficients
 
 _BALL, _FREE = int(mujoco.mjtJoint.mjJNT_BALL), int(mujoco.mjtJoint.mjJNT_FREE)
 

@@ -14,7 +14,7 @@ from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.dynamics.motion import Motion, clear_applied_forces
 from ffsm_mj.dynamics.step_path import time_step
-from ffsm_mj.model.coefficients import has_springs_or_dampers
+from ffsm_mj.model.system import has_springs_or_dampers
 from ffsm_mj.tolerances import DAMPER_STEP, MECHANISM_RANK, MODE_STEP
 
 _TURN = 0.05

@@ -15,8 +15,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
-from ffsm_mj.model.rotors import rotors
-from ffsm_mj.model.system import System
+from ffsm_mj.model.system import System, rotors
 
 
 class StackMomentum:

@@ -13,8 +13,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.coefficients import tendon_damping_coefficients, tendon_stiffness_coefficients
-from ffsm_mj.model.system import tendon_bodies
+from ffsm_mj.model.system import tendon_bodies, tendon_damping_coefficients, tendon_stiffness_coefficients
 
 
 class TendonSprings:

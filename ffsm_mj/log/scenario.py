@@ -12,15 +12,12 @@ from pydantic import ValidationError
 
 from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
-from ffsm_mj.model.actuators import motors_of
-from ffsm_mj.model.added_sensors import ADDED_KINDS, AddedSensor
 from ffsm_mj.model.composition import compile_system
+from ffsm_mj.model.edits import STRIPPABLE, AddedSite, JointFlex, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
-from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
-from ffsm_mj.model.sites import AddedSite
-from ffsm_mj.model.strip import STRIPPABLE, to_strip
+from ffsm_mj.model.sensors import ADDED_KINDS, AddedSensor
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.yaml import YamlFault, plain_value

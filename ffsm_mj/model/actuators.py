@@ -8,15 +8,13 @@ refused by name, with file and line.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.places import Places
 from ffsm_mj.model.system import ancestors, driven_bodies, is_fixed_tendon
 
 _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
@@ -35,15 +33,6 @@ _OF_ADHESION = (
     "is an <adhesion>: it acts by MuJoCo's contact forces, which contact models replace; "
     f"{_SERVOS}, and a grasp ('grasps', with 'load_limit') in its place"
 )
-
-
-def is_plain_motor(element: Any) -> bool:
-    """Whether an actuator of a specification or a model delivers its command, and by no contact force."""
-    return (element.gaintype, element.biastype, element.dyntype) == (
-        mujoco.mjtGain.mjGAIN_FIXED,
-        mujoco.mjtBias.mjBIAS_NONE,
-        mujoco.mjtDyn.mjDYN_NONE,
-    ) and element.trntype != _ADHESION
 
 
 def servo_mask(model: Any) -> BoolArray:
@@ -133,47 +122,17 @@ def smooth_controllers(model: Any) -> None:
         model.actuator_dynprm[ids, limit] = 0.0
 
 
-def motors_of(model: str, kinds: Mapping[str, str]) -> tuple[str, ...]:
-    """Actuators of a model that a scenario makes motors, by their names in its file; others may be in another model.
-
-    Args:
-        model: ``robot`` or the name of an object.
-        kinds: Kinds of actuators in the scenario, by their names there.
-    """
-    return tuple(name.removeprefix(f"{model}/") for name, kind in kinds.items() if kind == "torque")
-
-
-def make_motors(spec: Any, names: Iterable[str]) -> None:
-    """Make ideal motors of some actuators of a specification: with gain 1, without a law, within ``forcerange``.
-
-    ``ctrlrange`` goes: that of a servo is of its setpoint.
-    """
-    for each in spec.actuators:
-        if each.name in names and not is_plain_motor(each):
-            each.set_to_motor()
-            each.ctrllimited, each.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE, mujoco.mjtLimited.mjLIMITED_FALSE
-            each.inheritrange, each.actdim, each.actearly, each.ctrlspec = 0.0, -1, False, 0
-
-
-def actuator_faults(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> list[str]:
-    """Actuators that cannot be modelled, each with the file and line of its model.
-
-    Args:
-        model: The compiled scene.
-        scene: Its specification.
-        files: Files of each model by its prefix in the scene.
-    """
-    places, servos = Places(scene, files), servo_mask(model)
+def actuator_faults(model: Any) -> Iterator[tuple[str, str, str]]:
+    """Actuators of a compiled scene that cannot be modelled: kind, full name, and the rest of the sentence."""
+    servos = servo_mask(model)
     # One control and one force each: the arrays of controls, actuators and forces then have the same indices.
     several = [i for i in range(model.nactuator) if (model.actuator_ctrlnum[i], model.actuator_outnum[i]) != (1, 1)]
-    if several:
-        what = f"has several controls or forces, or no control, which is not supported; {_INSTEAD}"
-        return [f"{places.of('actuator', model.actuator(i).name)} {what}" for i in several]
-    return [
-        f"{places.of('actuator', model.actuator(i).name)} {what}"
-        for i in range(model.nactuator)
-        for what in (_servo_faults(model, i) if servos[i] else _motor_faults(model, i))
-    ]
+    for i in several or range(model.nactuator):
+        if several:
+            faults = iter([f"has several controls or forces, or no control, which is not supported; {_INSTEAD}"])
+        else:
+            faults = _servo_faults(model, i) if servos[i] else _motor_faults(model, i)
+        yield from (("actuator", model.actuator(i).name, f" {what}") for what in faults)
 
 
 def _motor_faults(model: Any, i: int) -> Iterator[str]:
@@ -243,23 +202,17 @@ def _damping_faults(model: Any, i: int) -> Iterator[str]:
         yield f"has damping {model.actuator_damping[i]:g}; move it to its joint, or use 'strip: [damping]' in the scenario"
 
 
-def effort_limits(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> tuple[FloatArray, list[str]]:
+def effort_limits(model: Any) -> tuple[FloatArray, list[tuple[str, str, str]]]:
     """Limits of joint efforts in model files as limits of motors, and faults of those that are none; servos keep theirs.
 
     ``actuatorfrcrange`` of MJCF and ``<limit effort>`` of URDF limit the sum of what all actuators do to a joint. With one
     motor on the joint and no other actuator that acts on it, that is a limit of the motor, which its command must meet
     before it is applied, logged and entered in the balance.
 
-    Args:
-        model: The compiled scene.
-        scene: Its specification.
-        files: Files of each model by its prefix in the scene.
-
     Returns:
         Least and greatest effort of each actuator, N or N m, infinite without a limit, (number of actuators, 2); and faults.
     """
-    limits = np.tile([-np.inf, np.inf], (model.nactuator, 1))
-    places, faults = Places(scene, files), []
+    limits, faults = np.tile([-np.inf, np.inf], (model.nactuator, 1)), list[tuple[str, str, str]]()
     on_joint, servos = model.actuator_trntype == int(_JOINT), servo_mask(model)
     for j in np.flatnonzero(model.jnt_actfrclimited).tolist():
         motors = np.flatnonzero(on_joint & (model.actuator_trnid[:, 0] == j))
@@ -270,17 +223,16 @@ def effort_limits(model: Any, scene: Any, files: Mapping[str, ModelFiles]) -> tu
         # MuJoCo applies a limit at a joint of the base to thrusters too, and the balance follows it.
         if len(motors) + len(others) > 1 or (others and not of_base):
             names = ", ".join(model.actuator(i).name for i in (*motors, *others))
-            faults.append(
-                f"{places.of('joint', model.joint(j).name)} has an effort limit, and on it act {names}: such a limit is "
-                "supported for a single motor; remove it, and write a 'forcerange' for each of them"
-            )
+            what = f" has an effort limit, and on it act {names}: such a limit is supported for a single motor; remove it"
+            faults.append(("joint", model.joint(j).name, f"{what}, and write a 'forcerange' for each of them"))
         limits[motors] = model.jnt_actfrcrange[j]
     # MuJoCo would clamp the sum of the motors of a tendon after their own limits, and the log would state more than acts.
+    what = " has actuatorfrcrange, which is supported for joints only; remove it"
+    pulled = model.actuator_trnid[(model.actuator_trntype == _TENDON) & ~servos, 0]
     faults += [
-        f"{places.of('tendon', model.tendon(t).name)} has actuatorfrcrange, which is supported for joints only; "
-        "remove it, and write a 'forcerange' for each motor of the tendon"
+        ("tendon", model.tendon(t).name, f"{what}, and write a 'forcerange' for each motor of the tendon")
         for t in np.flatnonzero(model.tendon_actfrclimited).tolist()
-        if t in model.actuator_trnid[(model.actuator_trntype == _TENDON) & ~servos, 0]
+        if t in pulled
     ]
     return limits, faults
 

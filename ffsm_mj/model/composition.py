@@ -2,45 +2,232 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from threading import Lock
-from typing import Any
+from typing import Any, NamedTuple
 from warnings import catch_warnings
 
 import mujoco
+import numpy as np
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.model.actuators import actuator_faults, effort_limits, smooth_controllers
-from ffsm_mj.model.added_sensors import AddedSensor, add_sensors
-from ffsm_mj.model.conservative import (
-    base_armatures,
+from ffsm_mj.model.audit import (
+    FLUID,
+    authored_options,
+    conservation_faults,
+    empty_ranges,
+    equality_places,
+    equality_refusals,
     fluid_faults,
-    friction_faults,
     gravity_of,
-    magnetic_of,
-    model_faults,
+    number_faults,
+    refusals,
+    scene_faults,
     shared_vector_faults,
 )
-from ffsm_mj.model.equalities import equality_faults, equality_places
+from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.fixed import fixed_model, moving_parts, place
 from ffsm_mj.model.grasp import Grasp, join
-from ffsm_mj.model.joint_limits import unsupported_limits
-from ffsm_mj.model.mujoco_warnings import collected_warnings, warning_lines
+from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
 from ffsm_mj.model.one_file import add_shared_elements
-from ffsm_mj.model.part import Part, part
-from ffsm_mj.model.scene import compile_scene, empty_scene, left_out, take_options
-from ffsm_mj.model.source import load_spec
-from ffsm_mj.model.system import Joint, JointKind, System, Tree, ancestors
-from ffsm_mj.model.tendons import armature_faults, limit_faults
+from ffsm_mj.model.overrides import ModelOverrides, override
+from ffsm_mj.model.places import Places
+from ffsm_mj.model.sensors import AddedSensor, Sensors, add_sensors, sensors_of_model
+from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
+from ffsm_mj.model.source import REFUSALS, compile_spec, load_spec, load_with_timing, own_words, warnings_alone
+from ffsm_mj.model.system import FixedModel, Joint, JointKind, System, Tree, ancestors
 
+# With MuJoCo's default of 1e-6, distances of cylinders and ellipsoids are wrong by 7e-7 m, and normals flip near contact.
+_CCD_TOLERANCE = 1e-12
+_CCD_ITERATIONS = 200
+
+_SCENE_OPTIONS = tuple(name for name in dir(mujoco.MjSpec().option) if not name.startswith("_"))
+_GEOM_CONTACT = ("condim", "friction", "gap", "margin", "priority", "solimp", "solmix", "solref")
+_PAIR_CONTACT = ("condim", "friction", "gap", "margin", "solimp", "solref", "solreffriction")
+_SIZES = ("memory", "nconmax", "njmax", "nemax", "nstack", "nuserdata")
 _JOINT_KINDS: tuple[JointKind, ...] = ("free", "ball", "slide", "hinge")
 _QPOS_SIZE = {"free": 7, "ball": 4, "slide": 1, "hinge": 1}
 _DOF_SIZE = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 
 # catch_warnings is not thread-safe: two threads could restore Python's warning filters in the wrong order.
 _COMPILING = Lock()
+
+
+class Part(NamedTuple):
+    """A prepared model.
+
+    Attributes:
+        spec: Its specification; all its elements have names.
+        notes: Removed elements, and ignored settings, as text.
+        overridden: Changed properties, to be verified in the compiled scene; None if there are none.
+        warnings: MuJoCo's warnings about the model compiled alone.
+        sensors: Its sensors.
+        delays_s: Delays of its actuators by full name, s.
+    """
+
+    spec: Any
+    notes: list[str]
+    overridden: ModelOverrides | None
+    warnings: tuple[str, ...]
+    sensors: Sensors
+    delays_s: dict[str, float]
+
+
+def _part(name: str, files: ModelFiles, vfs: Any) -> Part:
+    """Prepare one model: remove elements, make servos motors, change properties, add sites and flexible drives, in order.
+
+    Args:
+        name: Name of the model in the scene.
+        files: Files of the model, and what to change.
+        vfs: MuJoCo's virtual files; those of the model are added. They are needed until the scene is compiled.
+
+    Raises:
+        InputError: MuJoCo refuses the model, a joint has an empty range, a setting would make another plant of it, or a
+            sensor cannot be measured.
+        ScenarioFaults: A site, a flexible drive or a property is impossible.
+    """
+    spec, timing = load_with_timing(files, vfs)
+    notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
+    make_motors(spec, files.motors)
+    notes += setting_notes(spec, name, files)
+    notes += [
+        f"{files.place}: interp of {what} has no effect: delayed values are those of the last sample"
+        for what in timing.interpolated
+    ]
+    ranges = ((kind, f"{name}/{joint}", what) for kind, joint, what in empty_ranges(spec))
+    faults = Places(spec, {name: files}).sentences(ranges)
+    if faults := [*faults, *setting_faults(spec, files), *outermost_faults(spec, files)]:
+        raise InputError(faults)
+    overridden = override(spec, name, files, vfs) if files.overrides else None
+    warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
+    add_sites(spec, files.sites)
+    add_flex(spec, files.flex)
+    sensors = sensors_of_model(spec, name, files, timing.sensors)
+    left = {actuator.name for actuator in spec.actuators}
+    delays_s = {f"{name}/{each}": delay for each, delay in timing.actuator_delays_s.items() if each in left}
+    return Part(spec, notes + sensors.notes, overridden, warnings, sensors, delays_s)
+
+
+def _empty_scene(time_step_s: float) -> Any:
+    """An empty scene: no gravity, contacts without force, RK4 with a step of ``time_step_s``."""
+    scene = mujoco.MjSpec()
+    scene.modelname = "ffsm-mj scene"
+    scene.option.gravity = [0.0, 0.0, 0.0]
+    scene.option.timestep = time_step_s
+    scene.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    scene.option.ccd_tolerance = _CCD_TOLERANCE
+    scene.option.ccd_iterations = _CCD_ITERATIONS
+    # Contact models replace MuJoCo's contact forces, its joint limits and its dry friction, which are soft, and rows its
+    # equality constraints; an automatic reset would hide that a run diverges.
+    # Sensors are evaluated at their own times.
+    for flag in ("CONTACT", "LIMIT", "FRICTIONLOSS", "EQUALITY", "AUTORESET", "SENSOR"):
+        scene.option.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+    return scene
+
+
+def _compile_scene(scene: Any, files: Mapping[str, ModelFiles], vfs: Any) -> Any:
+    """Compile the scene, and refuse values that MuJoCo accepts but a simulation cannot use."""
+    try:
+        model = compile_spec(scene, vfs)
+    except REFUSALS as error:
+        _refuse_overrides(files, vfs)
+        raise InputError(own_words(files.values(), vfs, error)) from error
+    # Masses of fixed bodies are zero, so that sums over bodies leave them out.
+    bodies = [body for name, each in files.items() if each.pose is not None for body in _fixed_model(model, name).bodies]
+    if bodies:
+        for numbers in (model.body_mass, model.body_inertia, model.body_subtreemass):
+            numbers[bodies] = 0.0
+        model.body_subtreemass[0] = model.body_mass.sum()
+    if faults := Places(scene, files).sentences(number_faults(model)):
+        raise InputError(faults)
+    return model
+
+
+def _refuse_overrides(files: Mapping[str, ModelFiles], vfs: Any) -> None:
+    """Refuse changed properties with which a model no longer compiles.
+
+    Raises:
+        ScenarioFaults: There is such a model.
+    """
+    for name, each in files.items():
+        if each.overrides:
+            spec = load_spec(each, vfs)
+            override(spec, name, each, vfs)
+            try:
+                compile_spec(spec, vfs)
+            except REFUSALS as error:
+                text = " ".join(str(error).split())
+                fault = Fault(f"MuJoCo refuses the model with these properties: {text}", (each.overrides[-1].key, name))
+                raise ScenarioFaults([fault]) from error
+
+
+def _take_options(scene: Any, spec: Any, gravity: tuple[float, ...], *, conservative: bool) -> None:
+    """Make the options of scene and model equal before attaching: the scene's, with the surroundings that it may adopt.
+
+    Args:
+        scene: The scene.
+        spec: The model.
+        gravity: Gravity of the model, m/s^2.
+        conservative: Whether the scenario must be conservative.
+    """
+    if "magnetic" in authored_options(spec):
+        scene.option.magnetic = spec.option.magnetic
+    if not conservative:
+        if any(gravity):
+            scene.option.gravity = gravity
+        for name in FLUID:
+            if np.any(getattr(spec.option, name)):
+                setattr(scene.option, name, getattr(spec.option, name))
+    for name in _SCENE_OPTIONS:
+        setattr(spec.option, name, getattr(scene.option, name))
+    for name in _SIZES:
+        setattr(spec, name, getattr(scene, name))
+
+
+def _left_out(scene: Any, spec: Any, files: ModelFiles, *, conservative: bool) -> Iterator[str]:
+    """One note that lists what a model file says of the simulator and the surroundings and a scene leaves out, if anything.
+
+    A conservative scene is a vacuum without gravity. Others adopt gravity and the medium of their models.
+
+    Args:
+        scene: Specification of the scene, with its own options.
+        spec: Specification of the model, with the options of its file.
+        files: Its files.
+        conservative: Whether the scenario must be conservative.
+    """
+    adopted = {"magnetic", "gravity", *(() if conservative else FLUID)}
+    options = [
+        name
+        for name in authored_options(spec)
+        if name not in adopted and not np.array_equal(getattr(spec.option, name), getattr(scene.option, name))
+    ]
+    weight = gravity_of(spec, files) if conservative else ()
+    compensated = conservative and any(body.gravcomp for body in spec.bodies)
+    blank = mujoco.MjSpec()
+    listed = [
+        *([f"gravity {' '.join(f'{value:g}' for value in weight)}"] if any(weight) else ()),
+        *(["gravcomp"] if compensated else ()),
+        *options,
+        *_given(spec.geoms, blank.worldbody.add_geom(), _GEOM_CONTACT, "geoms"),
+        *_given(spec.pairs, blank.add_pair(), _PAIR_CONTACT, "pairs"),
+    ]
+    if listed:
+        yield (
+            f"{files.place}: left out, since the scenario has its own ('time_step_s', 'contacts', and 'conservative: false' "
+            f"for gravity and fluids): {', '.join(listed)}"
+        )
+
+
+def _given(elements: Any, default: Any, names: Iterable[str], noun: str) -> Iterator[str]:
+    """Attributes that differ from MuJoCo's defaults in some element, as a phrase; none if there are none."""
+
+    def differs(each: Any, name: str) -> bool:  # a specification marks a number that its file does not give by NaN
+        return not np.array_equal(getattr(each, name), getattr(default, name), equal_nan=True)
+
+    if found := [name for name in names if any(differs(each, name) for each in elements)]:
+        yield f"{', '.join(found)} of {noun}"
 
 
 def compile_system(
@@ -54,8 +241,8 @@ def compile_system(
 ) -> System:
     """Compile robot and objects into one model with index maps; nothing is read from disk.
 
-    Runs, analyses and views all use this function. Each model is prepared by :func:`ffsm_mj.model.part.part` and attached,
-    fixed objects at their poses. Changed properties are verified in the compiled scene.
+    Runs, analyses and views all use this function. Each model is prepared and attached, fixed objects at their poses.
+    Changed properties are verified in the compiled scene.
 
     Args:
         robot: MJCF or URDF of the robot: one tree whose root is the base.
@@ -71,22 +258,22 @@ def compile_system(
         ScenarioFaults: A site or a property given in the scenario is impossible.
     """
     files = {"robot": robot, **objects}
-    scene = empty_scene(time_step_s)
+    scene = _empty_scene(time_step_s)
     warned: dict[str, list[str]] = {name: [] for name in ("", *files)}  # by model; those of the scene under the empty name
     # The compiler also issues Python warnings, whose filters are global.
     with mujoco.MjVfs() as vfs, collected_warnings(warned[""]), _COMPILING, catch_warnings(action="ignore"):
         parts, faults = _attach(scene, files, grasp, vfs, warned, conservative=conservative)
         added = add_sensors(scene, sensors, grasped=grasp is not None)
-        model = compile_scene(scene, files, vfs)
+        model = _compile_scene(scene, files, vfs)
     model.actuator_actearly[:] = 0  # a force follows from the activation of the same instant, which stages integrate
     smooth_controllers(model)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
-    faults += model_faults(model, scene, files)
-    limits, refused = effort_limits(model, scene, files)
-    equalities = equality_places(model, scene, files)
-    refused += [*equality_faults(model, equalities), *armature_faults(model, scene, files)]
-    refused += [*friction_faults(model, scene, files), *limit_faults(model, scene, files)]
-    if refused := actuator_faults(model, scene, files) + refused:
+    places = Places(scene, files)
+    faults += places.sentences(conservation_faults(model))
+    (limits, of_limits), equalities = effort_limits(model), equality_places(model, places)
+    refused = places.sentences((*actuator_faults(model), *of_limits, *refusals(model)))
+    refused += [f"{where} {what}" for e, where in equalities.items() for what in equality_refusals(model, e)]
+    if refused:
         raise InputError(refused)
     if conservative and faults:
         raise InputError([f"{fault}, or write 'conservative: false' in the scenario" for fault in faults])
@@ -97,10 +284,10 @@ def compile_system(
         mj=model,
         robot=trees[0],
         objects=tuple(trees[1:]),
-        fixed=tuple(fixed_model(model, name) for name, each in files.items() if each.pose is not None),
+        fixed=tuple(_fixed_model(model, name) for name, each in files.items() if each.pose is not None),
         files=files,
         faults=tuple(faults),
-        notes=(*notes, *warning_lines(warned, files)),
+        notes=(*notes, *warning_lines(warned, {name: each.place for name, each in files.items()})),
         joints={joint.name: joint for tree in trees for joint in tree.joints},
         changes=changes,
         grasp=grasp,
@@ -133,30 +320,41 @@ def _attach(
     gravity, magnetic = dict[str, tuple[float, ...]](), dict[str, tuple[float, ...]]()
     for name, model_files in files.items():
         with collected_warnings(warned[name]):
-            parts.append(part(name, model_files, vfs))
+            parts.append(_part(name, model_files, vfs))
             warned[name].extend(parts[-1].warnings)
             spec = parts[-1].spec
             faults += [] if conservative else fluid_faults(spec, model_files)
             whole = spec if not model_files.body else load_spec(replace(model_files, body=""), vfs)
-            parts[-1].notes.extend(left_out(scene, whole, model_files, conservative=conservative))
+            parts[-1].notes.extend(_left_out(scene, whole, model_files, conservative=conservative))
             gravity[name] = gravity_of(spec, model_files)
-            magnetic |= magnetic_of(spec, name)
-            take_options(scene, spec, gravity[name], conservative=conservative)
+            if "magnetic" in authored_options(spec):
+                magnetic[name] = tuple(map(float, spec.option.magnetic))
+            _take_options(scene, spec, gravity[name], conservative=conservative)
             if grasp is not None and name == grasp.tree:
                 join(scene, spec, grasp)
             else:
-                scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
+                world, pose = scene.worldbody, model_files.pose
+                # MuJoCo reserves the body name "world", so the name is free.
+                home = world.add_body(name=_world(name), pos=pose.position_m, quat=pose.quaternion) if pose else world
+                scene.attach(spec, prefix=f"{name}/", frame=home.add_frame())
     parts[0].notes.extend(add_shared_elements(scene, files, lambda each: load_spec(each, vfs)))
-    refused = [
-        *moving_parts(scene, files),
-        *unsupported_limits(scene, files),
-        *base_armatures(scene, files),
-        *([] if conservative else shared_vector_faults("gravity", {n: g for n, g in gravity.items() if any(g)}, files)),
-        *shared_vector_faults("magnetic field", magnetic, files),
-    ]
-    if refused:
+    refused = Places(scene, files).sentences(scene_faults(scene, files))
+    if not conservative:
+        refused += shared_vector_faults("gravity", {name: each for name, each in gravity.items() if any(each)}, files)
+    if refused := [*refused, *shared_vector_faults("magnetic field", magnetic, files)]:
         raise InputError(refused)
     return parts, faults
+
+
+def _world(name: str) -> str:
+    """Name of the body that represents the ``<worldbody>`` of a fixed model."""
+    return f"{name}/world"
+
+
+def _fixed_model(model: Any, name: str) -> FixedModel:
+    """Index map of one fixed model of a compiled scene."""
+    root = int(model.body(_world(name)).id)
+    return FixedModel(name, root, tuple(np.flatnonzero(model.body_rootid == root).tolist()))
 
 
 def _tree(model: Any, name: str, place: str) -> Tree:

@@ -12,8 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import external_servos, servo_mask
-from ffsm_mj.model.equalities import followers
-from ffsm_mj.model.system import Joint, System
+from ffsm_mj.model.system import Joint, System, followers
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.mujoco_clock import library
+from ffsm_mj.model.mujoco_process import library
 from ffsm_mj.model.source import REFUSALS
 
 _EXACT_DIGITS = 17

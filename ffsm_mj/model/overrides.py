@@ -15,14 +15,12 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
-from ffsm_mj.model.alone import compiled_alone, spec_alone
-from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.inertial import Inertial
 from ffsm_mj.model.properties import (
     INERTIAL,
     SIZES,
     BodyProperties,
+    Inertial,
     Overrides,
     PropertyChange,
     Value,
@@ -33,7 +31,7 @@ from ffsm_mj.model.properties import (
     property_value,
     value_text,
 )
-from ffsm_mj.model.source import REFUSALS
+from ffsm_mj.model.source import REFUSALS, compile_spec, compiled_alone, spec_alone
 
 _ROUNDING = 1e-9
 _FREE, _ALIGNED = mujoco.mjtJoint.mjJNT_FREE, mujoco.mjtAlignFree.mjALIGNFREE_TRUE

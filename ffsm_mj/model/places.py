@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import mujoco
 
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.xml import Element, elements
+from ffsm_mj.model.xml import Element
 
 _ACTUATORS = (
     *("general", "motor", "position", "velocity", "intvelocity", "orientation", "pid", "damper", "cylinder", "muscle"),
@@ -35,7 +35,7 @@ class Places:
             scene: Specification of the scene.
             files: Files of each model by its prefix in the scene.
         """
-        self._scene, self._files = scene, files
+        self._scene, self.files = scene, files
         self._elements: dict[str, list[Element]] = {}
 
     def of(self, kind: str, name: str) -> str:
@@ -44,9 +44,9 @@ class Places:
         A constraint or tendon without a name in its file is described by the elements that it connects.
         """
         prefix, _, short = name.partition("/")
-        if prefix not in self._files:
-            return f"{' and '.join(model.place for model in self._files.values())}: {kind} {short!r}"
-        element, file = getattr(self._scene, kind)(name), self._files[prefix].place
+        if prefix not in self.files:
+            return f"{' and '.join(model.place for model in self.files.values())}: {kind} {short!r}"
+        element, file = getattr(self._scene, kind)(name), self.files[prefix].place
         line = re.search(r"line ([1-9]\d*)", (element.info if element is not None else "") or "")
         binds = _bound(element, kind)
         written = list(_written(self._all(prefix), _tags(element, kind), kind, short, binds))
@@ -56,13 +56,13 @@ class Places:
         named = not binds or any(each.attributes.get("name") for each in there)
         return f"{place}: {kind} {short!r}" if named else f"{place}: {_described(element, kind, binds)}"
 
+    def sentences(self, findings: Iterable[tuple[str, str, str]]) -> list[str]:
+        """Findings by kind and name of an element and the rest of a sentence, each after the place of the element."""
+        return [f"{self.of(kind, name)}{what}" for kind, name, what in findings]
+
     def _all(self, prefix: str) -> list[Element]:
         if prefix not in self._elements:
-            model = self._files[prefix]
-            documents = {name: xml for name, xml in model.files.items() if name.lower().endswith((".xml", ".urdf"))}
-            self._elements[prefix] = [
-                each for name, xml in documents.items() for each in elements(xml, model.place_of(name))
-            ]
+            self._elements[prefix] = list(self.files[prefix].elements())
         return self._elements[prefix]
 
 

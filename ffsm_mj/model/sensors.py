@@ -1,22 +1,80 @@
-"""Sensors of a model file, read as numbers.
+"""Sensors of a model file and timing of its actuators, read as numbers, and sensors that a scenario adds.
 
 MuJoCo adds no noise, samples at the ends of steps only, and keeps delayed values in a buffer that is part of the state.
 :mod:`ffsm_mj.sensing` does all of that from these numbers, so that the compiled model has neither delays nor cutoffs.
+A model file cannot refer to another model, as a camera does that looks at an object: a scenario adds such sensors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import mujoco
 
-from ffsm_mj.errors import InputError
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.timing import SensorTiming
 from ffsm_mj.model.xml import Element, elements
+
+
+@dataclass(frozen=True)
+class SensorTiming:
+    """Timing and cutoff of a sensor as its file has them.
+
+    Attributes:
+        interval_s: Time between samples; 0: not stated.
+        phase_s: Time of a sample.
+        delay_s: Time from a sample to its arrival.
+        buffered: Whether MuJoCo would keep samples, and so use interval and delay.
+        cutoff: Greatest absolute value; 0: none.
+    """
+
+    interval_s: float
+    phase_s: float
+    delay_s: float
+    buffered: bool
+    cutoff: float
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Timing of the sensors and actuators of a model file.
+
+    Attributes:
+        sensors: Of each sensor, by its name in the file.
+        actuator_delays_s: Delay of each actuator that has one, by its name in the file, s.
+        interpolated: Actuators and sensors between whose delayed values MuJoCo would interpolate, as text.
+    """
+
+    sensors: dict[str, SensorTiming]
+    actuator_delays_s: dict[str, float]
+    interpolated: tuple[str, ...]
+
+
+def take_timing(spec: Any) -> Timing:
+    """Read the timing in a specification, whose elements have names, and set it to zero there.
+
+    MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it.
+    """
+    sensors, delays = {}, {}
+    interpolated = [
+        f"{kind} {each.name!r}"
+        for kind, listed in (("sensor", spec.sensors), ("actuator", spec.actuators))
+        for each in listed
+        if each.interp and each.nsample
+    ]
+    for each in spec.sensors:
+        every, phase = map(float, each.interval)
+        sensors[each.name] = SensorTiming(every, phase, float(each.delay), bool(each.nsample), float(each.cutoff))
+        each.interval, each.delay, each.nsample, each.cutoff = [0.0, 0.0], 0.0, 0, 0.0
+    for each in spec.actuators:
+        if each.delay > 0.0:
+            delays[each.name] = float(each.delay)
+        each.delay, each.nsample = 0.0, 0
+    return Timing(sensors, delays, tuple(interpolated))
+
 
 Shape = Literal["vector", "direction", "rotation"]
 
@@ -192,3 +250,96 @@ def unit_of_sensor(spec: Any, kind: str, element: str) -> str:
         hinges = all(each.type == mujoco.mjtWrap.mjWRAP_JOINT and each.target.type == _HINGE for each in path)
         return kinds[kind.removeprefix("tendon")][not hinges]
     return _UNITS[kind]
+
+
+AddedKind = Literal[
+    "framepos",
+    "framequat",
+    "framelinvel",
+    "frameangvel",
+    "gyro",
+    "accelerometer",
+    "velocimeter",
+    "force",
+    "torque",
+    "touch",
+    "jointpos",
+    "jointvel",
+]
+ADDED_KINDS: tuple[str, ...] = get_args(AddedKind)
+_FRAMES = ("framepos", "framequat", "framelinvel", "frameangvel")
+_OF_JOINTS = ("jointpos", "jointvel")
+
+
+@dataclass(frozen=True)
+class AddedSensor:
+    """A sensor to add to the scene.
+
+    Attributes:
+        name: Its name.
+        kind: Its element in MJCF.
+        of: Name of the site, body or joint that it is on or measures.
+        relative_to: Name of the site or body in whose frame it measures; empty: the world.
+    """
+
+    name: str
+    kind: str
+    of: str
+    relative_to: str = ""
+
+
+def add_sensors(scene: Any, sensors: Iterable[AddedSensor], *, grasped: bool = False) -> dict[str, ModelSensor]:
+    """Add sensors to the specification of a scene; returns them by name.
+
+    Args:
+        scene: The scene, with all models attached.
+        sensors: The sensors.
+        grasped: A grasp is closed in this scene: sensors of joints that it removes, which the scene without it has, are not
+            added, like those of a file.
+
+    Raises:
+        ScenarioFaults: There is no such site, body or joint.
+    """
+    found, faults = {}, []
+    for sensor in sensors:
+        if any(each.name == sensor.name for each in scene.sensors):
+            faults.append(
+                Fault("is a sensor of a model already; choose another name, or leave out 'kind'", ("sensors", sensor.name))
+            )
+            continue
+        try:
+            measured = _element(scene, sensor, "of")
+            made = scene.add_sensor(name=sensor.name, type=getattr(mujoco.mjtSensor, f"mjSENS_{sensor.kind.upper()}"))
+            made.objtype, made.objname = measured
+            if sensor.relative_to:
+                made.reftype, made.refname = _element(scene, sensor, "relative_to")
+            name = made.objname
+            found[sensor.name] = ModelSensor(sensor.name, sensor.kind, unit_of_sensor(scene, sensor.kind, name))
+        except LookupError as error:
+            if grasped and sensor.kind in _OF_JOINTS:
+                continue
+            faults.append(Fault(str(error.args[0]), ("sensors", sensor.name, error.args[1])))
+    if faults:
+        raise ScenarioFaults(faults)
+    return found
+
+
+def _element(scene: Any, sensor: AddedSensor, key: str) -> tuple[Any, str]:
+    """Type and full name of the element that a key names.
+
+    Raises:
+        LookupError: There is none; the second argument is the key.
+    """
+    name = getattr(sensor, key)
+    kinds = ["joint"] if sensor.kind in _OF_JOINTS else ["site", "body"] if sensor.kind in _FRAMES else ["site"]
+    types = {"joint": mujoco.mjtObj.mjOBJ_JOINT, "site": mujoco.mjtObj.mjOBJ_SITE, "body": mujoco.mjtObj.mjOBJ_XBODY}
+    known: list[str] = []
+    for kind in kinds:
+        names = [each.name for each in {"joint": scene.joints, "site": scene.sites, "body": scene.bodies}[kind]]
+        matches = [full for full in names if name in (full, full.partition("/")[2])]
+        if name in matches or len(matches) == 1:
+            return types[kind], name if name in matches else matches[0]
+        if matches:
+            raise LookupError(f"{kind} {name!r} is ambiguous; write one of {', '.join(matches)}", key)
+        known += [full for full in names if full and full != "world"]
+    raise LookupError(unknown_name(" or ".join(kinds), name, known), key)

@@ -1,21 +1,21 @@
 """Settings of a model file that a scene does not take over: refused where they change the plant, or else noted by name.
 
-A scene has one set of options, those of :mod:`ffsm_mj.model.scene`, where options of MuJoCo's solvers and surroundings are
-noted. Settings of its output and memory are not mentioned. An attached model's options have no effect in MuJoCo either.
+A scene has one set of options, those of :mod:`ffsm_mj.model.composition`, where options of MuJoCo's solvers and surroundings
+are noted. Settings of its output and memory are not mentioned. An attached model's options have no effect in MuJoCo either.
 """
 
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from ffsm_mj.model.conservative import is_disabled
+from ffsm_mj.model.audit import is_disabled
+from ffsm_mj.model.edits import is_limited
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.joint_limits import is_limited
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.xml import Element, elements
 
@@ -73,8 +73,8 @@ def setting_faults(spec: Any, files: ModelFiles) -> list[str]:
 
 def _merging(files: ModelFiles) -> Iterator[str]:
     """Options of attached files that MuJoCo would adopt; the specification does not say which of its options these are."""
-    if any(_written(files, ("<attach",))):
-        for each in _written(files, ("conflict",)):
+    if any(files.elements("<attach")):
+        for each in files.elements("conflict"):
             if each.tag == "compiler" and each.attributes.get("conflict") == "merge":
                 yield (
                     f'{each.place}: <compiler conflict="merge"> would adopt options of attached files; remove it, and write '
@@ -84,7 +84,7 @@ def _merging(files: ModelFiles) -> Iterator[str]:
 
 def _deformable(files: ModelFiles) -> Iterator[str]:
     """Flexes, also rigid ones: their elastic and contact forces would be MuJoCo's."""
-    for each in _written(files):
+    for each in files.elements():
         if each.tag in ("flexcomp", "flex") and "equality" not in each.parents:
             yield f"{each.place}: <{each.tag}>: deformable bodies are not modelled; remove it, or use a mesh geom"
 
@@ -96,7 +96,7 @@ def _any(listed: Any, name: str) -> bool:
 def outermost_faults(spec: Any, files: ModelFiles) -> Iterator[str]:
     """``settotalmass`` and ``fitaabb`` of any file of a model: MuJoCo applies those of the outermost model, the scene."""
     fitted = any(geom.meshname and geom.type != mujoco.mjtGeom.mjGEOM_MESH for geom in spec.geoms)
-    for each in _written(files, ("settotalmass", "fitaabb")):
+    for each in files.elements("settotalmass", "fitaabb"):
         if each.tag != "compiler":
             continue
         if not each.attributes.get("settotalmass", "-1").lstrip().startswith("-"):
@@ -187,13 +187,6 @@ def _of_attached_files(files: ModelFiles) -> Iterator[Element]:
             yield from elements(files.files[name], files.place_of(name))
 
 
-def _written(files: ModelFiles, words: Iterable[str] = ("",)) -> Iterator[Element]:
-    """Elements of the MJCF files in which one of some words stands: parsing a large file takes as long as compiling it."""
-    for name, xml in files.files.items():
-        if name.lower().endswith(".xml") and any(word.encode() in xml for word in words):
-            yield from elements(xml, files.place_of(name))
-
-
 def _place(files: ModelFiles, tag: str, attribute: str) -> str:
     """``file:line`` of an attribute, in an included file too."""
-    return next((each.place for each in _written(files) if each.tag == tag and attribute in each.attributes), files.place)
+    return next((each.place for each in files.elements() if each.tag == tag and attribute in each.attributes), files.place)

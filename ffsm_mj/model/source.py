@@ -1,23 +1,73 @@
-"""A model as an editable specification of MuJoCo, with names for all elements and the parts that a URDF cannot describe."""
+"""A model as an editable specification of MuJoCo, with names for all elements and the parts that a URDF cannot describe.
+
+Models are compiled alone before they are attached to a scene. A reference to a missing element is an error then; attaching
+would drop such a motor or constraint silently. A campaign compiles the same files thousands of times, so results are kept
+for the process.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import os
 import posixpath
 import re
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from functools import lru_cache
+from threading import Lock
 from typing import Any
 
 import mujoco
 
 from ffsm_mj.errors import InputError
-from ffsm_mj.model.compilation import compile_spec
-from ffsm_mj.model.files import ModelFiles
+from ffsm_mj.model.files import SCHEME, ModelFiles
+from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.one_file import keep_body
-from ffsm_mj.model.packages import SCHEME
-from ffsm_mj.model.timing import Timing, take_timing
+from ffsm_mj.model.sensors import Timing, take_timing
 from ffsm_mj.model.xml import elements
+
+_REDIRECTED = Lock()
+"""Descriptors belong to the process: of two threads that redirect one, the second would keep and restore the null device."""
+
+
+def compile_spec(spec: Any, vfs: Any) -> Any:
+    """Compile a spec without output of the libraries that MuJoCo uses.
+
+    Qhull prints a page to the process's standard error for a mesh that is flat, before MuJoCo raises an exception that says
+    the same.
+
+    Args:
+        spec: MuJoCo spec.
+        vfs: MuJoCo's virtual files.
+
+    Raises:
+        ValueError: The spec does not compile; the other exceptions of ``MjSpec.compile`` likewise.
+    """
+    with _REDIRECTED, _standard_error_discarded():
+        return spec.compile(vfs=vfs)
+
+
+@contextmanager
+def _standard_error_discarded() -> Iterator[None]:
+    """Redirect descriptor 2 to the null device; no effect if it is closed."""
+    with suppress(AttributeError, OSError, ValueError):
+        sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(nowhere)
+        os.close(kept)
+
 
 REFUSALS = (ValueError, RuntimeError, MemoryError)
 """Exceptions that MuJoCo raises for a model that it refuses."""
@@ -174,3 +224,95 @@ def mujoco_line(files: ModelFiles, error: Exception) -> str:
         lines = f", line {' or '.join(places)}" if places else ""
         text = text.replace(without_line.group(), f"Element '{without_line[1]}'{lines}")
     return f"{files.place}: {text}"
+
+
+_NOT_ALIGNED = mujoco.mjtAlignFree.mjALIGNFREE_FALSE
+
+
+@dataclass(frozen=True)
+class CompiledAlone:
+    """A model compiled alone.
+
+    Attributes:
+        mj: The MuJoCo model, shared and only to be read.
+        warnings: MuJoCo's warnings about it.
+    """
+
+    mj: Any
+    warnings: tuple[str, ...]
+
+
+def warnings_alone(files: ModelFiles, vfs: Any) -> tuple[str, ...]:
+    """Compile a model as its files are; returns MuJoCo's warnings.
+
+    Args:
+        files: Files of the model.
+        vfs: MuJoCo's virtual files; the model's are added if it is compiled.
+
+    Raises:
+        InputError: It does not compile.
+    """
+    return _warnings(_asked(files, vfs))
+
+
+def compiled_alone(files: ModelFiles, vfs: Any) -> CompiledAlone:
+    """Compile the specification of :func:`spec_alone`.
+
+    Args:
+        files: Files of the model.
+        vfs: MuJoCo's virtual files; the model's are added if it is compiled.
+
+    Raises:
+        InputError: It does not compile.
+    """
+    return _compiled(_asked(files, vfs))
+
+
+def spec_alone(files: ModelFiles, vfs: Any) -> Any:
+    """A model with the bodies, geoms and masses that it has in a scene, each body in the frame of its file.
+
+    Raises:
+        InputError: MuJoCo cannot parse it.
+    """
+    spec = load_spec(files, vfs)
+    spec.compiler.settotalmass = -1.0  # only the compiler of the scene could do these
+    spec.compiler.fusestatic = spec.compiler.discardvisual = False
+    for joint in spec.joints:
+        joint.align = _NOT_ALIGNED
+    return spec
+
+
+@dataclass(frozen=True)
+class _Request:
+    """A model to be compiled, compared by the content of its files."""
+
+    digest: str
+    main: str
+    floats: bool
+    body: str
+    files: ModelFiles = field(compare=False)
+    vfs: Any = field(compare=False)
+
+
+def _asked(files: ModelFiles, vfs: Any) -> _Request:
+    return _Request(digest_of(files), files.main, files.pose is None, files.body, files, vfs)
+
+
+@lru_cache(maxsize=8)
+def _warnings(asked: _Request) -> tuple[str, ...]:
+    return _compile(load_spec, asked).warnings
+
+
+@lru_cache(maxsize=8)
+def _compiled(asked: _Request) -> CompiledAlone:
+    return _compile(spec_alone, asked)
+
+
+def _compile(load: Any, asked: _Request) -> CompiledAlone:
+    warnings: list[str] = []
+    with collected_warnings(warnings):
+        spec = load(asked.files, asked.vfs)
+        try:
+            return CompiledAlone(compile_spec(spec, asked.vfs), tuple(warnings))
+        except REFUSALS as error:
+            raise InputError(mujoco_line(asked.files, error)) from error

@@ -10,7 +10,7 @@ import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,7 +18,6 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import unknown_name
 from ffsm_mj.model.files import ModelFiles, logged_name, stored_with
-from ffsm_mj.model.fixed import FixedModel
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.sensors import ModelSensor
@@ -44,6 +43,12 @@ def driven_bodies(model: Any, actuator: int) -> list[int]:
     if kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
         return [int(model.jnt_bodyid[targets[0]])]
     return targets if kind == mujoco.mjtTrn.mjTRN_BODY else model.site_bodyid[targets].tolist()
+
+
+def followers(model: Any) -> dict[int, int]:
+    """Joints that follow another one by an active equality constraint: id of the joint that leads by id of the follower."""
+    active = (model.eq_active0 != 0) & (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_obj2id >= 0)
+    return dict(zip(model.eq_obj1id[active].tolist(), model.eq_obj2id[active].tolist(), strict=True))
 
 
 def is_fixed_tendon(model: Any, tendon: int) -> bool:
@@ -98,6 +103,21 @@ class Tree:
     joints: tuple[Joint, ...]
     dofs: slice
     base_dofs: slice
+
+
+@dataclass(frozen=True)
+class FixedModel:
+    """One model that is fixed to the world.
+
+    Attributes:
+        name: Key of the object in the scenario.
+        root: Id of the body that represents the ``<worldbody>`` of its file, at its pose.
+        bodies: Ids of all its bodies, root first.
+    """
+
+    name: str
+    root: int
+    bodies: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -271,3 +291,96 @@ class System:
     def tree_of_body(self, body: int) -> Tree | None:
         """Tree of a body; None if it does not move."""
         return next((tree for tree in self.trees if body in tree.bodies), None)
+
+
+class SharedJoints(NamedTuple):
+    """Places of shared joints in two systems, in the same order in both.
+
+    Attributes:
+        qpos: Indices in ``qpos`` of the first system, and of the second, (n,) each.
+        dofs: Indices in ``qvel`` of the first system, and of the second, (m,) each.
+    """
+
+    qpos: tuple[IntArray, IntArray]
+    dofs: tuple[IntArray, IntArray]
+
+
+def shared_joints(first: System, second: System) -> SharedJoints:
+    """Joints that have the same name in both systems."""
+    names = [name for name in first.joints if name in second.joints]
+    systems = [[system.joints[name] for name in names] for system in (first, second)]
+    qpos, dofs = ([_indices([getattr(each, key) for each in joints]) for joints in systems] for key in ("qpos", "dofs"))
+    return SharedJoints((qpos[0], qpos[1]), (dofs[0], dofs[1]))
+
+
+def _indices(parts: list[slice]) -> IntArray:
+    return np.array([i for part in parts for i in range(part.start, part.stop)], dtype=np.intp)
+
+
+_BALANCED = 1e-9
+"""Relative difference of principal inertias, and offset of the mass centre from the axis in m, that count as rounding."""
+
+
+def rotors(system: System) -> tuple[Joint, ...]:
+    """Joints of the rotors of reaction wheels, in the order of the model.
+
+    A rotor is a body without children that one unlimited hinge joins to the base of the robot, with a driven joint, its mass
+    centre on the axis and its inertia symmetric about it. Its momentum is then the spin I_a times the joint rate along the
+    axis, in addition to what it has as a part of the base.
+    """
+    model, driven = system.mj, _driven(system.mj)
+    return tuple(joint for joint in system.robot.joints if joint.kind == "hinge" and _is_rotor(model, system, joint, driven))
+
+
+def _driven(model: Any) -> set[int]:
+    """Joints that have an actuator."""
+    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    return set(model.actuator_trnid[on_joint, 0].tolist())
+
+
+def _is_rotor(model: Any, system: System, joint: Joint, driven: set[int]) -> bool:
+    body, index = joint.body, int(model.joint(joint.name).id)
+    alone = model.body_jntnum[body] == 1 and body not in model.body_parentid.tolist()
+    if not alone or model.body_parentid[body] != system.robot.root or model.jnt_limited[index] or index not in driven:
+        return False
+    axis = model.jnt_axis[index]
+    offset = np.cross(model.body_ipos[body] - model.jnt_pos[index], axis)
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+    frame = turn.reshape(3, 3)
+    inertia = (frame * model.body_inertia[body]) @ frame.T
+    across = np.eye(3) - np.outer(axis, axis)
+    # Symmetric about the axis: the axis is principal, and the part across it is a multiple of the identity there.
+    rest = across @ inertia @ across - 0.5 * np.trace(across @ inertia @ across) * across
+    products = across @ inertia @ axis
+    allowed = _BALANCED * float(np.trace(inertia))
+    return bool(np.linalg.norm(offset) <= _BALANCED and max(np.abs(rest).max(), np.abs(products).max()) <= allowed)
+
+
+def stiffness_coefficients(model: Any) -> FloatArray:
+    """Coefficients (a, b, c) of the spring of each joint, (njnt, 3)."""
+    return np.column_stack((model.jnt_stiffness, model.jnt_stiffnesspoly.reshape(model.njnt, -1)))
+
+
+def damping_coefficients(model: Any) -> FloatArray:
+    """Coefficients (a, b, c) of the damper of each degree of freedom, (nv, 3)."""
+    return np.column_stack((model.dof_damping, model.dof_dampingpoly.reshape(model.nv, -1)))
+
+
+def has_springs_or_dampers(model: Any) -> bool:
+    """Whether any joint or tendon has a spring or a damper; cheaper than their coefficients."""
+    arrays = (
+        *(model.jnt_stiffness, model.dof_damping, model.jnt_stiffnesspoly, model.dof_dampingpoly),
+        *(model.tendon_stiffness, model.tendon_damping, model.tendon_stiffnesspoly, model.tendon_dampingpoly),
+    )
+    return any(array.any() for array in arrays)
+
+
+def tendon_stiffness_coefficients(model: Any) -> FloatArray:
+    """Coefficients (a, b, c) of the spring of each tendon, (ntendon, 3)."""
+    return np.column_stack((model.tendon_stiffness, model.tendon_stiffnesspoly))
+
+
+def tendon_damping_coefficients(model: Any) -> FloatArray:
+    """Coefficients (a, b, c) of the damper of each tendon, (ntendon, 3)."""
+    return np.column_stack((model.tendon_damping, model.tendon_dampingpoly))

@@ -23,7 +23,7 @@ from ffsm_mj.assembly.blas_threads import one_blas_thread
 from ffsm_mj.balance.step_error import StepError
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
-from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog

@@ -20,11 +20,10 @@ from pydantic import (
 
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.errors import InputError
+from ffsm_mj.model.edits import JointFlex, LimitsMode, Strippable
 from ffsm_mj.model.files import REST, menagerie_file
-from ffsm_mj.model.flex import JointFlex
 from ffsm_mj.model.inline import InlineModel, inline_model
 from ffsm_mj.model.properties import Pose
-from ffsm_mj.model.strip import LimitsMode, Strippable
 
 
 class SiteConfig(StrictModel):

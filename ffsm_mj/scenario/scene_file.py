@@ -20,7 +20,7 @@ from ffsm_mj.config import Name
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.model.files import REST, ModelFiles, read_model
 from ffsm_mj.model.inline import InlineModel
-from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.one_file import moving_roots
 from ffsm_mj.model.source import load_spec
 from ffsm_mj.scenario.faults import KindNames, plain_faults

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from ffsm_mj.config import Name, StrictModel
-from ffsm_mj.model.added_sensors import AddedKind, AddedSensor
+from ffsm_mj.model.sensors import AddedKind, AddedSensor
 
 Components = float | Annotated[tuple[float, ...], Field(min_length=1, max_length=4)]
 """One number for all components of a value, or one for each."""

@@ -12,11 +12,10 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.model.compilation import compile_spec
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
-from ffsm_mj.model.mujoco_warnings import collected_warnings
-from ffsm_mj.model.source import load_spec, parse_spec
+from ffsm_mj.model.mujoco_process import collected_warnings
+from ffsm_mj.model.source import compile_spec, load_spec, parse_spec
 
 _STRIPS = ("damping", "stiffness", "frictionloss", "limits", "equalities", "tendons", "servos", "sensors")
 """What may have to be taken out of a model, for a kind that is not modelled."""

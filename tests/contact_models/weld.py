@@ -16,8 +16,7 @@ from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
-from ffsm_mj.model.fixed import place
-from ffsm_mj.model.part import part
+from ffsm_mj.model.composition import part, place
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import QPOS, QVEL_AFTER, QVEL_BEFORE, STEP
 from ffsm_mj.records.kinds import RecordKind

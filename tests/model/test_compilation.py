@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import mujoco
 import pytest
 
-from ffsm_mj.model.compilation import compile_spec
+from ffsm_mj.model.source import compile_spec
 
 BALL = '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>'
 FLAT = """<mujoco><asset><mesh name="flat" vertex="0 0 0  1e8 0 0  0 .3 .4  0 .3 .4000001"/></asset>

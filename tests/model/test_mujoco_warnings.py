@@ -8,7 +8,7 @@ from threading import Thread
 import mujoco
 import pytest
 
-from ffsm_mj.model.mujoco_warnings import collected_warnings
+from ffsm_mj.model.mujoco_process import collected_warnings
 
 XML = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
 

@@ -19,8 +19,7 @@ from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.model import overrides as overrides_of
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.inertial import Inertial
-from ffsm_mj.model.properties import BodyProperties, Overrides, property_value
+from ffsm_mj.model.properties import BodyProperties, Inertial, Overrides, property_value
 from ffsm_mj.pytest_plugin import assert_conserved
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.yaml import plain_value, write_yaml
@@ -423,9 +422,6 @@ def test_every_model_is_prepared_by_one_function():
     """Its parts are called nowhere else, except for files from which a scenario is written."""
     allowed = {
         "model/composition.py",
-        "model/part.py",
-        "model/alone.py",
-        "model/scene.py",
         "model/source.py",
         "scenario/scene_file.py",
         "templates/vendor.py",

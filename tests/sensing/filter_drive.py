@@ -13,9 +13,9 @@ import numpy as np
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.estimators.mekf.estimator import Mekf
 from ffsm_mj.controller_protocol import ControllerContext, Measurement, Sensor, System, predict
-from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
+from ffsm_mj.model.sensors import AddedSensor
 from ffsm_mj.sensing.config import SensorConfig
 from ffsm_mj.sensing.group import SensorGroup
 from ffsm_mj.sensing.measured import Measured, places_of

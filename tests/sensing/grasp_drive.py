@@ -16,10 +16,10 @@ from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.controller_protocol import ControllerContext, Sensor, System, predict
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.sensors import AddedSensor
 from ffsm_mj.sensing.config import SensorConfig
 from ffsm_mj.sensing.sensor import sensors_of
 from tests.contact_models.grasp.scenes import ARM, TARGET

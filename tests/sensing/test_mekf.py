@@ -18,9 +18,9 @@ from ffsm_controllers.estimators.mekf.layout import Layout, floating_bodies
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_mj.controller_protocol import Measurement, predict
 from ffsm_mj.errors import ScenarioFaults
-from ffsm_mj.model.added_sensors import AddedSensor
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
+from ffsm_mj.model.sensors import AddedSensor
 from tests.scenes import box
 from tests.sensing.filter_drive import (
     CAMERA,

@@ -22,8 +22,7 @@ from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion, actuator_power
 from ffsm_mj.dynamics.rigid_pairs import rigid_pairs
 from ffsm_mj.model.grasp import WRITTEN, Grasp
-from ffsm_mj.model.shared_joints import shared_joints
-from ffsm_mj.model.system import System
+from ffsm_mj.model.system import System, shared_joints
 from ffsm_mj.state import entries, fitting
 
 _POSE_TOLERANCE = 1e-12

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.model.coefficients import stiffness_coefficients
-from ffsm_mj.model.system import Joint
+from ffsm_mj.model.system import Joint, stiffness_coefficients
 from ffsm_mj.records.signals import DAMPER_HEAT, ELASTIC, coordinate_names
 from ffsm_mj.report.plots.panels import Curve, Panel, stacked
 from ffsm_mj.report.plots.style import BLACK, COLOURS, plain
