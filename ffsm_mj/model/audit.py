@@ -1,10 +1,10 @@
 """What model files have that a scene cannot have, by element with its file and line.
 
-Springs, dampers and dry friction of joints and tendons act between links, and enter the balance. What breaks conservation
-is refused in a conservative scenario: springs and dampers that act on the world, dampers that drive, springs that yield.
-Refused in every scenario are dry friction, limits, armatures and equality constraints that act on the world, since it has no part in
-the dynamics. A tendon between links of one tree is internal: its forces exchange no momentum with anything else. One that is
-attached to the world, or has a coefficient on a joint of a base, acts on the world.
+Springs, dampers and dry friction of joints and tendons act between links, and enter the balance. What breaks conservation is
+refused in a conservative scenario: springs and dampers that act on the world, dampers that drive, springs that yield.
+Refused in every scenario are dry friction, limits, armatures and equality constraints that act on the world, since it has no
+part in the dynamics. A tendon between links of one tree is internal: its forces exchange no momentum with anything else. One
+that is attached to the world, or has a coefficient on a joint of a base, acts on the world.
 
 A conservative scenario is in a vacuum without gravity, whatever its model files say of them. In other scenarios gravity and
 its compensation (``gravcomp``) are external forces that enter the balance, and no fault; fluid forces are one.

@@ -4,9 +4,9 @@ The files are not changed; a run, a log replay and a rerun make the same changes
 
 A flexible joint is the inertia of the motor behind a spring (Spong, 1987). The joint of the file becomes the motor side,
 after the gear: its coordinate is what an encoder on the motor reads, and its actuators, limits and damping act there. A
-joint ``<name>_flex`` about the same axis follows, with the spring and the damper: the angle of the link is the sum of both. The
-rotor is an ``armature`` of gear^2 times its inertia: kinetic energy of its own spin. It has no mass, and its spin no angular
-momentum, so momenta are those of the links, and are conserved exactly.
+joint ``<name>_flex`` about the same axis follows, with the spring and the damper: the angle of the link is the sum of both.
+The rotor is an ``armature`` of gear^2 times its inertia: kinetic energy of its own spin. It has no mass, and its spin no
+angular momentum, so momenta are those of the links, and are conserved exactly.
 
 M. W. Spong, Modeling and control of elastic joint robots, J. Dyn. Sys. Meas. Control 109(4), 310-318.
 """
