@@ -34,6 +34,7 @@ from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
 from ffsm_mj.model.one_file import add_shared_elements
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.places import Places
+from ffsm_mj.model.properties import Pose
 from ffsm_mj.model.sensors import AddedSensor, Sensors, add_sensors, sensors_of_model
 from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
 from ffsm_mj.model.source import REFUSALS, compile_spec, load_spec, load_with_timing, own_words, warnings_alone
@@ -75,7 +76,7 @@ class Part(NamedTuple):
     delays_s: dict[str, float]
 
 
-def _part(name: str, files: ModelFiles, vfs: Any) -> Part:
+def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     """Prepare one model: remove elements, make servos motors, change properties, add sites and flexible drives, in order.
 
     Args:
@@ -320,7 +321,7 @@ def _attach(
     gravity, magnetic = dict[str, tuple[float, ...]](), dict[str, tuple[float, ...]]()
     for name, model_files in files.items():
         with collected_warnings(warned[name]):
-            parts.append(_part(name, model_files, vfs))
+            parts.append(part(name, model_files, vfs))
             warned[name].extend(parts[-1].warnings)
             spec = parts[-1].spec
             faults += [] if conservative else fluid_faults(spec, model_files)
@@ -333,10 +334,7 @@ def _attach(
             if grasp is not None and name == grasp.tree:
                 join(scene, spec, grasp)
             else:
-                world, pose = scene.worldbody, model_files.pose
-                # MuJoCo reserves the body name "world", so the name is free.
-                home = world.add_body(name=_world(name), pos=pose.position_m, quat=pose.quaternion) if pose else world
-                scene.attach(spec, prefix=f"{name}/", frame=home.add_frame())
+                scene.attach(spec, prefix=f"{name}/", frame=place(scene, name, model_files.pose))
     parts[0].notes.extend(add_shared_elements(scene, files, lambda each: load_spec(each, vfs)))
     refused = Places(scene, files).sentences(scene_faults(scene, files))
     if not conservative:
@@ -346,14 +344,17 @@ def _attach(
     return parts, faults
 
 
-def _world(name: str) -> str:
-    """Name of the body that represents the ``<worldbody>`` of a fixed model."""
-    return f"{name}/world"
+def place(scene: Any, name: str, pose: Pose | None) -> Any:
+    """Frame of a scene to which a model is attached: one of the world, or of a body at the pose at which it is fixed."""
+    if pose is None:
+        return scene.worldbody.add_frame()
+    # MuJoCo reserves the body name "world", so the name is free.
+    return scene.worldbody.add_body(name=f"{name}/world", pos=pose.position_m, quat=pose.quaternion).add_frame()
 
 
 def _fixed_model(model: Any, name: str) -> FixedModel:
     """Index map of one fixed model of a compiled scene."""
-    root = int(model.body(_world(name)).id)
+    root = int(model.body(f"{name}/world").id)
     return FixedModel(name, root, tuple(np.flatnonzero(model.body_rootid == root).tolist()))
 
 
