@@ -42,6 +42,7 @@ from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import is_servo
 from ffsm_mj.model.driven_joints import DrivenJoints, control_unit, driven_joints, drives_rotation, servo_joints
 from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.inputs import SetpointLaw, setpoint_law
 from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodies, shared_joints
 from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
@@ -92,6 +93,7 @@ __all__ = [
     "ReducedModel",
     "ScenarioFaults",
     "Sensor",
+    "SetpointLaw",
     "SharedJoints",
     "Signal",
     "SiteMotion",
@@ -124,6 +126,7 @@ __all__ = [
     "predict",
     "reduced_model",
     "servo_joints",
+    "setpoint_law",
     "shared_joints",
     "site_actuators",
     "site_wrench",

@@ -3,7 +3,8 @@
 A servo exerts the force g u + b0 + b1 l + b2 ldot, with its setpoint u and the length l of its transmission. A law that
 wants joints at positions q_d with rates qd_d gives it the setpoint at which this force is zero there: the servo then pulls
 towards q_d by its stiffness, and its damping acts on the difference from qd_d, so that a path has no lag of first order. A
-servo of velocity, which has b1 = 0, gets the rate qd_d - w (q - q_d) with a stated bandwidth w.
+servo of velocity, which has b1 = 0, gets the rate qd_d - w (q - q_d) with a stated bandwidth w. A controller with several
+inputs gets the length and its rate at each of these two, and no force or voltage in advance.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from ffsm_mj.controller_protocol import (
     Fault,
     FloatArray,
     ScenarioFaults,
+    SetpointLaw,
     System,
     servo_joints,
+    setpoint_law,
 )
 
 
@@ -40,10 +43,9 @@ class Setpoints:
             ScenarioFaults: A servo of velocity without bandwidth, or a bandwidth where no servo needs one.
         """
         self.joints, self._system, self._model = joints, system, system.mj
-        model, servos = system.mj, joints.actuators
-        _refuse_other_laws(joints, system)
-        self._gain, self._bias = model.actuator_gainprm[servos, 0], model.actuator_biasprm[servos, :3]
-        self._by_rate = (self._bias[:, 1] == 0.0) & (self._bias[:, 2] != 0.0)
+        servos = joints.actuators
+        self._laws = _setpoint_laws(joints, system)
+        self._by_rate = np.array([law.by_rate for law in self._laws], dtype=np.bool_)
         names = ", ".join(system.names("actuator")[i] for i in servos[self._by_rate].tolist())
         if names and not config.has_bandwidth:
             message = f"{names}: a servo of velocity holds no position by itself; write 'bandwidth_rad_s' or 'bandwidth_Hz'"
@@ -52,7 +54,7 @@ class Setpoints:
             message = f"servos drive {', '.join(joints.names)}, with gains of their own: leave it out"
             raise ScenarioFaults([Fault(message, (config.bandwidth[0],))])
         self._frequency = config.frequency_rad_s if names else 0.0
-        self._scratch = mujoco.MjData(model)
+        self._scratch = mujoco.MjData(self._model)
 
     @classmethod
     def of(cls, config: ServoConfig, context: ControllerContext) -> Setpoints | None:
@@ -77,8 +79,8 @@ class Setpoints:
             scratch.qvel[joints.dofs] = rates
             mujoco.mj_fwdVelocity(self._model, scratch)
             rate = np.where(self._by_rate, rate, scratch.actuator_velocity[servos])
-        b0, b1, b2 = self._bias.T
-        return np.asarray(-(b0 + b1 * scratch.actuator_length[servos] + b2 * rate) / self._gain)
+        at = zip(self._laws, scratch.actuator_length[servos].tolist(), rate.tolist(), strict=True)
+        return np.array([law.force_free(length, rate) for law, length, rate in at])
 
     def refuse_outside_range(self, positions: Sequence[float], path: tuple[str | int, ...]) -> None:
         """Refuse positions at which a setpoint is beyond the range of its servo, with all else where the model has it.
@@ -102,16 +104,18 @@ class Setpoints:
             raise ScenarioFaults(faults)
 
 
-def _refuse_other_laws(joints: DrivenJoints, system: System) -> None:
-    """Refuse servos whose setpoint for a position does not follow from their law.
+def _setpoint_laws(joints: DrivenJoints, system: System) -> list[SetpointLaw]:
+    """Laws by which the servos of some joints follow from their setpoints.
 
     Raises:
-        ScenarioFaults: There is one.
+        ScenarioFaults: No setpoint of one of them follows from a position.
     """
-    model, gains = system.mj, mujoco.mjtGain
+    model, found = system.mj, []
     for i in joints.actuators.tolist():
-        affine = model.actuator_gaintype[i] in (int(gains.mjGAIN_FIXED), int(gains.mjGAIN_AFFINE))
-        if not affine or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_INTEGRATOR or model.actuator_gainprm[i, 0] == 0.0:
+        law = setpoint_law(model, i)
+        if law is None or model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
             name = system.names("actuator")[i]
             message = f"no setpoint of {name} is a position; drive it by 'playback' or a law of your own, or make it a motor"
             raise ScenarioFaults([Fault(f"{message}: 'actuators: {{{name}: {{kind: torque}}}}'", ("joints",))])
+        found.append(law)
+    return found

@@ -14,6 +14,7 @@ from ffsm_mj.actuation.config import AnyActuator, IdealConfig, OnOffConfig, Reac
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.inputs import controller_of
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import SCHEDULED_S
@@ -140,7 +141,7 @@ def limits_of(system: System, configs: Mapping[str, AnyActuator]) -> tuple[Envel
         if servos[i] and not isinstance(config, IdealConfig):
             message = (
                 f"{name} is a servo, and {config.kind} is a limit of motors; a servo has those of its model file, and "
-                "'kind: torque' makes it a motor"
+                f"'{system.names('actuator')[controller_of(system.mj, i)]}: {{kind: torque}}' makes it a motor"
             )
             faults.append(Fault(message, ("actuators", name, "kind")))
         actuators[i].configure(config)

@@ -16,6 +16,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.actuators import controllers_of, servo_mask, without_force_limits
 from ffsm_mj.model.driven_joints import drives_rotation, unit_suffix
+from ffsm_mj.model.inputs import further_inputs, setpoint_law
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.signals import Signal, identifier
@@ -36,7 +37,7 @@ class ServoForces:
     def __init__(self, system: System, data: Any) -> None:
         """Bind to a system and its data, derived quantities current at each sample."""
         model = self._model = system.mj
-        self._servos: IntArray = np.flatnonzero(servo_mask(model))
+        self._servos: IntArray = np.flatnonzero(servo_mask(model) & ~further_inputs(model))
         on_joint = model.actuator_trntype[self._servos] == _JOINT
         joints = np.where(on_joint, model.actuator_trnid[self._servos, 0], 0)
         gear = np.where(on_joint, model.actuator_gear[self._servos, 0], 1.0)
@@ -63,7 +64,7 @@ class ServoForces:
 def begin_at_rest(model: Any, data: Any) -> FloatArray:
     """Set activations at which servos exert no force at rest at the state in ``data``; returns such setpoints, (nu,).
 
-    A servo without a length in its law, such as one of velocity, has zero, and so has a motor. An integrator has the
+    A servo without a length in its law, such as one of velocity, has zero, and so has a voltage. An integrator has the
     setpoint zero.
     """
     found, slews = np.zeros(model.nu), dict[int, int]()
@@ -71,15 +72,8 @@ def begin_at_rest(model: Any, data: Any) -> FloatArray:
         ids, places, _ = controllers_of(model, kind)
         slews.update(zip(ids.tolist(), places.tolist(), strict=True))
     for i in np.flatnonzero(servo_mask(model)).tolist():
-        length, (gain, *_) = float(data.actuator_length[i]), model.actuator_gainprm[i].tolist()
-        b0, b1 = model.actuator_biasprm[i, :2].tolist()
-        rest, dynamics = 0.0, model.actuator_dyntype[i]
-        if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_AFFINE:
-            gain += model.actuator_gainprm[i, 1] * length
-        if model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_AFFINE and b1 != 0.0 and gain != 0.0:
-            rest = -(b0 + b1 * length) / gain
-        if model.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_PID:
-            rest = length
+        law, dynamics = setpoint_law(model, i), model.actuator_dyntype[i]
+        rest = law.force_free(float(data.actuator_length[i])) if law is not None and law.bias[1] != 0.0 else 0.0
         if slews.get(i, -1) >= 0:
             data.act[slews[i]] = rest
         found[i] = 0.0 if dynamics == mujoco.mjtDyn.mjDYN_INTEGRATOR else rest

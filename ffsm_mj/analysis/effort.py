@@ -15,6 +15,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation
+from ffsm_mj.model.inputs import further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.header import RunHeader
@@ -45,9 +46,11 @@ class Effort(Sink):
 
     def __init__(self, system: System) -> None:
         """Bind to robot and objects."""
-        self._system, self._names = system, system.names("actuator")
+        self._system = system
+        self._actuators = np.flatnonzero(~further_inputs(system.mj))
+        self._names = tuple(system.names("actuator")[i] for i in self._actuators.tolist())
         self.base_rotation, self.momentum_exchange = BaseRotation(system), MomentumExchange(system)
-        self._joint, self._gear = _drives(system.mj)
+        self._joint, self._gear = (each[self._actuators] for each in _drives(system.mj))
         n = len(self._names)
         self._square, self._work, self._peak, self._bounded, self._ticks = *np.zeros((4, n)), 0
         self._last: tuple[float, FloatArray, FloatArray, FloatArray] | None = None
@@ -59,9 +62,9 @@ class Effort(Sink):
             KeyError: The log lacks one of them.
         """
         layout, joints = header.layout, self._system.joints.values()
-        suffixes = ["N_m" if drives_rotation(self._system.mj, i) else "N" for i in range(len(self._names))]
+        suffixes = ["N_m" if drives_rotation(self._system.mj, i) else "N" for i in self._actuators.tolist()]
         units = list(zip(map(identifier, self._names), suffixes, strict=True))
-        servos = servo_mask(self._system.mj)
+        servos = servo_mask(self._system.mj)[self._actuators]
         self._time = layout.time
         self.base_rotation.open(layout)
         self.momentum_exchange.open(header)
@@ -110,7 +113,7 @@ class Effort(Sink):
                 mujoco.mj_comPos(model, data)
                 mujoco.mj_transmission(model, data)
                 mujoco.mj_fwdVelocity(model, data)
-                power[row] = np.where(scalar, 0.0, applied[row] * data.actuator_velocity / self._gear)
+                power[row] = np.where(scalar, 0.0, applied[row] * data.actuator_velocity[self._actuators] / self._gear)
         return length, power
 
     @cached_property

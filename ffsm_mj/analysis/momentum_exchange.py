@@ -20,6 +20,7 @@ from ffsm_mj.dynamics.rigid_body import cross, external_actuators
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.driven_joints import drives_rotation
+from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import free_components
@@ -67,8 +68,9 @@ class MomentumExchange:
         self._qpos, self._qvel = layout.places(coordinate_keys(joints)), layout.places(rate_keys(joints))
         suffixes = ["N_m" if drives_rotation(self._model, i) else "N" for i in range(len(self._names))]
         what = np.where(servo_mask(self._model), "force", "applied").tolist()
+        names = [self._names[controller_of(self._model, i)] for i in range(len(self._names))]  # inputs have no force
         self._applied = layout.places(
-            f"actuators.{name}_{column}_{suffix}" for name, column, suffix in zip(self._names, what, suffixes, strict=True)
+            f"actuators.{name}_{column}_{suffix}" for name, column, suffix in zip(names, what, suffixes, strict=True)
         )
         there = [name for name in _OUTSIDE if f"balance.{name}_{COMPONENTS[0]}" in layout.index]
         self._impulses = [layout.places(f"balance.{name}_{component}" for component in COMPONENTS) for name in there]
@@ -199,8 +201,8 @@ class MomentumExchange:
     def _actuators(self, spin0: FloatArray, spin1: FloatArray) -> dict[str, dict[str, Any]]:
         """By actuator: ``impulse`` is its effort over time, ``taken_N_m_s`` what a wheel stores or a thruster brings."""
         found: dict[str, dict[str, Any]] = {}
-        for i, name in enumerate(self._names):
-            on_joint = self._model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        for i in np.flatnonzero(~further_inputs(self._model)).tolist():
+            name, on_joint = self._names[i], self._model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
             joint = self._model.joint(int(self._model.actuator_trnid[i, 0])).name if on_joint else ""
             taken, kind = np.zeros(3), "joint"
             if i in self._outer:

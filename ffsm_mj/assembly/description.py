@@ -17,6 +17,7 @@ from ffsm_mj.contact_models.impact.limit_record import force_unit
 from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.model.actuators import servo_mask
+from ffsm_mj.model.inputs import further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.scenario.grasps import never_armed
@@ -117,7 +118,7 @@ def _limited_joints(limits: Sequence[JointLimit]) -> list[str]:
 def _servos(assembly: Assembly) -> list[str]:
     """A line on the servos, their fastest rate at the initial state, and the steps that it asks for; none without servos."""
     model, integrator = assembly.system.mj, assembly.plant.integrator
-    servos = int(servo_mask(model).sum())
+    servos = int((servo_mask(model) & ~further_inputs(model)).sum())
     if not servos:
         return []
     motion = integrator.motion

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.assembly.contact_models import contact_models_of
 from ffsm_mj.assembly.grasps import GraspedSystem
@@ -17,6 +19,7 @@ from ffsm_mj.controller_protocol import Task
 from ffsm_mj.dynamics.motion import Motion, actuator_power
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.scenario.scenario import ScenarioConfig
@@ -82,6 +85,8 @@ def _delayed_control(scenario: ScenarioConfig, scene: Scene, actuation: Actuatio
     """Timing of control; None if every command acts at once."""
     system, given = scene.system, {name: config.delay_s for name, config in scenario.actuators.items()}
     own = {system.resolve("actuator", name): delay for name, delay in given.items()}
+    for i in np.flatnonzero(further_inputs(system.mj)).tolist():
+        own.setdefault(actuation.names[i], own.get(actuation.names[controller_of(system.mj, i)]))
     delays = command_delays_s(actuation.names, system.actuator_delays_s, scenario.actuation.delay_s, own)
     timing = ControlTiming(delays, scenario.actuation.control_jitter_s, scenario.control_period_s, scenario.seed)
     return None if timing.is_ideal else DelayedControl(timing, scene, actuation)

@@ -14,10 +14,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.actuators import INTEGRAL_LIMIT, controllers_of, without_force_limits
+from ffsm_mj.model.inputs import signature_inputs
 
 _DC, _PID = mujoco.mjtGain.mjGAIN_DCMOTOR, mujoco.mjtGain.mjGAIN_PID
-_POSITION, _VELOCITY, _FEEDFORWARD = 1, 2, 4
-"""Inputs of a controller, as bits of its signature."""
 _AT_ROOT, _SMALL = 1e-9, 1e-12
 """Values this close to zero are zero: relative to the limit, and of errors and rates in their units."""
 
@@ -80,19 +79,17 @@ class MotorKinks:
         model, data, found = self._model, self._data, []
         for i, slew, integral in self._drives:
             resistance, constant, _, _, kp, ki, kd = model.actuator_gainprm[i, :7].tolist()
-            inputs = dict.fromkeys((_POSITION, _VELOCITY, _FEEDFORWARD), 0.0)
-            given = [bit for bit in inputs if model.actuator_ctrlspec[i] & bit]
-            for k, bit in enumerate(given):
-                at = int(model.actuator_ctrladr[i]) + k
+            inputs, given = dict.fromkeys(("pos", "vel", "ff"), 0.0), signature_inputs(_DC, model.actuator_ctrlspec[i])
+            for at, token in enumerate(given, i):
                 low, high = model.actuator_ctrlrange[at].tolist()
-                inputs[bit] = float(data.ctrl[at])
+                inputs[token] = float(data.ctrl[at])
                 if model.actuator_ctrllimited[at]:
-                    inputs[bit] = min(max(inputs[bit], low), high)
+                    inputs[token] = min(max(inputs[token], low), high)
             if slew >= 0:
                 inputs[given[0]] = float(data.act[slew])
             rate = float(data.actuator_velocity[i])
-            torque = kd * (inputs[_VELOCITY] - rate) + inputs[_FEEDFORWARD]
-            torque += kp * (inputs[_POSITION] - float(data.actuator_length[i]))
+            torque = kd * (inputs["vel"] - rate) + inputs["ff"]
+            torque += kp * (inputs["pos"] - float(data.actuator_length[i]))
             torque += ki * float(data.act[integral]) if integral >= 0 else 0.0
             found.append(resistance / constant * torque + constant * rate)
         return np.array(found)

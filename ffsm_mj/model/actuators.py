@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.model.inputs import NO_VOLTAGE, further_inputs
 from ffsm_mj.model.system import ancestors, driven_bodies, is_fixed_tendon
 
 _JOINT, _SITE = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_SITE
@@ -29,6 +30,11 @@ SLEW_RATE, INTEGRAL_LIMIT = 8, 9
 _NO_SLEW = 1e-300
 _SERVOS = "use 'strip: [servos]' in the scenario"
 _INSTEAD = f"make a motor of it by 'kind: torque' under 'actuators' in the scenario, or {_SERVOS}"
+_OF_ORIENTATION = (
+    "is an <orientation> servo, with three forces of one actuator, where commands, limits and logs have one; write three "
+    "<position> servos with the gears '1 0 0', '0 1 0' and '0 0 1', which turn alike while they are close to their "
+    f"setpoints, or {_SERVOS}"
+)
 _OF_ADHESION = (
     "is an <adhesion>: it acts by MuJoCo's contact forces, which contact models replace; "
     f"{_SERVOS}, and a grasp ('grasps', with 'load_limit') in its place"
@@ -120,16 +126,35 @@ def smooth_controllers(model: Any) -> None:
         # The least positive rate keeps the activation, and moves the setpoint by nothing.
         model.actuator_dynprm[ids, slew] = np.where(slews >= 0, _NO_SLEW, 0.0)
         model.actuator_dynprm[ids, limit] = 0.0
+    model.actuator_ctrlrange[model.actuator_ctrlrange[:, 1] == NO_VOLTAGE] = 0.0
+
+
+def dampers_to_targets(model: Any) -> None:
+    """Add the dampers of a compiled model's actuators to those of their joints and tendons, where MuJoCo has them act.
+
+    It adds all coefficients times the square of the gear to the force there, outside the limits of actuators.
+    """
+    damped = (model.actuator_damping != 0.0) | model.actuator_dampingpoly.any(axis=1)
+    for i in np.flatnonzero(damped).tolist():
+        target, factor = int(model.actuator_trnid[i, 0]), float(model.actuator_gear[i, 0]) ** 2
+        if model.actuator_trntype[i] == _TENDON:
+            of_target, poly, at = model.tendon_damping, model.tendon_dampingpoly, np.array([target])
+        else:
+            of_target, poly = model.dof_damping, model.dof_dampingpoly.reshape(model.nv, -1)
+            at = np.flatnonzero(model.dof_jntid == target)
+        of_target[at] += factor * model.actuator_damping[i]
+        poly[at] += factor * model.actuator_dampingpoly[i]
+    model.actuator_damping[:], model.actuator_dampingpoly[:] = 0.0, 0.0
 
 
 def actuator_faults(model: Any) -> Iterator[tuple[str, str, str]]:
     """Actuators of a compiled scene that cannot be modelled: kind, full name, and the rest of the sentence."""
     servos = servo_mask(model)
-    # One control and one force each: the arrays of controls, actuators and forces then have the same indices.
-    several = [i for i in range(model.nactuator) if (model.actuator_ctrlnum[i], model.actuator_outnum[i]) != (1, 1)]
-    for i in several or range(model.nactuator):
-        if several:
-            faults = iter([f"has several controls or forces, or no control, which is not supported; {_INSTEAD}"])
+    # One force each: the arrays of controls, actuators and forces then have the same indices.
+    several = np.flatnonzero(model.actuator_outnum != 1)
+    for i in (several if len(several) else np.flatnonzero(~further_inputs(model))).tolist():
+        if len(several):
+            faults = iter([_OF_ORIENTATION])
         else:
             faults = _servo_faults(model, i) if servos[i] else _motor_faults(model, i)
         yield from (("actuator", model.actuator(i).name, f" {what}") for what in faults)
@@ -151,7 +176,6 @@ def _motor_faults(model: Any, i: int) -> Iterator[str]:
         yield "is a motor on a ball joint, which is not supported; use three hinges, or remove it"
     elif model.actuator_gainprm[i, 0] == 0.0 or not (gear[0] if kind == _JOINT else gear.any()):
         yield "has gear or gain 0: it drives nothing"
-    yield from _damping_faults(model, i)
 
 
 def _servo_faults(model: Any, i: int) -> Iterator[str]:
@@ -166,13 +190,12 @@ def _servo_faults(model: Any, i: int) -> Iterator[str]:
         or model.actuator_biastype[i] in _UNKNOWN_BIAS
         or model.actuator_dyntype[i] == _DYN.mjDYN_USER
     ):
-        yield f"has a law that is not supported, of orientation or of a user; {_INSTEAD}"
+        yield f"has a law of a user, which is in no model file; {_INSTEAD}"
     if not (_acts_within(model, i) or _acts_on_free_tree(model, i)):
         yield (
             "is a servo that acts from outside other than on a tree with a free joint, at a site or on this joint, which is "
             f"not supported; {_INSTEAD}"
         )
-    yield from _damping_faults(model, i)
 
 
 def _acts_within(model: Any, i: int) -> bool:
@@ -195,11 +218,6 @@ def _acts_on_free_tree(model: Any, i: int) -> bool:
         return False
     root = model.body_rootid[driven_bodies(model, i)[0]]
     return bool(model.body_jntnum[root] == 1 and model.jnt_type[model.body_jntadr[root]] == _FREE)
-
-
-def _damping_faults(model: Any, i: int) -> Iterator[str]:
-    if model.actuator_damping[i] or model.actuator_dampingpoly[i].any():
-        yield f"has damping {model.actuator_damping[i]:g}; move it to its joint, or use 'strip: [damping]' in the scenario"
 
 
 def effort_limits(model: Any) -> tuple[FloatArray, list[tuple[str, str, str]]]:

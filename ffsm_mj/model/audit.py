@@ -264,22 +264,32 @@ def _armatures(model: Any) -> Iterator[Finding]:
 
     That of a motor on a joint of a base, or of a tendon that acts on the world, is inertia against the world, which the
     momentum of the bodies lacks. MuJoCo's mass matrix has no entries for joints of different branches: it drops the terms of
-    a tendon that couples them, and energy is not conserved.
+    a tendon that couples them, and energy is not conserved. An actuator on a tendon gives its armature to the tendon.
     """
-    on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
-    for i in np.flatnonzero((model.actuator_armature != 0.0) & on_joint).tolist():
-        if _on_base(model, int(model.actuator_trnid[i, 0])):
-            what = f" has armature {model.actuator_armature[i]:g} on a joint of the base, which joins it to the world"
-            yield "actuator", model.actuator(i).name, f'{what}, which has no part in the dynamics; write armature="0"'
+    for i in np.flatnonzero(model.actuator_armature).tolist():
+        target, what = int(model.actuator_trnid[i, 0]), ""
+        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_TENDON:
+            why = _armature_of_tendon(model, target)
+            what = f"on tendon {model.tendon(target).name.partition('/')[2]!r}, which {why}" if why else ""
+        elif _on_base(model, target):
+            what = "on a joint of the base, which joins it to the world, which has no part in the dynamics"
+        if what:
+            has = f" has armature {model.actuator_armature[i]:g} {what}"
+            yield "actuator", model.actuator(i).name, f'{has}; write armature="0"'
     for t in np.flatnonzero(model.tendon_armature).tolist():
-        chains = [{*ancestors(model, body)} for body in tendon_bodies(model, t)]
-        if acts_on_world(model, t):
-            what = "and acts on the world, which has no part in the dynamics"
-        elif set.union(*chains) != max(chains, key=len):
-            what = "and couples joints of two branches, whose terms MuJoCo leaves out of the mass matrix"
-        else:
-            continue
-        yield "tendon", model.tendon(t).name, f' has armature {model.tendon_armature[t]:g}, {what}; write armature="0"'
+        if what := _armature_of_tendon(model, t):
+            has = f" has armature {model.tendon_armature[t]:g}, and {what}"
+            yield "tendon", model.tendon(t).name, f'{has}; write armature="0"'
+
+
+def _armature_of_tendon(model: Any, tendon: int) -> str:
+    """Why a tendon cannot have inertia; empty if it can."""
+    chains = [{*ancestors(model, body)} for body in tendon_bodies(model, tendon)]
+    if acts_on_world(model, tendon):
+        return "acts on the world, which has no part in the dynamics"
+    if set.union(*chains) != max(chains, key=len):
+        return "couples joints of two branches, whose terms MuJoCo leaves out of the mass matrix"
+    return ""
 
 
 def equality_places(model: Any, places: Places) -> dict[int, str]:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
-from ffsm_mj.model.actuators import actuator_faults, effort_limits, smooth_controllers
+from ffsm_mj.model.actuators import actuator_faults, dampers_to_targets, effort_limits, smooth_controllers
 from ffsm_mj.model.audit import (
     FLUID,
     authored_options,
@@ -30,6 +30,7 @@ from ffsm_mj.model.audit import (
 from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.grasp import Grasp, join
+from ffsm_mj.model.inputs import separate_inputs
 from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
 from ffsm_mj.model.one_file import add_shared_elements
 from ffsm_mj.model.overrides import ModelOverrides, override
@@ -92,6 +93,8 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     spec, timing = load_with_timing(files, vfs)
     notes = [f"removed from {name}: {what}" for what in strip(spec, files.strip)]
     make_motors(spec, files.motors)
+    for key in spec.keys:  # keyframes have a value per control and activation; they are not used here
+        key.ctrl, key.act = [], []
     notes += setting_notes(spec, name, files)
     notes += [
         f"{files.place}: interp of {what} has no effect: delayed values are those of the last sample"
@@ -106,8 +109,9 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     add_sites(spec, files.sites)
     add_flex(spec, files.flex)
     sensors = sensors_of_model(spec, name, files, timing.sensors)
-    left = {actuator.name for actuator in spec.actuators}
-    delays_s = {f"{name}/{each}": delay for each, delay in timing.actuator_delays_s.items() if each in left}
+    controllers = {each.name: each.name for each in spec.actuators} | separate_inputs(spec)
+    delays, of_file = timing.actuator_delays_s, controllers.items()
+    delays_s = {f"{name}/{each}": delays[controller] for each, controller in of_file if controller in delays}
     return Part(spec, notes + sensors.notes, overridden, warnings, sensors, delays_s)
 
 
@@ -269,6 +273,7 @@ def compile_system(
     model.actuator_actearly[:] = 0  # a force follows from the activation of the same instant, which stages integrate
     smooth_controllers(model)
     changes = tuple(change for each in parts if each.overridden for change in each.overridden.read_back(model))
+    dampers_to_targets(model)
     places = Places(scene, files)
     faults += places.sentences(conservation_faults(model))
     (limits, of_limits), equalities = effort_limits(model), equality_places(model, places)

@@ -12,6 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import external_servos, servo_mask
+from ffsm_mj.model.inputs import controller_of, input_of
 from ffsm_mj.model.system import Joint, System, followers
 
 
@@ -142,17 +143,19 @@ def _named_joints(system: System, names: Sequence[str], key: str) -> tuple[list[
 
 def _needs_motors(system: System, joints: Mapping[str, Sequence[int]]) -> str:
     """Message for a law that computes efforts, on joints that servos drive."""
-    names = [system.names("actuator")[i] for i in sorted({i for ids in joints.values() for i in ids})]
+    servos = sorted({controller_of(system.mj, i) for ids in joints.values() for i in ids})
+    names = [system.names("actuator")[i] for i in servos]
     entries = ", ".join(f"{name}: {{kind: torque}}" for name in names)
     drive = "a servo drives" if len(names) == 1 else "servos drive"
     return f"the law computes efforts, and {drive} {', '.join(joints)}; write 'actuators: {{{entries}}}' in the scenario"
 
 
 def joints_of_servos(system: System) -> dict[str, list[int]]:
-    """Ids of the servos that move each hinge or slide joint of the robot, by joint name."""
+    """Ids of the servos that move each hinge or slide joint of the robot, by joint name; those without inputs hold none."""
     model, found = system.mj, dict[str, list[int]]()
     # A servo that acts from outside moves the base through them, and holds none.
-    servos = np.setdiff1d(np.flatnonzero(servo_mask(model)), external_servos(model)).tolist()
+    inputless = model.actuator_ctrllimited.astype(bool) & ~model.actuator_ctrlrange.any(axis=1)
+    servos = np.setdiff1d(np.flatnonzero(servo_mask(model) & ~inputless), external_servos(model)).tolist()
     if servos:
         data, moments = mujoco.MjData(model), np.zeros((model.nout, model.nv))
         mujoco.mj_forward(model, data)  # moments are zero before
@@ -216,18 +219,21 @@ def control_unit(model: Any, actuator: int) -> str:
     """Unit of the command of an actuator: that of its effort, or of a servo's setpoint; empty for a number without one.
 
     The setpoint of a servo has a unit where its gain is the coefficient of a length or of a rate of a joint: the force is
-    zero where these are at the setpoint.
+    zero where these are at the setpoint. An input of a controller has that of its kind.
     """
     rotates = drives_rotation(model, actuator)
     if not servo_mask(model)[actuator]:
         return "N m" if rotates else "N"
-    on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    units = {"pos": "rad", "vel": "rad/s", "ff": "N m"} if rotates else {"pos": "m", "vel": "m/s", "ff": "N"}
+    token, on_joint = input_of(model, actuator), model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
+    if token == "voltage":
+        return "V"
     gain, (_, of_length, of_rate) = float(model.actuator_gainprm[actuator, 0]), model.actuator_biasprm[actuator, :3].tolist()
-    if not on_joint or model.actuator_gear[actuator, 0] != 1.0 or gain == 0.0:
+    if not on_joint or model.actuator_gear[actuator, 0] != 1.0:
         return ""
-    if gain == -of_length:
-        return "rad" if rotates else "m"
-    return ("rad/s" if rotates else "m/s") if of_length == 0.0 and gain == -of_rate else ""
+    if not token and gain != 0.0:
+        token = "pos" if gain == -of_length else "vel" if of_length == 0.0 and gain == -of_rate else ""
+    return units.get(token, "")
 
 
 def unit_suffix(unit: str) -> str:

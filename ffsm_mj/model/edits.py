@@ -230,8 +230,6 @@ def _without_tendons(spec: Any) -> list[str]:
 def _without_actuators(spec: Any, actuators: list[Any]) -> list[str]:
     names = {actuator.name for actuator in actuators}
     removed = _without_sensors_of(spec, mujoco.mjtObj.mjOBJ_ACTUATOR, names)
-    for key in spec.keys if actuators else ():  # keyframes have a value per actuator; they are not used here
-        key.ctrl, key.act = [], []
     return removed + _deleted(spec, "actuator", actuators)
 
 

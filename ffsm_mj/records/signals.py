@@ -190,7 +190,7 @@ def effort_key(layout: Layout, actuator: str, what: str) -> str:
     raise KeyError(f"{stem}{_COMMANDS[0]}")
 
 
-_COMMANDS = ("_N", "_N_m", "_rad", "_m", "_rad_s", "_m_s", "")
+_COMMANDS = ("_N", "_N_m", "_rad", "_m", "_rad_s", "_m_s", "_V", "")
 """Ends of the columns of a command."""
 _UNITS = (("_N_m_s", "N m s"), ("_N_m", "N m"), ("_N_s", "N s"), ("_rad_s", "rad/s"), ("_m_s", "m/s"), ("_rad", "rad"))
 

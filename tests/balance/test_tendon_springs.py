@@ -213,6 +213,13 @@ BASE = """<mujoco><option gravity="0 0 0"/><worldbody><site name="world"/><body 
             "has armature 2, and couples joints of two branches",
         ),
         (
+            {
+                "tendon": '<fixed name="t"><joint joint="one" coef="1"/><joint joint="two" coef="1"/></fixed>',
+                "actuator": '<motor tendon="t" armature="2"/>',
+            },
+            "has armature 2 on tendon 't', which couples joints of two branches",
+        ),
+        (
             {"tendon": '<fixed name="t" stiffness="2"><joint joint="x" coef="1"/></fixed>'},
             "has stiffness that acts on the world",
         ),

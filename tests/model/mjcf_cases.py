@@ -119,6 +119,7 @@ _MOTOR: dict[str, Any] = {
     "forcerange": "-1 1",
     "forcelimited": {"forcelimited": "true", "forcerange": "-1 1"},
     "armature": "0.2",
+    "damping": "0.5 0.1 0.2",
     "group": "3",
     "lengthrange": "-1 1",
     "user": "1 2",
@@ -131,6 +132,7 @@ SERVOS: dict[str, dict[str, str]] = {
     "cylinder": {"area": "1", "bias": "1 1 1"},
     "muscle": {"lengthrange": "-9 9"},
     "dcmotor": {"motorconst": "0.1", "resistance": "1"},
+    "pid": {"kp": "3"},
 }
 """Servos by their elements, with what each of them needs."""
 _IDLE = {"group": "3", "lengthrange": "-1 1", "user": "1 2"}
@@ -352,12 +354,31 @@ COMPARED: dict[str, Case] = {
         cogging="0.1 6 0",
         controller={"controller": "1 1 1", "input": "pos"},
         inductance="0.01",
-        input="voltage",
+        input={"controller": "1 1 1", "input": "pos vel ff voltage"},
         lugre="1 1 1 1 1",
         nominal={"motorconst": None, "resistance": None, "nominal": "12 1 100"},
         saturation="1 1",
         thermal="1 1 1 1 1 1",
     ),
+    **_servo_cases(
+        "pid",
+        SERVOS["pid"],
+        **_WITHIN,
+        kp="2",
+        kv="1",
+        dampratio="1",
+        ki="2",
+        imax={"ki": "2", "imax": "0.1"},
+        slewmax="1e-9",
+        input="vel ff",
+        posrange="-1 1",
+        velrange="-1 1",
+        ffrange={"input": "pos vel ff", "ffrange": "-1 1"},
+    ),
+    "actuator/pid@inheritrange": {
+        "body/joint": {"range": "-1 1"},
+        "in_actuator": '<pid name="probe" joint="j1" kp="3" inheritrange="1"/>',
+    },
     "actuator/position@inheritrange": {
         "body/joint": {"range": "-1 1"},
         "in_actuator": '<position name="probe" joint="j1" kp="3" inheritrange="1"/>',
@@ -410,7 +431,6 @@ WITHOUT_FORCE = {
 
 _FLEX = '<flexcomp name="f" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2" mass="1" rigid="true"/>'
 _PLUGIN = '<plugin plugin="x"/>'
-_JOINT2 = 'name="probe" joint="j2"'
 _TENDON_FORCES: dict[str, Any] = {"springyield": {"stiffness": "1", "springyield": "0.1"}}
 
 
@@ -475,16 +495,12 @@ MARKED: dict[str, Case] = {
     **{
         case: each
         for kind in ("motor", "general")
-        for case, each in _cases(
-            f"actuator/{kind}", damping="1", interp={"delay": "0.01", "nsample": "20", "interp": "linear"}
-        ).items()
+        for case, each in _cases(f"actuator/{kind}", interp={"delay": "0.01", "nsample": "20", "interp": "linear"}).items()
     },
     **{
         case: each
         for kind, own in SERVOS.items()
-        for case, each in _servo_cases(
-            kind, own, damping="1", interp={"delay": "0.01", "nsample": "20", "interp": "linear"}
-        ).items()
+        for case, each in _servo_cases(kind, own, interp={"delay": "0.01", "nsample": "20", "interp": "linear"}).items()
     },
     **_cases(
         "actuator/general",
@@ -492,7 +508,6 @@ MARKED: dict[str, Case] = {
     ),
     **_servo("adhesion", 'name="probe" body="l2" ctrlrange="0 1"'),
     **_servo("orientation", 'name="probe" joint="jb" kp="3"'),
-    **_servo("pid", f'{_JOINT2} kp="1" ki="1" kv="1"'),
     "sensor/rangefinder@camera": {
         "in_body": '<camera name="c" resolution="2 2"/>',
         "in_sensor": '<rangefinder camera="c"/>',

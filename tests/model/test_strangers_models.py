@@ -98,13 +98,12 @@ def test_an_effort_limit_under_several_actuators_is_refused(tmp_path):
         ({"actuator": '<motor joint="free" gear="1 0 0 0 0 0"/>'}, "motor on a free joint; write <motor site="),
         ({"actuator": '<motor joint="free" gear="0 0 0 0 1 0"/>'}, "motor on a free joint; write <motor site="),
         ({"actuator": '<motor joint="wrist" gear="0 0 1"/>'}, "motor on a ball joint, which is not supported"),
-        (
-            {"actuator": '<motor joint="j" damping="0.5"/>'},
-            "has damping 0.5; move it to its joint, or use 'strip: [damping]'",
-        ),
         ({"actuator": '<adhesion body="link" ctrlrange="0 1"/>'}, "is an <adhesion>: it acts by MuJoCo's contact forces"),
         ({"actuator": '<motor joint="j" gear="0"/>'}, "has gear or gain 0: it drives nothing"),
-        ({"actuator": '<pid joint="j" kp="1"/>'}, "has several controls or forces, or no control, which is not supported"),
+        (
+            {"actuator": '<orientation joint="wrist" kp="1"/>'},
+            "is an <orientation> servo, with three forces of one actuator",
+        ),
     ],
 )
 def test_actuators_that_cannot_be_modelled_are_refused_with_their_line(tmp_path, parts, expected):
@@ -121,7 +120,7 @@ def test_strip_removes_what_is_refused_of_actuators(tmp_path, word):
     changes = {"robot.strip": [word]}
     model = prepare(scene(tmp_path, bus(actuator=actuator), {}), changes).system.mj
     assert model.nactuator == (word == "damping")
-    assert not model.actuator_damping.any()
+    assert not model.dof_damping.any()
 
 
 def test_armature_of_a_joint_of_the_base_is_refused(tmp_path):

@@ -172,8 +172,7 @@ def test_setpoints_that_are_no_numbers_end_the_run(tmp_path):
 @pytest.mark.parametrize(
     ("actuator", "expected"),
     [
-        ('<pid name="servo" joint="j" kp="8" kv="0.6" ki="20"/>', "has several controls"),
-        ('<orientation name="servo" site="port" refsite="port" kp="1"/>', "has several controls"),
+        ('<orientation name="servo" site="port" refsite="port" kp="1"/>', "is an <orientation> servo"),
         ('<adhesion name="servo" body="link" ctrlrange="0 1"/>', "is an <adhesion>"),
     ],
 )

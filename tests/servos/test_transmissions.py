@@ -70,6 +70,25 @@ def test_a_servo_from_outside_moves_the_whole(tmp_path):
     assert errors[1] < errors[0] / 12.0 + 1e-15
 
 
+@pytest.mark.parametrize("of_tendon", [False, True])
+def test_damping_of_an_actuator_is_that_of_its_target(tmp_path, of_tendon):
+    """Times the square of the gear, in all three coefficients, outside the limits of its force; heat is in the balance."""
+    tendon = '<tendon><fixed name="t" {}><joint joint="j" coef="-2"/></fixed></tendon>'
+    servo = '<position name="servo" {}="{}" kp="8" gear="3" forcerange="-.5 .5" {}/>'
+    target = ("tendon", "t") if of_tendon else ("joint", "j")
+    own = link(servo.format(*target, 'damping=".02 .01 .03"'), joint='damping=".1"')
+    of_target = 'damping=".18 .09 .27"' if of_tendon else 'damping=".28 .09 .27"'
+    other = link(servo.format(*target, ""), joint='damping=".1"' if of_tendon else of_target)
+    runs = []
+    for model, damping in ((own, ""), (other, of_target if of_tendon else "")):
+        whole = model.replace("</mujoco>", f"{tendon.format(damping)}</mujoco>")
+        runs.append(run_link(tmp_path, {"kind": "off"}, model=whole, duration_s=0.3))
+        assert passes(runs[-1])
+    np.testing.assert_allclose(runs[0].log.rows, runs[1].log.rows, rtol=0.0, atol=1e-14)
+    assert runs[0]["balance.total_damper_heat_J"][-1] > 1e-4
+    assert_replayed(runs[0])
+
+
 def test_a_law_of_joints_ignores_a_servo_from_outside(tmp_path):
     """The motor of the joint is driven though the servo at the link's site moves it too."""
     tip = '<site name="tip" pos="0.2 0 0"/>'

@@ -25,7 +25,7 @@ from ffsm_mj.controller_protocol import (
 )
 
 _FACTORS = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "N m": 1.0, "mN m": 1e-3, "kN m": 1e3}
-_SETPOINTS = ("rad", "rad/s", "m", "m/s")
+_SETPOINTS = ("rad", "rad/s", "m", "m/s", "V", "N", "N m")
 """Units of setpoints; others have none."""
 _TIME_FACTORS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _TIMES = ("time_s", "state.time_s")
