@@ -22,8 +22,7 @@ from ffsm_mj.analysis.summary import summarise, tip_error
 from ffsm_mj.analysis.tables import CHECKS_TABLE, Table, checks_table, table
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogError
-from ffsm_mj.log.mcap.reader import read_log
-from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
+from ffsm_mj.log.mcap.reader import KEPT_BYTES, read_log
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative

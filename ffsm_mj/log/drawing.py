@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.reach import Reach
+from ffsm_mj.log import limits
 from ffsm_mj.log.palette import GREY, ROBOT, WHITE, Colour, mixed, object_colour, shares
 from ffsm_mj.model.system import System
 from ffsm_mj.records.signals import Layout, coordinate_keys
@@ -28,8 +29,6 @@ _KINDS = {
 }
 _PLANE_M, _THICK_M = 10.0, 1e-3
 """Drawn half width of an infinite plane, and half thickness of any plane."""
-_MOST_VERTICES = 2_000_000
-"""Greatest number of triangle corners of all drawn meshes; meshes beyond it are drawn as their bounding boxes."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[Drawn
             size, position = _slab(size, position, model.geom_quat[geom])
         mesh = int(model.geom_dataid[geom]) if kind == "mesh" else -1
         corners += 3 * int(model.mesh_facenum[mesh]) if mesh >= 0 else 0
-        if mesh >= 0 and corners > _MOST_VERTICES:
+        if mesh >= 0 and corners > limits.MESH_CORNERS:
             kind, mesh = "box", -1  # MuJoCo stores the half sizes of the bounding box as the size of a mesh geom
         vertices, triangles, normals = _mesh(model, mesh)
         yield DrawnShape(

@@ -31,6 +31,7 @@ from google.protobuf.duration_pb2 import Duration
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.log import limits
 from ffsm_mj.log.drawing import DrawnShape, FramePicker, Frames, marker_scale, posed_bodies, shapes_by_body
 from ffsm_mj.log.markers import (
     SHOWN_S,
@@ -365,8 +366,6 @@ def _colour(rgba: tuple[float, ...]) -> Color:
 
 
 _SPACING_M = 0.01
-_MOST_POINTS = 100_000
-"""Greatest number of points on all edges of a body, and of each of its meshes; large bodies get a larger spacing."""
 _NAMES = ("x", "y", "z", "red", "green", "blue", "alpha")
 _POINT = np.dtype(list(zip(_NAMES, ["<f4"] * 3 + ["u1"] * 4, strict=True)))
 
@@ -374,7 +373,7 @@ _POINT = np.dtype(list(zip(_NAMES, ["<f4"] * 3 + ["u1"] * 4, strict=True)))
 def outline_cloud(shapes: Sequence[DrawnShape], frame_id: str, time_ns: int) -> PointCloud:
     """Edges of all shapes of one body, in its frame."""
     lines = [[] if shape.kind == "mesh" else _edges(shape) for shape in shapes]
-    spacing = max(_SPACING_M, sum(_lengths(line)[-1] for edges in lines for line in edges) / _MOST_POINTS)
+    spacing = max(_SPACING_M, sum(_lengths(line)[-1] for edges in lines for line in edges) / limits.OUTLINE_POINTS)
     clouds = []
     for shape, edges in zip(shapes, lines, strict=True):
         points = _placed(shape, np.vstack([_along(line, spacing) for line in edges]) if edges else _thinned(shape.vertices))
@@ -396,7 +395,7 @@ def outline_cloud(shapes: Sequence[DrawnShape], frame_id: str, time_ns: int) -> 
 
 
 def _thinned(points: FloatArray) -> FloatArray:
-    return points[:: -(-len(points) // _MOST_POINTS) or 1]
+    return points[:: -(-len(points) // limits.OUTLINE_POINTS) or 1]
 
 
 def _placed(shape: DrawnShape, local: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsm_mj.errors import InputError, LogError, described, working_on
+from ffsm_mj.log import limits
 from ffsm_mj.log.mcap.reader import read_log
 from ffsm_mj.log.mcap.salvage import MAGIC
 from ffsm_mj.log.run_folder import find_log
@@ -17,7 +18,6 @@ from ffsm_mj.records.recorded_table import RecordedTable
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import TIME, identifier
 
-MOST_BYTES = 64 * 1024**2
 _PARQUET = b"PAR1"
 _COMMENT = "#"
 
@@ -50,8 +50,8 @@ def read_recorded(path: Path) -> RecordedFile:
             raise InputError(f"{path}: is not a file")
         if _begins_with(path, MAGIC):
             return _of_log(path)
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"{path}: is larger than {MOST_BYTES >> 20} MiB; leave out columns or samples")
+        if path.stat().st_size > limits.TABLE_BYTES:
+            raise InputError(f"{path}: is larger than {limits.TABLE_BYTES >> 20} MiB; leave out columns or samples")
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error
@@ -81,8 +81,10 @@ def _of_log(path: Path) -> RecordedFile:
         raise InputError(str(error)) from error
     if not content:
         raise InputError(f"{place}: contains no efforts of actuators")
-    if len(content) > MOST_BYTES:
-        raise InputError(f"{place}: has more than {MOST_BYTES >> 20} MiB of efforts; play a part of it from a CSV file")
+    if len(content) > limits.TABLE_BYTES:
+        raise InputError(
+            f"{place}: has more than {limits.TABLE_BYTES >> 20} MiB of efforts; play a part of it from a CSV file"
+        )
     name = (path.name if path.is_dir() else path.name.partition(".")[0]) or "run"
     return RecordedFile(f"{name}.csv", content, RecordedTable(str(place), _text(str(place), content).columns))
 

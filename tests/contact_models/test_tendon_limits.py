@@ -14,7 +14,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact.tendon_limit import TendonLimit
 from ffsm_mj.errors import InputError
-from ffsm_mj.log.mcap.record_format import encode_record
+from ffsm_mj.log.mcap.format import encode_record
 from tests.balance.test_springs import good
 from tests.balance.test_tendon_springs import BASE, MASSES, REACH, REDUCED, cord, masses
 from tests.hostile.test_logs import changed

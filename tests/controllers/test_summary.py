@@ -17,7 +17,7 @@ from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.log.mcap.format import decode_record, encode_record
 from ffsm_mj.records.events import OutcomeRecord
 from ffsm_mj.records.run_kinds import OUTCOME
 from tests.scenes import two_balls

@@ -14,7 +14,7 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models import registry as contact_models
 from ffsm_mj.errors import LogError
-from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.log.mcap.format import decode_record, encode_record
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import register
 from ffsm_mj.records.record import declared

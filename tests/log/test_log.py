@@ -20,7 +20,7 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.impact.record_kind import IMPACT
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.log.mcap.record_format import decode_record, encode_record
+from ffsm_mj.log.mcap.format import decode_record, encode_record
 from ffsm_mj.records.events import OutcomeRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.signals import Layout, Signal

@@ -20,10 +20,9 @@ from ffsm_mj.assembly import run_size
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.hull import hull
+from ffsm_mj.log import limits
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.foxglove import outline_cloud
-from ffsm_mj.log.mcap import reader as mcap_reader
-from ffsm_mj.log.mcap import salvage
 from ffsm_mj.log.mcap.format import layout_of_schema
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
 from tests.model.test_stranger import forged
@@ -194,9 +193,9 @@ def test_a_frame_that_states_more_than_its_chunk_is_damage(tmp_path, log):
 
 def test_chunks_too_large_for_their_file_are_refused(tmp_path, log, monkeypatch):
     """Twenty chunks of 2 MB in a few kB, with the limits reduced by the same factor."""
-    monkeypatch.setattr(salvage, "_MOST_UNPACKED", 1 << 20)
+    monkeypatch.setattr(limits, "UNPACKED_BYTES", 1 << 20)
     path = loaded(log, tmp_path / "bomb.mcap", chunk(message(2 << 20)) * 20)
-    monkeypatch.setattr(salvage, "_MOST_RATIO", 50)
+    monkeypatch.setattr(limits, "UNPACKED_RATIO", 50)
     with pytest.raises(LogError, match=r"bomb\.mcap: its chunks contain \d+ bytes or more, too many for its length"):
         ffsm_mj.load_run(path)
     monkeypatch.undo()
@@ -212,11 +211,11 @@ def test_a_chunk_of_too_many_different_records_is_damage(tmp_path, log):
 
 
 def test_too_many_records_or_events_are_refused(tmp_path, log, monkeypatch):
-    monkeypatch.setattr(mcap_reader, "_MOST_PARTS", 1000)
+    monkeypatch.setattr(limits, "PARTS", 1000)
     with pytest.raises(LogError, match="more than 1000 different records"):
         ffsm_mj.load_run(loaded(log, tmp_path / "parts.mcap", chunk((message(0) + message(0, 2)) * 600)))
     impacts = next(c.id for c in channels(log) if c.topic == "/ffsm/impact")
-    monkeypatch.setattr(mcap_reader, "_MOST_EVENTS", 100)
+    monkeypatch.setattr(limits, "EVENTS", 100)
     with pytest.raises(LogError, match="more than 100 events on /ffsm/impact"):
         ffsm_mj.load_run(loaded(log, tmp_path / "events.mcap", chunk(message(0, impacts) * 101)))
 
@@ -233,10 +232,10 @@ def test_attachments_beyond_limits_are_refused(tmp_path, log, monkeypatch):
 
     path = loaded(log, tmp_path / "bomb.mcap", attached(100_000) * 3)
     assert "cannot be read" not in ffsm_mj.load_run(path).damage
-    monkeypatch.setattr(salvage, "_MOST_RECORD_BYTES", 90_000)
+    monkeypatch.setattr(limits, "RECORD_BYTES", 90_000)
     assert ffsm_mj.load_run(path).damage.startswith(f"{3 * len(attached(100_000))} of ")
     monkeypatch.undo()
-    monkeypatch.setattr(mcap_reader, "_MOST_ATTACHED_BYTES", 200_000)
+    monkeypatch.setattr(limits, "ATTACHED_BYTES", 200_000)
     with pytest.raises(LogError, match="GiB of attachments"):
         ffsm_mj.load_run(path)
 
@@ -289,7 +288,7 @@ def test_many_copies_of_a_large_mesh_are_drawn_as_boxes(tmp_path, monkeypatch):
     (tmp_path / "m.obj").write_text(fan(400))
     asset = '<asset><mesh name="m" file="m.obj"/></asset>'
     system = drawn(tmp_path, '<geom type="mesh" mesh="m"/>' * 5, asset)
-    monkeypatch.setattr("ffsm_mj.log.drawing._MOST_VERTICES", 2 * 3 * int(system.mj.mesh_facenum[0]))
+    monkeypatch.setattr("ffsm_mj.log.limits.MESH_CORNERS", 2 * 3 * int(system.mj.mesh_facenum[0]))
     found = list(shapes(system))
     assert [shape.kind for shape in found] == ["mesh", "mesh", "box", "box", "box"]
     inside = np.abs(found[0].vertices) <= found[2].size + 1e-6

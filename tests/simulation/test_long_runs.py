@@ -14,8 +14,8 @@ import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.errors import LogError
-from ffsm_mj.log.mcap import stored_rows
-from ffsm_mj.log.mcap.stored_rows import StoredRows
+from ffsm_mj.log.mcap import reader
+from ffsm_mj.log.mcap.reader import StoredRows
 from ffsm_mj.report import export
 from ffsm_mj.report.animation import write_animation
 from ffsm_mj.report.plots import figures, thinning
@@ -27,7 +27,7 @@ from tests.scenes import two_balls
 @pytest.fixture
 def large(monkeypatch):
     """No log is small."""
-    monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
+    monkeypatch.setattr(reader, "KEPT_BYTES", 0)
 
 
 @pytest.mark.long
@@ -143,7 +143,7 @@ def test_a_long_run_is_exported_in_parts(tmp_path, monkeypatch, form):
     ffsm_mj.run(two_balls(tmp_path, duration_s=3.0), out=tmp_path / "out", rerun=False)
     run = ffsm_mj.load_run(tmp_path / "out")
     assert export.write_table(run, "samples", tmp_path / f"whole.{form}", form) == f"3001 rows of {len(run.keys)} columns"
-    monkeypatch.setattr(stored_rows, "KEPT_BYTES", 0)
+    monkeypatch.setattr(reader, "KEPT_BYTES", 0)
     monkeypatch.setattr(export, "_ROWS_AT_ONCE", 700)
     export.write_table(ffsm_mj.load_run(tmp_path / "out"), "samples", tmp_path / f"parts.{form}", form)
     if form == "csv":
@@ -183,8 +183,8 @@ def test_a_long_baseline_holds_in_little_memory_and_a_leak_is_found(tmp_path, du
 # Not ru_maxrss: a child begins with that of its parent.
 PEAK = """
 import ffsm_mj
-from ffsm_mj.log.mcap import stored_rows
-stored_rows.KEPT_BYTES = {kept_bytes}  # before others import it
+from ffsm_mj.log.mcap import reader
+reader.KEPT_BYTES = {kept_bytes}  # before others import it
 {code}
 print(next(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmHWM")))
 """

@@ -1,11 +1,15 @@
-"""Reader of ``run.mcap`` and ``run.mcap.partial``, complete, incomplete or damaged, in one pass."""
+"""Reader of ``run.mcap`` and ``run.mcap.partial``, complete, incomplete or damaged, in one pass.
+
+Rows of a long run are read on demand: it is never completely in memory.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property, lru_cache
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -14,27 +18,24 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.records import Attachment, Channel, Metadata, Schema
 
+from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.registry import contact_models
 from ffsm_mj.errors import LogError, one_line
+from ffsm_mj.log import limits
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.log.mcap.chunks import MESSAGE_HEAD, Batch, content_of
-from ffsm_mj.log.mcap.file_bytes import FileBytes
-from ffsm_mj.log.mcap.format import fault_of_names
-from ffsm_mj.log.mcap.record_format import decode_record, is_schema_of
-from ffsm_mj.log.mcap.salvage import MAGIC, Salvage
-from ffsm_mj.log.mcap.stored_rows import StoredRows
+from ffsm_mj.log.mcap.salvage import MESSAGE_HEAD, UNREADABLE, Batch, LogFile, opened
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
 from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version, logged_start_s
-from ffsm_mj.records.run_log import RunLog, run_log
+from ffsm_mj.records.run_log import BLOCK_ROWS, RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
-_MOST_PARTS = 1_000_000
-_MOST_EVENTS = 200_000
-_MOST_ATTACHED_BYTES = 1 << 30
 _MOST_TOPICS, _LONGEST_TOPIC = 3, 60
+KEPT_BYTES = 1 << 26
+"""Rows up to this size are kept in memory after the first access; of larger ones, the last few columns."""
+_KEPT_COLUMNS = 6
 _OWN = (form.SAMPLE_TOPIC, form.STATE_TOPIC)
 """Topics of every version that are no kinds of records."""
 
@@ -48,18 +49,16 @@ def read_log(path: Path) -> RunLog:
     Raises:
         LogError: There is no such file, it is not an MCAP file or not a log of ffsm-mj, or nothing in it is readable.
     """
-    with _opened(path) as data:
-        salvage = Salvage(data)
-        found = _contents(path, salvage)
-        return found.run_log(path, salvage, data)
+    with opened(path) as file:
+        return _Contents(path, file).run_log()
 
 
 def stored_rows(path: Path, layout: Layout) -> StoredRows:
     """Rows of a log that was just written; the file is searched for them on first use."""
 
     def find() -> Sequence[Batch]:
-        with _opened(path) as data:
-            return _contents(path, Salvage(data)).samples
+        with opened(path) as file:
+            return _Contents(path, file).samples
 
     return StoredRows(path, layout, find)
 
@@ -70,83 +69,60 @@ def stored_states(path: Path) -> list[bytes]:
     Raises:
         LogError: See :func:`read_log`.
     """
-    with _opened(path) as data:
-        found = _contents(path, Salvage(data))
+    with opened(path) as file:
+        found = _Contents(path, file)
         channels = [each for each in found.channels.values() if each.topic == form.STATE_TOPIC]
-        return [message for channel in channels for message in found.messages(channel, data)]
+        return [message for channel in channels for message in found.messages(channel)]
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[FileBytes]:
-    try:
-        with FileBytes(path) as data:
-            if data.take(0, len(MAGIC)) != MAGIC:
-                raise LogError(path, "not an MCAP file")
-            yield data
-    except OSError as error:
-        raise LogError(path, f"cannot be read ({error.strerror})") from error
-
-
-def _contents(path: Path, salvage: Salvage) -> _Contents:
-    found = _Contents(path)
-    for record in salvage.records():
-        found.take(record)
-    return found
-
-
-@dataclass
 class _Contents:
-    """Content read so far, within limits far above those of any run."""
+    """Content of a log, within limits far above those of any run.
 
-    path: Path
-    channels: dict[int, Channel] = field(default_factory=dict)
-    schemas: dict[int, bytes] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    batches: dict[int, list[Batch]] = field(default_factory=dict)
+    Attributes:
+        channels: Channels by their ids.
+        samples: Positions of the samples.
+    """
 
-    parts: int = 0
-    attached: int = 0
-
-    def take(self, record: Any) -> None:
-        """Store a record of the file by its type.
+    def __init__(self, path: Path, file: LogFile) -> None:
+        """Read all records but the messages, of which the positions are kept.
 
         Raises:
-            LogError: There are too many records.
+            LogError: There are too many records, or they are too large.
         """
-        self.parts += 1
-        if self.parts > _MOST_PARTS:
-            raise LogError(self.path, f"more than {_MOST_PARTS} different records, too many for a run")
-        if isinstance(record, Batch):
-            self.batches.setdefault(record.channel, []).append(record)
-        elif isinstance(record, Schema):
-            self.schemas.setdefault(record.id, record.data)
-        elif isinstance(record, Channel):
-            self.channels.setdefault(record.id, record)
-        elif isinstance(record, Metadata):
-            self.metadata[record.name] = record.metadata
-        elif isinstance(record, Attachment):
-            self.attached += len(record.data)
-            if self.attached > _MOST_ATTACHED_BYTES:
-                raise LogError(self.path, f"more than {_MOST_ATTACHED_BYTES >> 30} GiB of attachments")
-            self.attachments[record.name] = record.data
-
-    @property
-    def samples(self) -> list[Batch]:
-        """Positions of the samples."""
+        self._path, self._file = path, file
+        self.channels: dict[int, Channel] = {}
+        self._schemas: dict[int, bytes] = {}
+        self._metadata: dict[str, dict[str, str]] = {}
+        self._attachments: dict[str, bytes] = {}
+        self._batches: dict[int, list[Batch]] = {}
+        attached = 0
+        for parts, record in enumerate(file.records(), 1):
+            if parts > limits.PARTS:
+                raise LogError(path, f"more than {limits.PARTS} different records, too many for a run")
+            if isinstance(record, Batch):
+                self._batches.setdefault(record.channel, []).append(record)
+            elif isinstance(record, Schema):
+                self._schemas.setdefault(record.id, record.data)
+            elif isinstance(record, Channel):
+                self.channels.setdefault(record.id, record)
+            elif isinstance(record, Metadata):
+                self._metadata[record.name] = record.metadata
+            elif isinstance(record, Attachment):
+                attached += len(record.data)
+                if attached > limits.ATTACHED_BYTES:
+                    raise LogError(path, f"more than {limits.ATTACHED_BYTES >> 30} GiB of attachments")
+                self._attachments[record.name] = record.data
         number = next((channel.id for channel in self.channels.values() if channel.topic == form.SAMPLE_TOPIC), 0)
-        return self.batches.get(number, [])
+        self.samples = self._batches.get(number, [])
 
-    def messages(self, channel: Channel, data: FileBytes) -> Iterator[bytes]:
+    def messages(self, channel: Channel) -> Iterator[bytes]:
         """Messages of a channel, in order."""
-        found = self.batches.get(channel.id, [])
-        if sum(batch.count for batch in found) > _MOST_EVENTS:
-            raise LogError(self.path, f"more than {_MOST_EVENTS} events on {channel.topic}, too many for a run")
+        found = self._batches.get(channel.id, [])
+        if sum(batch.count for batch in found) > limits.EVENTS:
+            raise LogError(self._path, f"more than {limits.EVENTS} events on {channel.topic}, too many for a run")
         for chunk, batches in groupby(found, key=lambda batch: batch.chunk):
-            content = content_of(data.take(*chunk))
-            for batch in batches:
-                for message in batch.messages(content):
-                    yield message.tobytes()
+            content = self._file.content(chunk)
+            yield from (message.tobytes() for batch in batches for message in batch.messages(content))
 
     def _holds(self, kind: RecordKind, channel: Channel) -> bool:
         """Whether a channel has the schema of a kind of record.
@@ -154,28 +130,29 @@ class _Contents:
         Raises:
             ValueError: It does not, but every run has records of this kind.
         """
-        schema = self.schemas.get(channel.schema_id)
-        same = schema is None or is_schema_of(kind, schema)
+        schema = self._schemas.get(channel.schema_id)
+        same = schema is None or form.is_schema_of(kind, schema)
         if kind.in_every_run and not same:
             raise ValueError(f"{kind.topic} has another schema")
         return same
 
-    def run_log(self, path: Path, salvage: Salvage, data: FileBytes) -> RunLog:
+    def run_log(self) -> RunLog:
         """Assemble the log of a run.
 
         Raises:
             LogError: The content is not that of a run.
         """
+        path, metadata = self._path, self._metadata
         channels = {channel.topic: channel for channel in self.channels.values()}
         channel = channels.get(form.SAMPLE_TOPIC)
-        if channel is None or channel.schema_id not in self.schemas:
-            if form.RUN_METADATA in self.metadata:
+        if channel is None or channel.schema_id not in self._schemas:
+            if form.RUN_METADATA in metadata:
                 raise LogError(path, "the log ends, or is damaged, before its first sample")
             raise LogError(path, "not a log of ffsm-mj, or it ends before its header")
         if fault := fault_of_version(channel.metadata):
             raise LogError(path, fault)
         try:
-            layout = form.layout_of_schema(self.schemas[channel.schema_id], self.metadata.get(form.SIGNALS_METADATA, {}))
+            layout = form.layout_of_schema(self._schemas[channel.schema_id], metadata.get(form.SIGNALS_METADATA, {}))
             size = MESSAGE_HEAD + form.SampleCodec(layout).message_size
             if any(batch.size != size for batch in self.samples):
                 raise ValueError("the size of a sample does not follow from its schema")
@@ -185,51 +162,40 @@ class _Contents:
             _load_plugins(channels)
             known = [kind for kind in kinds() if kind.topic in channels and self._holds(kind, channels[kind.topic])]
             records = [
-                decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic], data)
+                form.decode_record(kind, message) for kind in known for message in self.messages(channels[kind.topic])
             ]
-            _refuse_odd_times(records)
+            for record in records:
+                if not math.isfinite(time_s := kind_of(record).time(record)):
+                    raise ValueError(f"the time of a record of {type(record).__name__} is {time_s}")
         except (ValueError, LookupError, TypeError, DecodeError) as error:
             raise LogError(path, f"not of this version's format ({error})") from error
         outcome = next((record for record in records if isinstance(record, OutcomeRecord)), None)
         events: list[Event] = [record for record in records if not isinstance(record, OutcomeRecord)]
-        if fault := fault_of_names(self.attachments) or fault_of_metadata(channel.metadata):
+        if fault := form.fault_of_names(self._attachments) or fault_of_metadata(channel.metadata):
             raise LogError(path, fault)
-        files = dict(self.attachments)
+        files = dict(self._attachments)
         scenario = _text(path, form.SCENARIO_ATTACHMENT, files.pop(form.SCENARIO_ATTACHMENT, b""))
         by_topic = {kind.topic: kind.name for kind in known if not kind.in_every_run}
         declared = tuple(by_topic[topic] for topic in channels if topic in by_topic)  # in the order of the run
         header = RunHeader(channel.metadata.get("scenario", ""), scenario, layout, files, channel.metadata, declared)
         log = run_log(header, rows, events, outcome)
-        log = replace(log, lost=self._lost(salvage))
+        log = replace(log, lost=self._lost())
         log = replace(log, records=log.whole_events()) if log.lost else log
-        damage = _damage(salvage, len(data), _gaps(log), ended=outcome is not None)
-        return replace(log, damage=damage, note=_note(channels, known))
+        return replace(log, damage=_damage(self._file, _gaps(log), ended=outcome is not None), note=_note(channels, known))
 
-    def _lost(self, salvage: Salvage) -> tuple[tuple[float, float], ...]:
+    def _lost(self) -> tuple[tuple[float, float], ...]:
         """Times between which a part of the file is lost; see :class:`ffsm_mj.records.run_log.RunLog`."""
         ours = {channel.id for channel in self.channels.values() if channel.topic.startswith("/ffsm/")}
-        batches = [batch for number in ours for batch in self.batches.get(number, [])]
+        batches = [batch for number in ours for batch in self._batches.get(number, [])]
         batches.sort(key=lambda batch: batch.chunk)
         times = np.array([batch.times_ns for batch in batches], dtype=np.float64).reshape(-1, 2)
         before = np.maximum.accumulate(np.append(-np.inf, times[:, 1]))
         after = np.minimum.accumulate(np.append(times[:, 0], np.inf)[::-1])[::-1]
-        places = np.searchsorted([batch.chunk[0] for batch in batches], salvage.holes)
+        places = np.searchsorted([batch.chunk[0] for batch in batches], self._file.holes)
         # Half a nanosecond: times of messages are rounded to whole ones.
         found = zip((before[places] * 1e-9 - 5e-10).tolist(), (after[places] * 1e-9 + 5e-10).tolist(), strict=True)
-        lost = tuple(dict.fromkeys(found)) if salvage.holes else ()
-        return lost if lost or salvage.data_match else ((-math.inf, -math.inf),)
-
-
-def _refuse_odd_times(records: Sequence[Event | OutcomeRecord]) -> None:
-    """Refuse records with times that are not finite.
-
-    Raises:
-        ValueError: There is one.
-    """
-    for record in records:
-        time_s = record.end_s if isinstance(record, OutcomeRecord) else kind_of(record).time(record)
-        if not math.isfinite(time_s):
-            raise ValueError(f"the time of a record of {type(record).__name__} is {time_s}")
+        lost = tuple(dict.fromkeys(found)) if self._file.holes else ()
+        return lost if lost or self._file.data_match else ((-math.inf, -math.inf),)
 
 
 def _load_plugins(topics: Iterable[str]) -> None:
@@ -267,13 +233,131 @@ def _gaps(log: RunLog) -> str:
     return sampling.sentence()
 
 
-def _damage(salvage: Salvage, size: int, gaps: str, *, ended: bool) -> str:
+def _damage(file: LogFile, gaps: str, *, ended: bool) -> str:
     """Damage of a file as text, other than that it is incomplete; empty if there is none."""
-    lost = f"{salvage.lost_bytes} of {size} bytes cannot be read" if salvage.lost_bytes else ""
+    lost = f"{file.lost_bytes} of {file.size} bytes cannot be read" if file.lost_bytes else ""
     if lost or gaps:
         return "; ".join(part for part in (lost, gaps) if part)
-    if not salvage.data_match:
+    if not file.data_match:
         return "a checksum does not match: all samples were read, but descriptions and units may be wrong"
-    if ended and not salvage.index_match:
+    if ended and not file.index_match:
         return "its index is missing or damaged; all data were read"
     return ""
+
+
+class StoredRows:
+    """Rows of one log, indexed like an array; each access reads the file in one pass and verifies its checksums again."""
+
+    def __init__(self, path: Path, layout: Layout, batches: Sequence[Batch] | Callable[[], Sequence[Batch]]) -> None:
+        """Remember the file; nothing is read yet.
+
+        Args:
+            path: The log.
+            layout: Its columns.
+            batches: Positions of its samples, or a function that finds them and is called once, on first use.
+        """
+        self._path, self._codec, self._width = path, form.SampleCodec(layout), len(layout.signals)
+        self._file = path.absolute()  # the process may change its folder before rows are read
+        self._given, self._stamp = batches, _stamp(self._file)
+        self._column = lru_cache(_KEPT_COLUMNS)(self._read_column)
+
+    @cached_property
+    def batches(self) -> Sequence[Batch]:
+        """Positions of the samples in the file."""
+        return self._given() if callable(self._given) else self._given
+
+    @cached_property
+    def _count(self) -> int:
+        return sum(batch.count for batch in self.batches)
+
+    @cached_property
+    def _all(self) -> FloatArray:
+        return self._read(slice(None), None)
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return self._count
+
+    @property
+    def small(self) -> bool:
+        """Whether all rows may be kept in memory."""
+        return 8 * self._count * self._width <= KEPT_BYTES
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and of columns."""
+        return self._count, self._width
+
+    def blocks(self, columns: Sequence[int] | None = None) -> Iterator[FloatArray]:
+        """Rows in order, in blocks of a few thousand, (n, number of columns), with all or some columns.
+
+        Raises:
+            LogError: The file was removed or replaced.
+        """
+        if _stamp(self._file) != self._stamp:
+            raise LogError(self._path, "has changed since the run was read")
+        try:
+            with opened(self._file) as file:
+                for chunk, batches in groupby(self.batches, key=lambda batch: batch.chunk):
+                    content = file.content(chunk)
+                    for batch in batches:
+                        messages = batch.messages(content)
+                        for first in range(0, batch.count, BLOCK_ROWS):
+                            yield self._codec.decode(messages[first : first + BLOCK_ROWS], columns)
+        except UNREADABLE as error:
+            raise LogError(self._path, f"not of this version's format ({error})") from error
+
+    def __getitem__(self, key: Any) -> Any:
+        """Index like an array: ``rows[10:20]``, ``rows[-1, 3]``, ``rows[chosen, 3]``, ``rows[:, [1, 2]]``.
+
+        Raises:
+            IndexError: Out of range.
+        """
+        if self.small:
+            return self._all[key]
+        rows, columns = key if isinstance(key, tuple) else (key, slice(None))
+        if isinstance(columns, int | np.integer):
+            return self._column(int(columns) % self._width)[rows]
+        chosen = np.arange(self._width)[columns]
+        if isinstance(rows, int | np.integer):
+            row = int(np.arange(self._count)[rows])
+            return self._read(slice(row, row + 1), chosen.tolist())[0]
+        return self._read(rows, chosen.tolist())
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        """All rows, for numpy."""
+        return np.asarray(self[:], dtype=dtype)
+
+    def copy(self) -> FloatArray:
+        """All rows as a new array."""
+        return np.array(self[:])
+
+    def _read_column(self, column: int) -> FloatArray:
+        found = self._read(slice(None), [column])[:, 0]
+        found.flags.writeable = False
+        return found
+
+    def _read(self, rows: Any, columns: Sequence[int] | None) -> FloatArray:
+        """Read some rows and columns in one pass."""
+        # One pass over the file serves any order of rows: they are sorted, found block by block, and stored in place.
+        wanted = np.arange(self._count)[rows]
+        order = np.argsort(wanted, kind="stable")
+        ascending = wanted[order]
+        found = np.empty((len(wanted), self._width if columns is None else len(columns)))
+        start = 0
+        for block in self.blocks(columns):
+            first, last = np.searchsorted(ascending, (start, start + len(block)))
+            found[order[first:last]] = block[ascending[first:last] - start]
+            start += len(block)
+            if last == len(ascending):
+                break
+        return found
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    """Identity of a complete log, which changes if the file is replaced; None for a partial or missing one."""
+    try:
+        known = os.stat(path)
+    except OSError:
+        return None
+    return None if path.name.endswith(".partial") else (known.st_ino, known.st_size, known.st_mtime_ns)

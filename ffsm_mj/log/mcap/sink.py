@@ -19,8 +19,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import LogWriteError
 from ffsm_mj.log.foxglove import Packet, ViewerTopics, descriptor_set
 from ffsm_mj.log.mcap import format as form
-from ffsm_mj.log.mcap.format import nanoseconds
-from ffsm_mj.log.mcap.record_format import encode_record, record_schema
+from ffsm_mj.log.mcap.format import encode_record, nanoseconds, record_schema
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.log.rerun.viewer import rust_log
 from ffsm_mj.log.run_folder import RECORDING, PartialFile, RunFolder

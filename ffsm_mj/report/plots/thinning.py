@@ -13,7 +13,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.mcap.stored_rows import KEPT_BYTES
+from ffsm_mj.log.mcap.reader import KEPT_BYTES
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.run_log import RunLog
