@@ -23,7 +23,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Command, Observation
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, subtree_momenta
 from ffsm_mj.report.markdown import markdown_table
-from ffsm_mj.validation.cases.seed_paper.measure import tip_state
+from ffsm_mj.validation.cases.seed_paper.runs import tip_state
 from ffsm_mj.validation.page import fixed, small
 
 STEPS_S = (1e-3, 5e-4, 1e-4)

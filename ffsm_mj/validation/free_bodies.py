@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,9 +83,9 @@ class FreeBodies:
         )
         return len(self.bodies) - 1
 
-    def weld(self, first: int, second: int, point: FloatArray) -> None:
-        """Join two bodies rigidly from now on."""
-        self._rows.append((first, second, point, np.eye(6)))
+    def weld(self, first: int, second: int, point: FloatArray, free: Sequence[int] = ()) -> None:
+        """Join two bodies at a point from now on, but for components of the relative twist that stay free."""
+        self._rows.append((first, second, point, np.delete(np.eye(6), list(free), axis=0)))
 
     @property
     def velocities(self) -> FloatArray:
@@ -112,6 +113,10 @@ class FreeBodies:
         A = J @ root
         after = before - root @ np.linalg.pinv(A, rcond=1e-10) @ J @ before
         return np.asarray(after.reshape(-1, 6))
+
+    def loss_J(self) -> float:
+        """Kinetic energy that the plastic impulse takes, J."""
+        return float((self.energies(self.velocities) - self.energies(self.plastic())).sum())
 
     def energies(self, velocities: FloatArray) -> FloatArray:
         """Kinetic energy of each body, J, (n,)."""

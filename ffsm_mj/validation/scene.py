@@ -17,6 +17,7 @@ from ffsm_mj.assembly.prepare import prepare, uninterrupted
 
 FAR = 1e12
 """A spring towards a target so far away is a constant force."""
+FREE = '<freejoint name="free"/>'
 
 
 def constant(joint: str, effort: float) -> dict[str, Any]:
@@ -65,40 +66,48 @@ def run_scene(
         return uninterrupted(prepare(path).run())
 
 
+def vector(values: Sequence[float] | FloatArray) -> str:
+    """Numbers as MJCF has them."""
+    return " ".join(repr(float(value)) for value in values)
+
+
 def model(body: str, *, gravity: Sequence[float] = (0.0, 0.0, 0.0), more: str = "") -> str:
     """MJCF of some bodies under uniform gravity, m/s^2."""
-    return f'<mujoco><option gravity="{_text(gravity)}"/><worldbody>{body}</worldbody>{more}</mujoco>'
+    return f'<mujoco><option gravity="{vector(gravity)}"/><worldbody>{body}</worldbody>{more}</mujoco>'
 
 
-def ball(
+def body(
     name: str,
     mass: float,
-    radius: float,
+    moments: Sequence[float],
+    content: str = "",
     *,
-    joint: str = '<freejoint name="free"/>',
-    at: Sequence[float] = (0.0, 0.0, 0.0),
+    joint: str = FREE,
+    at: Sequence[float] | FloatArray = (0.0, 0.0, 0.0),
+    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    geom: str = 'size="0.01"',
 ) -> str:
+    """Body with its moments of inertia about the mass centre, a geom of its name without mass, and further content."""
+    return f"""<body name="{name}" pos="{vector(at)}">{joint}
+      <inertial pos="{vector(centre)}" mass="{mass!r}" diaginertia="{vector(moments)}"/>
+      <geom name="{name}" {geom} mass="0"/>{content}</body>"""
+
+
+def ball(name: str, mass: float, radius: float, *, joint: str = FREE, at: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
     """Body with the geom and the inertia of a uniform sphere."""
-    inertia = 0.4 * mass * radius**2
-    return f"""<body name="{name}" pos="{_text(at)}">{joint}
-      <inertial pos="0 0 0" mass="{mass!r}" diaginertia="{_text([inertia] * 3)}"/>
-      <geom name="{name}" type="sphere" size="{radius!r}" mass="0"/></body>"""
+    return body(name, mass, [0.4 * mass * radius**2] * 3, joint=joint, at=at, geom=f'type="sphere" size="{radius!r}"')
 
 
-def box(
-    name: str,
-    mass: float,
-    half: Sequence[float],
-    *,
-    joint: str = '<freejoint name="free"/>',
-    at: Sequence[float] = (0, 0, 0),
-) -> str:
+def box(name: str, mass: float, half: Sequence[float], *, joint: str = FREE, at: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
     """Body with the geom and the inertia of a uniform box."""
     x, y, z = ((2.0 * each) ** 2 for each in half)
-    inertia = [mass / 12.0 * (y + z), mass / 12.0 * (x + z), mass / 12.0 * (x + y)]
-    return f"""<body name="{name}" pos="{_text(at)}">{joint}
-      <inertial pos="0 0 0" mass="{mass!r}" diaginertia="{_text(inertia)}"/>
-      <geom name="{name}" type="box" size="{_text(half)}" mass="0"/></body>"""
+    moments = [mass / 12.0 * (y + z), mass / 12.0 * (x + z), mass / 12.0 * (x + y)]
+    return body(name, mass, moments, joint=joint, at=at, geom=f'type="box" size="{vector(half)}"')
+
+
+def rock(gravity: Sequence[float] = (0.0, 0.0, 0.0)) -> dict[str, str]:
+    """A free object far away: a scene has one."""
+    return {"rock": model(ball("rock", 1.0, 0.1, at=(90, 0, 0)), gravity=gravity)}
 
 
 def ground() -> str:
@@ -109,6 +118,33 @@ def ground() -> str:
 def slide(name: str, axis: str) -> str:
     """MJCF of a joint along an axis."""
     return f'<joint name="{name}" type="slide" axis="{axis}"/>'
+
+
+def slides(axes: str) -> str:
+    """MJCF of joints along axes of the world, named ``x``, ``y`` and ``z``."""
+    return "".join(slide(axis, vector([float(axis == each) for each in "xyz"])) for axis in axes)
+
+
+def motors(*joints: str) -> str:
+    """MJCF of motors with the names of their joints."""
+    parts = (f'<motor name="{joint}" joint="{joint}"/>' for joint in joints)
+    return f"<actuator>{''.join(parts)}</actuator>"
+
+
+def throughout(**laws: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """One phase with control laws by the names of their parts."""
+    return [{"name": "all", "until": "end", "controllers": laws}]
+
+
+def rule(one: str, other: str, restitution: float, mu: float = 0.0, name: str = "") -> dict[str, Any]:
+    """Contact rule of two geoms."""
+    keys = ({"mu": mu} if mu else {}) | ({"name": name} if name else {})
+    return {"between": [one, other], "restitution": restitution} | keys
+
+
+def touching(*rules: Mapping[str, Any]) -> dict[str, Any]:
+    """Key ``contacts`` of a scenario with these rules."""
+    return {"rules": list(rules)}
 
 
 def times(step_s: float, duration_s: float) -> dict[str, Any]:
@@ -134,7 +170,3 @@ def text_of(value: float, digits: int = 12) -> str:
     if not math.isfinite(value):
         raise ValueError(value)
     return f"{value:.{digits}g}"
-
-
-def _text(values: Sequence[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)

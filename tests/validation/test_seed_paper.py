@@ -26,10 +26,9 @@ from ffsm_mj.validation.cases.seed_paper.appendix import (
     solve_printed,
 )
 from ffsm_mj.validation.cases.seed_paper.drift import drift, reach
-from ffsm_mj.validation.cases.seed_paper.inputs import stated_inputs
-from ffsm_mj.validation.cases.seed_paper.measure import measure, slope
+from ffsm_mj.validation.cases.seed_paper.page import stated_inputs
 from ffsm_mj.validation.cases.seed_paper.printed import PRINTED
-from ffsm_mj.validation.cases.seed_paper.runs import SCENARIOS, THRESHOLD, Result, all_runs, paper_run
+from ffsm_mj.validation.cases.seed_paper.runs import SCENARIOS, THRESHOLD, Result, all_runs, measure, paper_run, slope
 from ffsm_mj.validation.page import fixed, small, stale_lines
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -154,7 +153,7 @@ def performed(monkeypatch):
     """The command does not run anything, but has the results of the committed page; the runs that it wanted."""
     wanted = []
 
-    def performed(cases, runs):
+    def performed(cases, runs, _):
         wanted.extend([*(case.name for case in cases), *runs])
         return as_committed()
 

@@ -4,46 +4,19 @@ from __future__ import annotations
 
 from ffsm_mj.validation.case import Topic, ValidationCase
 from ffsm_mj.validation.cases import (
-    anymal,
-    bouncing,
-    breakaway,
-    chains,
-    compass,
     detumbling,
     free_motion,
     friction,
     grasps,
     grips,
-    panels,
-    rolling,
+    impacts,
     seed_paper,
-    servicer,
-    single_impacts,
-    sliding,
-    two_grasps,
-    walker,
+    simbenchmark,
+    walkers,
 )
 
-_ALL: tuple[ValidationCase, ...] = (
-    *seed_paper.CASES,
-    *free_motion.CASES,
-    *panels.CASES,
-    *single_impacts.CASES,
-    *anymal.CASES,
-    *bouncing.CASES,
-    *detumbling.CASES,
-    *chains.CASES,
-    *walker.CASES,
-    *compass.CASES,
-    *friction.CASES,
-    *sliding.CASES,
-    *breakaway.CASES,
-    *rolling.CASES,
-    *grips.CASES,
-    *grasps.CASES,
-    *servicer.CASES,
-    *two_grasps.CASES,
-)
+_SOURCES = (seed_paper, free_motion, impacts, detumbling, walkers, friction, simbenchmark, grips, grasps)
+_ALL: tuple[ValidationCase, ...] = tuple(case for source in _SOURCES for case in source.CASES)
 
 CASES: tuple[ValidationCase, ...] = tuple(case for topic in Topic for case in _ALL if case.topic is topic)
 LONGEST = "simbenchmark-rolling"

@@ -8,7 +8,7 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
-from ffsm_mj.validation.scene import model, run_scene, slide, text_of, times
+from ffsm_mj.validation.scene import body, model, rule, run_scene, slides, text_of, times, touching
 
 _CONTACTS = ((1000, 8), (1000, 20), (9000, 8), (9000, 20))
 """Stiffness in N/m and damping in N s/m of their tables."""
@@ -57,15 +57,13 @@ def _tapped(e: float, spin: float) -> Run:
         name: model(f'<geom name="tip" type="sphere" size="{radius}" pos="{side * _LEVER_M!r} {-side * away!r} 0"/>')
         for name, side in (("right", 1.0), ("left", -1.0))
     }
-    joints = slide("x", "1 0 0") + slide("y", "0 1 0") + '<joint name="yaw" axis="0 0 1"/>'
-    body = f"""<body name="target" pos="0 {-5e-8!r} 0">{joints}
-      <inertial pos="0 0 0" mass="{_TARGET_KG}" diaginertia="{_TARGET_KG_M2} {_TARGET_KG_M2} {_TARGET_KG_M2}"/>
-      <geom name="target" type="box" size="0.075 0.075 0.075" mass="0"/></body>"""
+    joints = slides("xy") + '<joint name="yaw" axis="0 0 1"/>'
+    cube = 'type="box" size="0.075 0.075 0.075"'
     return run_scene(
-        model(body),
+        model(body("target", _TARGET_KG, [_TARGET_KG_M2] * 3, joint=joints, at=(0.0, -5e-8, 0.0), geom=cube)),
         tips,
         initial={"rates": {"robot/yaw": -spin}},
-        contacts={"rules": [{"between": ["target", f"{name}/tip"], "restitution": e} for name in tips]},
+        contacts=touching(*(rule("target", f"{name}/tip", e) for name in tips)),
         **times(1e-4, 1e-3),
     )
 

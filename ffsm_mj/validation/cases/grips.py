@@ -10,7 +10,23 @@ import numpy as np
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
-from ffsm_mj.validation.scene import constant, final, growing, model, run_scene, slide, text_of, times
+from ffsm_mj.validation.scene import (
+    body,
+    constant,
+    final,
+    growing,
+    model,
+    motors,
+    rule,
+    run_scene,
+    slide,
+    slides,
+    text_of,
+    throughout,
+    times,
+    touching,
+    vector,
+)
 
 _TIPS = {"ball": ('type="sphere" size="0.02"', 0.02), "plate": ('type="box" size="0.04 0.01 0.04"', 0.01)}
 """Geom of a finger and how far it reaches towards the cube, m."""
@@ -23,18 +39,16 @@ def _gripper(tip: str, base_kg: float, finger_kg: float, origin_m: float, stiffn
     geom, thick = _TIPS[tip]
 
     def finger(name: str, y: float) -> str:
-        return f"""<body name="{name}" pos="{-origin_m!r} {y!r} 0">
-          <inertial pos="0 {-y!r} 0" mass="{finger_kg}" diaginertia="1e-9 1e-9 1e-9"/>
-          <joint name="{name}" type="slide" axis="0 1 0"/><geom name="{name}" {geom} mass="0"/></body>"""
+        at, centre, joint = (-origin_m, y, 0.0), (0.0, -y, 0.0), slide(name, "0 1 0")
+        return body(name, finger_kg, [1e-9] * 3, joint=joint, at=at, centre=centre, geom=geom)
 
     spring = f' stiffness="{stiffness}"' if stiffness else ""
-    joints = f"""{slide("x", "1 0 0")}{slide("y", "0 1 0")}<joint name="z" type="slide" axis="0 0 1"{spring}/>
+    joints = f"""{slides("xy")}<joint name="z" type="slide" axis="0 0 1"{spring}/>
       <joint name="turn" type="ball"/>"""
     base = f"""<body name="base" pos="{origin_m!r} 0 0">{joints}
       <inertial pos="{-origin_m!r} 0 0" mass="{base_kg}" diaginertia="0.8 0.9 1.0"/>
       {finger("left", _HALF_M + thick)}{finger("right", -_HALF_M - thick)}</body>"""
-    motors = "".join(f'<motor name="{name}" joint="{name}"/>' for name in ("left", "right", "z"))
-    return model(base, more=f"<actuator>{motors}</actuator>")
+    return model(base, more=motors("left", "right", "z"))
 
 
 def _gripped(
@@ -68,9 +82,8 @@ def _gripped(
         stiffness: Stiffness of a spring along z between the base and the world, N/m.
         speed: Of all bodies along z at the start, m/s.
     """
-    cube = f"""<body name="cube"><freejoint name="free"/>
-      <inertial pos="{centre_m!r} 0 0" mass="{_CUBE_KG}" diaginertia="{_CUBE_KG_M2} {_CUBE_KG_M2} {_CUBE_KG_M2}"/>
-      <geom name="cube" type="box" size="{_HALF_M} {_HALF_M} {_HALF_M}" mass="0"/></body>"""
+    geom = f'type="box" size="{vector([_HALF_M] * 3)}"'
+    cube = body("cube", _CUBE_KG, [_CUBE_KG_M2] * 3, centre=(centre_m, 0.0, 0.0), geom=geom)
     laws: dict[str, Any] = {"left": constant("left", -grip_N), "right": constant("right", grip_N)}
     files: Mapping[str, str] = {}
     if thrust is not None:
@@ -81,12 +94,8 @@ def _gripped(
         files,
         conservative=False,
         initial={"rates": {"robot/z": speed, "cube/free": [0, 0, speed, 0, 0, 0]}},
-        contacts={
-            "rules": [
-                {"name": name, "between": [name, "cube/cube"], "restitution": 0.0, "mu": mu} for name in ("left", "right")
-            ]
-        },
-        phases=[{"name": "grip", "until": "end", "controllers": laws}],
+        contacts=touching(*(rule(name, "cube/cube", 0.0, mu, name) for name in ("left", "right"))),
+        phases=throughout(**laws),
         **times(step_s, duration_s),
     )
 
@@ -160,6 +169,7 @@ def _swing() -> Values:
 
 _TICK = "a control tick, at which the load passes the limit by 0.2 to 2 %"
 _SHIFT = "place under held efforts: 4.8 m/s^3 h^2 T / 12"
+_RK4, _EVEN = "RK4: (h w)^5 / 120 of a step", "constant forces: rounding"
 _TIP_NAMES = {"ball": "ball tips", "plate": "flat pads"}
 
 CASES = (
@@ -198,20 +208,10 @@ CASES = (
         " reaction of 2 mu N",
         "The gripper of the case above with flat pads, its base on a spring of 400 N/m, at 0.5 m/s; RK4 at 2 ms.",
         (
-            Number("slip_s", "both begin to slip, s", text_of(_SHAKEN_S), 1e-10, "RK4: (h w)^5 / 120 of a step, 66 steps"),
-            Number(
-                "cube",
-                "speed of the cube at 0.2 s, m/s",
-                text_of(_shaken_after()[0]),
-                1e-9,
-                "RK4: (h w)^5 / 120 of a step, 100 steps",
-            ),
-            Number(
-                "base",
-                "speed of the base at 0.2 s, m/s",
-                text_of(_shaken_after()[1]),
-                1e-9,
-                "RK4: (h w)^5 / 120 of a step, 100 steps",
+            Number("slip_s", "both begin to slip, s", text_of(_SHAKEN_S), 1e-10, f"{_RK4}, 66 steps"),
+            *(
+                Number(name, f"speed of the {name} at 0.2 s, m/s", text_of(speed), 1e-9, f"{_RK4}, 100 steps")
+                for name, speed in zip(("cube", "base"), _shaken_after(), strict=True)
             ),
         ),
         _shaken,
@@ -231,19 +231,14 @@ CASES = (
             Number("heat", "heat of friction, J", "0", 1e-15, "none"),
             *(
                 Number(
-                    f"held_{name}", f"0.99 of the limit: acceleration of the {name}, m/s^2", text_of(0.99 * 7.0), 1e-9, why
+                    f"{key}_{body}", f"{share} of the limit: acceleration of the {body}, m/s^2", text_of(value), 1e-9, _EVEN
                 )
-                for name, why in (("cube", "constant forces: rounding"), ("base", "constant forces: rounding"))
-            ),
-            Number(
-                "lost_cube", "1.01 of the limit: acceleration of the cube, m/s^2", "7", 1e-9, "constant forces: rounding"
-            ),
-            Number(
-                "lost_base",
-                "1.01 of the limit: acceleration of the base, m/s^2",
-                text_of((1.01 * _LIMIT_N - 14.0) / 10.4),
-                1e-9,
-                "constant forces: rounding",
+                for key, share, body, value in (
+                    ("held", 0.99, "cube", 0.99 * 7.0),
+                    ("held", 0.99, "base", 0.99 * 7.0),
+                    ("lost", 1.01, "cube", 7.0),
+                    ("lost", 1.01, "base", (1.01 * _LIMIT_N - 14.0) / 10.4),
+                )
             ),
         ),
         _creep,

@@ -14,9 +14,8 @@ from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.impact import Contact, resolve, solve_paper_system
 from ffsm_mj.model.system import System
 from ffsm_mj.report.markdown import markdown_table
-from ffsm_mj.validation.cases.seed_paper.measure import slope, tip_state
 from ffsm_mj.validation.cases.seed_paper.printed import PRINTED
-from ffsm_mj.validation.cases.seed_paper.runs import threshold_impact
+from ffsm_mj.validation.cases.seed_paper.runs import slope, threshold_impact, tip_state
 from ffsm_mj.validation.page import fixed, from_template, significant
 
 APPENDIX_PAGE = "appendix-a.md"

@@ -16,7 +16,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import logged_task
-from ffsm_mj.validation.cases.seed_paper.measure import state_at
+from ffsm_mj.validation.cases.seed_paper.runs import state_at
 
 _EVERY = 50  # rows
 

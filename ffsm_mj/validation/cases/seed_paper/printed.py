@@ -14,7 +14,7 @@ from ffsm_mj.validation.case import Number
 
 @dataclass(frozen=True)
 class PrintedNumber(Number):
-    """One printed number; its key is that of :func:`ffsm_mj.validation.cases.seed_paper.measure.measure`.
+    """One printed number; its key is that of :func:`ffsm_mj.validation.cases.seed_paper.runs.measure`.
 
     Attributes:
         section: Where it is printed.

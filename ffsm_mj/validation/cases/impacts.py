@@ -1,12 +1,13 @@
-"""Single impacts with and without friction."""
+"""Impacts: single ones with and without friction, series of bounces, several contacts at one instant."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.validation.case import Number, Origin, Topic, ValidationCase, Values
-from ffsm_mj.validation.scene import ball, box, final, ground, model, run_scene, slide, text_of, times
+from ffsm_mj.validation.scene import ball, body, box, final, ground, model, rule, run_scene, slides, text_of, times, touching
 
 _ROUNDING = "rounding of velocities of 1 m/s"
 
@@ -17,7 +18,7 @@ def _off_centre(restitution: float) -> Run:
         model(ball("ball", 1.0, 0.1)),
         {"box": model(box("box", 2.0, (0.1, 0.5, 0.1), at=(0.7, 0.3, 0.0)))},
         initial={"rates": {"robot/free": [1.0, 0, 0, 0, 0, 0]}},
-        contacts={"rules": [{"between": ["ball", "box/box"], "restitution": restitution}]},
+        contacts=touching(rule("ball", "box/box", restitution)),
         **times(1e-3, 1.0),
     )
 
@@ -58,7 +59,7 @@ def _sphere_hit(mu: float, e: float, velocity: tuple[float, ...], spin: tuple[fl
         model(ball("ball", 1.0, 1.0, at=(0, 0, 1.01))),
         {"floor": model(ground())},
         initial={"rates": {"robot/free": [*velocity, *spin]}},
-        contacts={"rules": [{"between": ["ball", "floor/ground"], "restitution": e, "mu": mu}]},
+        contacts=touching(rule("ball", "floor/ground", e, mu)),
         **times(1e-3, 0.02),
     )
 
@@ -82,15 +83,12 @@ def _rod_hit(degrees: float, mu: float, e: float, slip: float) -> Run:
     """Run of a rod with m = L = 1 that moves without turning; its lower end hits the floor at 1 m/s."""
     angle, radius, gap = math.radians(degrees), 1e-3, 1e-3
     x, z = 0.5 * math.cos(angle), 0.5 * math.sin(angle)
-    joints = slide("x", "1 0 0") + slide("z", "0 0 1") + '<joint name="turn" axis="0 1 0"/>'
-    rod = f"""<body name="rod" pos="0 0 {z + gap!r}">{joints}
-      <inertial pos="0 0 0" mass="1" diaginertia="{1 / 12} {1 / 12} {1 / 12}"/>
-      <geom name="tip" type="sphere" size="{radius}" pos="{-x!r} 0 {radius - z!r}" mass="0"/></body>"""
+    joints, tip = slides("xz") + '<joint name="turn" axis="0 1 0"/>', f'size="{radius}" pos="{-x!r} 0 {radius - z!r}"'
     return run_scene(
-        model(rod),
+        model(body("tip", 1.0, [1 / 12] * 3, joint=joints, at=(0.0, 0.0, z + gap), geom=tip)),
         {"floor": model(ground())},
         initial={"rates": {"robot/x": slip, "robot/z": -1.0}},
-        contacts={"rules": [{"between": ["tip", "floor/ground"], "restitution": e, "mu": mu}]},
+        contacts=touching(rule("tip", "floor/ground", e, mu)),
         **times(1e-3, 0.003),
     )
 
@@ -101,6 +99,73 @@ def _rods() -> Values:
         run = _rod_hit(*setting)
         values[f"{name}_loss"] = run["energy.total_J"][-1] - run["energy.total_J"][0]
     return values
+
+
+_GRAVITY = (0.0, 0.0, -9.81)
+_DROP_M, _RESTITUTION = 1.0, 0.9
+_FALL_S = math.sqrt(2.0 * _DROP_M / -_GRAVITY[2])
+_LIMIT_S = _FALL_S * (1.0 + _RESTITUTION) / (1.0 - _RESTITUTION)
+
+
+def _rest() -> Values:
+    run = run_scene(
+        model(ball("ball", 1.0, 0.1, at=(0.0, 0.0, 0.1 + _DROP_M)), gravity=_GRAVITY),
+        {"floor": model(ground(), gravity=_GRAVITY)},
+        conservative=False,
+        contacts=touching(rule("ball", "floor/ground", _RESTITUTION)),
+        **times(1e-3, 9.0),
+    )
+    (rest,) = run.records["contact_beginnings"]
+    tenth = run.impacts[9]
+    return {
+        "first_s": run.impacts[0].time_s,
+        "tenth_s": tenth.time_s,
+        "tenth_m_s": tenth.separation_speed_m_s,
+        "rest_s": rest.time_s,
+    }
+
+
+def _tenth_s() -> float:
+    flights = sum(2.0 * _FALL_S * _RESTITUTION**k for k in range(1, 10))
+    return _FALL_S + flights
+
+
+_TENTH_M_S = -_GRAVITY[2] * _FALL_S * _RESTITUTION**10
+_H_REST_S = 1e-3
+_UNRESOLVED = "bounces whose flight is shorter than the step h are not resolved: at most h / (1 - e) early"
+_CRADLE_RADIUS_M = 0.5
+
+
+def _row(moving: int, resting: int, e: float) -> list[float]:
+    """Velocities after the impact of touching balls on touching balls at rest, m/s."""
+    names = [f"ball{i}" for i in range(moving + resting)]
+    models = {
+        name: model(ball(name, 1.0, _CRADLE_RADIUS_M, joint=slides("x"), at=(i + (0.1 if i >= moving else 0.0), 0, 0)))
+        for i, name in enumerate(names)
+    }
+    geoms = ["ball0", *(f"{name}/{name}" for name in names[1:])]
+    run = run_scene(
+        models.pop("ball0"),
+        models,
+        initial={"rates": {"robot/x": 1.0} | {f"{name}/x": 1.0 for name in names[1:moving]}},
+        contacts=touching(*(rule(*pair, e) for pair in pairwise(geoms))),
+        **times(1e-3, 0.15),
+    )
+    return [float(final(run, f"v_{subsystem}_x")[0]) for subsystem in ("robot", *names[1:])]
+
+
+def _cradle() -> Values:
+    values: dict[str, float] = {}
+    for name, row in {"1_2": (1, 2, 1.0), "2_2": (2, 2, 1.0), "half": (1, 2, 0.5)}.items():
+        values |= {f"{name}_{i}": speed for i, speed in enumerate(_row(*row))}
+    return values
+
+
+def _cradle_numbers(name: str, what: str, values: tuple[float, ...]) -> list[Number]:
+    why = "rounding of velocities of 1 m/s"
+    return [
+        Number(f"{name}_{i}", f"{what}: ball {i + 1}, m/s", text_of(value), 1e-12, why) for i, value in enumerate(values)
+    ]
 
 
 CASES = (
@@ -146,5 +211,42 @@ CASES = (
             Number("both_loss", "mu = 1, e = 0.5: change of energy, J", "-0.305", 1e-12, _ROUNDING),
         ),
         _rods,
+    ),
+    ValidationCase(
+        "bouncing-ball",
+        "A ball bounces to rest",
+        Topic.IMPACTS,
+        Origin.CLOSED_FORM,
+        "Geometric series of the flights: t = sqrt(2 h / g) (1 + e) / (1 - e); Brogliato, Nonsmooth Mechanics, ch. 1",
+        "h = 1 m, e = 0.9, g = 9.81 m/s^2, RK4 at 1 ms.",
+        (
+            Number("first_s", "first impact, s", text_of(_FALL_S), 1e-12, "event localisation to 1e-13 s"),
+            Number("tenth_s", "tenth impact, s", text_of(_tenth_s()), 1e-10, "ten events of 1e-12 s"),
+            Number(
+                "tenth_m_s", "speed after the tenth impact, m/s", text_of(_TENTH_M_S), 1e-10, "g times the error of the time"
+            ),
+            Number("rest_s", "at rest, s", text_of(_LIMIT_S), _H_REST_S / (1.0 - _RESTITUTION), _UNRESOLVED),
+        ),
+        _rest,
+    ),
+    ValidationCase(
+        "newtons-cradle",
+        "Newton's cradle: equal balls in contact",
+        Topic.SEVERAL_CONTACTS,
+        Origin.PUBLISHED,
+        "Smith, Kaufman, Vouga, Tamstorf & Grinspun 2012, Reflections on simultaneous impact, ACM TOG 31(4),"
+        " article 106:"
+        " generalised reflections give the textbook cradle (0, 0, 1); Newton's law for all contacts at once gives (-1/3,"
+        " 2/3, 2/3)",
+        "Impact law `blend`. Equal balls of 1 kg at 1 m/s, e = 1; and e = 0.5, where the law is the mean of"
+        " plastic (1/3 each)"
+        " and elastic.",
+        (
+            *_cradle_numbers("1_2", "one on two", (0.0, 0.0, 1.0)),
+            *_cradle_numbers("2_2", "two on two", (0.0, 0.0, 1.0, 1.0)),
+            *_cradle_numbers("half", "one on two, e = 0.5", (1 / 6, 1 / 6, 2 / 3)),
+        ),
+        _cradle,
+        "A convention, not the only answer: equal springs in the place of the contacts give (-0.130, 0.150, 0.980).",
     ),
 )
