@@ -40,7 +40,14 @@ from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.dynamics.target_motion import TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import is_servo
-from ffsm_mj.model.driven_joints import DrivenJoints, control_unit, driven_joints, drives_rotation, servo_joints
+from ffsm_mj.model.driven_joints import (
+    DrivenJoints,
+    control_unit,
+    driven_joints,
+    drives_rotation,
+    needs_motors,
+    servo_joints,
+)
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inputs import SetpointLaw, setpoint_law
 from ffsm_mj.model.system import Joint, SharedJoints, System, Tree, driven_bodies, shared_joints
@@ -123,6 +130,7 @@ __all__ = [
     "kinetic_energy",
     "mass_matrix",
     "momentum_matrix",
+    "needs_motors",
     "predict",
     "reduced_model",
     "servo_joints",

@@ -127,7 +127,7 @@ class Gripper(Stateful):
             command.drive(joints.actuators, self._push)
             return
         if self._setpoints is not None:
-            command.drive(joints.actuators, self._setpoints.at(data, self._end))
+            command.set(joints.actuators, self._setpoints.at(data, self._end))
             return
         effort = -self._stiffness.dot(data.qpos[joints.qpos] - self._end) - self._damping.dot(data.qvel[joints.dofs])
         command.drive(joints.actuators, np.clip(effort, -self._most, self._most))

@@ -102,7 +102,7 @@ class Hold(Stateful):
         data, joints = observation.data, self._joints
         error = data.qpos[joints.qpos] - self._reference
         if self._setpoints is not None:
-            command.drive(joints.actuators, self._setpoints.at(data, self._reference))
+            command.set(joints.actuators, self._setpoints.at(data, self._reference))
         else:
             effort = -self._stiffness.dot(error) - self._damping.dot(data.qvel[joints.dofs])
             command.drive(joints.actuators, effort)

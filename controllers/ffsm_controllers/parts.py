@@ -100,6 +100,7 @@ class Parts(Stateful):
                 raise ControllerError(self._clash(part))
             np.copyto(command.effort, own.effort, where=own.powered)
             np.logical_or(command.powered, own.powered, out=command.powered)
+            np.logical_or(command.setpoints, own.setpoints, out=command.setpoints)
             command.requests.update(own.requests)
         self._current = None
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,11 +63,12 @@ def driven_joints(
     left = {name: ids for name, ids in by_name.items() if set(ids).difference(reserved)}
     if not key_given and left:
         or_name = f", or name the joints to drive ({key!r})" if names else ""
-        raise ScenarioFaults([Fault(f"{_needs_motors(system, left)}{or_name}", (key,))])
+        ids = [i for each in left.values() for i in each]
+        raise ScenarioFaults([Fault(f"{needs_motors(system, ids)}{or_name}", (key,))])
     found, faults = _named_joints(system, names, key)
     for i, joint in enumerate(found):
         if joint is not None and joint.name in servos:
-            faults.append(Fault(_needs_motors(system, {joint.name: servos[joint.name]}), (key, i)))
+            faults.append(Fault(needs_motors(system, servos[joint.name]), (key, i)))
         elif joint is not None and joint.name not in motors:
             faults.append(Fault(unknown_name("motor-driven joint", names[i], motors), (key, i)))
     faults += _following(system, [joint for joint in found if joint is not None], key) if not faults else []
@@ -141,13 +142,15 @@ def _named_joints(system: System, names: Sequence[str], key: str) -> tuple[list[
     return found, faults
 
 
-def _needs_motors(system: System, joints: Mapping[str, Sequence[int]]) -> str:
-    """Message for a law that computes efforts, on joints that servos drive."""
-    servos = sorted({controller_of(system.mj, i) for ids in joints.values() for i in ids})
-    names = [system.names("actuator")[i] for i in servos]
+def needs_motors(system: System, servos: Iterable[int]) -> str:
+    """Message for a law that computes efforts and drives servos, by their ids."""
+    ids = sorted({controller_of(system.mj, i) for i in servos})
+    names = [system.names("actuator")[i] for i in ids]
+    joints = [joint for joint, moving in joints_of_servos(system).items() if {*moving} & {*ids}]
     entries = ", ".join(f"{name}: {{kind: torque}}" for name in names)
     drive = "a servo drives" if len(names) == 1 else "servos drive"
-    return f"the law computes efforts, and {drive} {', '.join(joints)}; write 'actuators: {{{entries}}}' in the scenario"
+    what = f"{drive} {', '.join(joints)}" if joints else f"takes a setpoint: {', '.join(names)}"
+    return f"the law computes efforts, and {what}; write 'actuators: {{{entries}}}' in the scenario"
 
 
 def joints_of_servos(system: System) -> dict[str, list[int]]:

@@ -13,11 +13,12 @@ from ffsm_mj.state import Stateful
 
 @dataclass(frozen=True)
 class Command(Stateful):
-    """Efforts by actuator of the model; a controller writes into the arrays, it cannot replace them.
+    """Efforts and setpoints by actuator of the model; a controller writes into the arrays, it cannot replace them.
 
     Attributes:
-        effort: Force in N or torque in N m at the joint or site that the actuator drives, (nu,).
+        effort: Force in N or torque in N m at the joint or site that the actuator drives, or setpoint of a servo, (nu,).
         powered: False where the actuator is off: exactly zero effort, whatever its limits, (nu,).
+        setpoints: True where ``effort`` is a setpoint; a servo takes no effort, (nu,).
         requests: Names of what contact models are asked to do now; each says which it hears.
         others: Efforts that other parts of the phase have already commanded at this call, to be read only, (nu,).
     """
@@ -31,24 +32,32 @@ class Command(Stateful):
 
     effort: FloatArray
     powered: npt.NDArray[np.bool_]
+    setpoints: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     requests: set[str] = field(default_factory=set)
     others: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def off(cls, count: int) -> Command:
         """Everything unpowered."""
-        return cls(np.zeros(count), np.zeros(count, dtype=np.bool_), others=np.zeros(count))
+        powered, setpoints = np.zeros((2, count), dtype=np.bool_)
+        return cls(np.zeros(count), powered, setpoints, others=np.zeros(count))
 
     def clear(self) -> None:
         """Switch everything off."""
         self.effort.fill(0.0)
         self.powered.fill(False)
+        self.setpoints.fill(False)
         self.requests.clear()
 
     def drive(self, actuators: npt.NDArray[np.intp] | slice, effort: FloatArray) -> None:
-        """Power some actuators, by their ids or a slice of them, with the given efforts."""
+        """Power some motors, by their ids or a slice of them, with the given efforts."""
         self.effort[actuators] = effort
         self.powered[actuators] = True
+
+    def set(self, servos: npt.NDArray[np.intp] | slice, setpoints: FloatArray) -> None:
+        """Give some servos, by their ids or a slice of them, the given setpoints."""
+        self.drive(servos, setpoints)
+        self.setpoints[servos] = True
 
 
 @dataclass(frozen=True)
@@ -75,5 +84,6 @@ class GivenCommand:
         """
         np.copyto(command.effort, self.command.effort, where=self.actuators)
         np.copyto(command.powered, self.command.powered, where=self.actuators)
+        np.copyto(command.setpoints, True, where=self.actuators)
         command.requests.update(self.command.requests)
         self.command.requests.clear()

@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from ffsm_mj.contact_models.event import EventEffect
 from ffsm_mj.contact_models.grasp.record_kinds import KINDS
 from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
+from ffsm_mj.model.driven_joints import needs_motors
 from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import GivenCommand
@@ -121,6 +124,7 @@ class Evaluation:
         self.command = Command.off(int(plant.system.mj.nu))
         if plant.control is None:
             plant.actuation.bind(self.command, plant.data)
+        self._servos = plant.actuation.servos if plant.actuation.servos.any() else None
         self.pending: tuple[Any, ...] = ()
 
     @dataclass
@@ -186,6 +190,7 @@ class Evaluation:
             self._controller.control(observation, self.command)
             if isinstance(observation.contacts, ActiveContacts):
                 observation.contacts.expire()
+            self._refuse_efforts_of_servos()
             self._send(observation.time_s)
             if self.command.requests:
                 self._forward_requests()
@@ -195,6 +200,16 @@ class Evaluation:
             reason = str(error) if isinstance(error, ControllerError) else described(error) + raised_at(error)
             message = f"{self._controller.in_charge} at t = {observation.time_s:.6g} s: {reason}"
             raise RunEnded(Outcome.CONTROLLER_FAILED, message) from error
+
+    def _refuse_efforts_of_servos(self) -> None:
+        """Refuse efforts for servos, which would take them for setpoints.
+
+        Raises:
+            ControllerError: There are some.
+        """
+        if self._servos is not None and (wrong := self._servos & self.command.powered & ~self.command.setpoints).any():
+            advice = "a law that computes their setpoints gives them by 'command.set'"
+            raise ControllerError(f"{needs_motors(self._plant.system, np.flatnonzero(wrong).tolist())}; {advice}")
 
     def _send(self, time_s: float) -> None:
         """Send the command to the actuators."""

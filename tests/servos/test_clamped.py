@@ -112,7 +112,7 @@ class LateNotANumber(NotANumber):
     """Commands a setpoint that is none from 0.05 s on."""
 
     def control(self, observation, command):
-        command.drive([0], np.nan if observation.time_s >= 0.05 else 0.7)
+        command.set([0], np.nan if observation.time_s >= 0.05 else 0.7)
 
 
 def test_a_setpoint_that_is_none_leaves_a_log_to_read(tmp_path):

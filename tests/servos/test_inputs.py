@@ -191,7 +191,7 @@ class NotANumber:
         pass
 
     def control(self, observation, command):
-        command.drive([self._rate], np.nan if observation.time_s >= 0.05 else 0.1)
+        command.set([self._rate], np.nan if observation.time_s >= 0.05 else 0.1)
 
     def telemetry(self):
         return ()

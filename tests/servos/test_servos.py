@@ -157,7 +157,7 @@ class NotANumber:
         pass
 
     def control(self, observation, command):
-        command.drive([0], np.nan)
+        command.set([0], np.nan)
 
     def telemetry(self):
         return ()
@@ -197,6 +197,26 @@ def test_a_run_goes_on_from_its_state(tmp_path):
             simulator.step()
         whole = told(simulator.close())
     assert is_rest_of(whole, rest(path, {}, state))
+
+
+class Damping(NotANumber):
+    """Damps the joint by efforts, as a law of a user."""
+
+    def control(self, observation, command):
+        command.drive([0], -observation.data.qvel[6])
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_efforts_of_a_law_of_a_user_are_no_setpoints(tmp_path, parts):
+    """Joint, actuator and the key that makes a motor of it, with which the law damps."""
+    given = {"controllers": {"one": {"kind": "mine"}}} if parts else {"controller": {"kind": "mine"}}
+    path = link_scene(tmp_path, {}, phases=[{"name": "all", "until": "end", **given}], duration_s=0.1)
+    expected = "a servo drives robot/j; write 'actuators: {robot/servo: {kind: torque}}'"
+    with pytest.raises(ControllerError, match=expected.replace("{", r"\{")):
+        ffsm_mj.run(path, controllers={"mine": Damping})
+    run = ffsm_mj.run(path, {"actuators": {"servo": {"kind": "torque"}}}, controllers={"mine": Damping})
+    assert run[RATE][-1] == pytest.approx(-0.3 * np.exp(-0.1 / INERTIA), rel=1e-3)
+    assert passes(run)
 
 
 CLAMPED = SERVO.replace("/>", ' forcerange="-2.5 2.5"/>')

@@ -120,7 +120,7 @@ class JointPath(Stateful):
         error = data.qpos[self._joints.qpos] - positions
         self._errors.look(error)
         if self._setpoints is not None:
-            command.drive(self._joints.actuators, self._setpoints.at(data, positions, rates))
+            command.set(self._joints.actuators, self._setpoints.at(data, positions, rates))
             return
         model, servo = self._model, self._servo
         model.update(data)

@@ -75,6 +75,7 @@ class Playback(Stateful):
         if efforts is not None:
             command.effort[self._actuators] = efforts
             command.powered[self._actuators] = (efforts != 0.0) | self._servos
+            command.setpoints[self._actuators] = self._servos
         if self._record.interpolation == "held":
             self._compare(time_s)
 

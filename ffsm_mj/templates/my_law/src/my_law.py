@@ -17,6 +17,8 @@ from ffsm_mj.controller_protocol import (
     Signal,
     Stateful,
     StrictModel,
+    is_servo,
+    needs_motors,
 )
 
 
@@ -48,14 +50,17 @@ class MyLaw(Stateful):
         """Resolve names.
 
         Raises:
-            ScenarioFaults: No actuator has this name; the message contains file, line and column.
+            ScenarioFaults: No actuator has this name, or it is a servo; the message contains file, line and column.
         """
         system, faults = context.system, []
         for i, name in enumerate(config.actuators):
             try:
-                system.index("actuator", name)
+                actuator = system.index("actuator", name)
             except LookupError as error:
                 faults.append(Fault(str(error.args[0]), ("actuators", i)))
+            else:
+                if is_servo(system.mj, actuator):
+                    faults.append(Fault(needs_motors(system, [actuator]), ("actuators", i)))
         if faults:
             raise ScenarioFaults(faults)
         self._motors = np.array([system.index("actuator", name) for name in config.actuators])
