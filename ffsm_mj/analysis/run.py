@@ -188,11 +188,7 @@ class Run(LoggedSignals):
         return checks_table(self.checks()) if name == CHECKS_TABLE else table(self.log, name)
 
     def to_pandas(self, name: str = "samples") -> Any:
-        """A table (see :meth:`table`) as a ``pandas.DataFrame``; units and descriptions are in its ``attrs``.
-
-        Raises:
-            MissingPackageError: pandas is not installed.
-        """
+        """A table (see :meth:`table`) as a ``pandas.DataFrame``; units and descriptions are in its ``attrs``."""
         return self.table(name).to_pandas()
 
     def to_polars(self, name: str = "samples") -> Any:

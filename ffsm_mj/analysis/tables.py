@@ -58,12 +58,10 @@ class Table:
     descriptions: Mapping[str, str]
 
     def to_pandas(self) -> Any:
-        """A ``pandas.DataFrame``; units and descriptions are in its ``attrs``.
+        """A ``pandas.DataFrame``; units and descriptions are in its ``attrs``."""
+        import pandas as pd  # slow to import
 
-        Raises:
-            MissingPackageError: pandas is not installed.
-        """
-        frame = _package("pandas", "to_pandas").DataFrame(dict(self.columns))
+        frame = pd.DataFrame(dict(self.columns))
         frame.attrs.update(units=dict(self.units), descriptions=dict(self.descriptions))
         return frame
 
@@ -73,14 +71,10 @@ class Table:
         Raises:
             MissingPackageError: polars is not installed.
         """
-        return _package("polars", "to_polars").DataFrame(dict(self.columns))
-
-
-def _package(name: str, purpose: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise MissingPackageError(purpose, name, "tables") from error
+        try:
+            return import_module("polars").DataFrame(dict(self.columns))
+        except ImportError as error:
+            raise MissingPackageError("to_polars", "polars", "tables") from error
 
 
 def table_names(log: RunLog) -> tuple[str, ...]:

@@ -12,13 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from ffsm_mj.errors import InputError, unknown_name
-from ffsm_mj.experiments.comparison import (
-    CampaignComparison,
-    VariantComparison,
-    VariantResults,
-    compare_variants,
-    paired_comparison,
-)
+from ffsm_mj.experiments.comparison import VariantComparison, compare_variants, refuse_other_samples
 from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.driver import FIRST, Driver, StoppingRule
 from ffsm_mj.experiments.engines import choose_engine, dask_address, importable
@@ -42,21 +36,23 @@ from ffsm_mj.experiments.metrics import (
     functions_of,
     own_classes,
 )
+from ffsm_mj.experiments.page import summary_lines
 from ffsm_mj.experiments.planning import Plan, VariantsPlan, load_campaign, read_campaign, stored_plan
 from ffsm_mj.experiments.results import (
     Results,
     Status,
     TableRow,
+    VariantResults,
     as_arrow,
     column_of,
-    metric_numbers,
+    finite,
+    numbers,
     runs_to_keep,
     status_of,
     table_rows,
 )
 from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
 from ffsm_mj.experiments.store import RunRow, Store
-from ffsm_mj.experiments.summary import summary_lines, variant_lines
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
 from ffsm_mj.invocation import command, on_command_line, option
 
@@ -232,10 +228,14 @@ class Campaign:
         metrics = tuple(column_of(name, "metric", rows) for name in config.kept_metrics)
         return Results(config.campaign, design.kind, design.n, len(design.rows), parameters, metrics, rows)
 
+    def variant_results(self) -> VariantResults:
+        """All rows so far, by variant; of a campaign without, those of the empty name."""
+        return VariantResults(self.config, {"": self.results()})
+
     def fraction(self, what: str = "success") -> Proportion:
         """Fraction of the runs that are a success, or for which a metric is true, with its confidence interval."""
         rows = self.results().sample
-        return Proportion(sum(row.get(what) is True for row in rows), len(rows))
+        return Proportion(int((numbers(rows, what) == 1.0).sum()), len(rows))
 
     def quantile(self, metric: str, share: float) -> Quantile:
         """Quantile of a metric over the runs that did not fail, with its confidence interval.
@@ -247,7 +247,7 @@ class Campaign:
         Raises:
             InputError: No run that did not fail has a number for the metric.
         """
-        values = metric_numbers(self.results().sample, metric)
+        values = finite(self.results().valid, metric)
         if not len(values):
             raise InputError(f"{metric}: no run that did not fail has a number for it")
         return quantile(values, share)
@@ -491,7 +491,7 @@ class VariantsCampaign(Campaign):
 
     def sentences(self) -> list[str]:
         """What the results show so far; see :meth:`Campaign.sentences`."""
-        return variant_lines(self.variant_results())
+        return self.comparison().lines()
 
     def _run(
         self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
@@ -535,8 +535,8 @@ def _of_whole(report: Report, others: int, total: int) -> Report:
     return lambda done, _: report(others + done, total)
 
 
-def compare_campaigns(one: Campaign | str | Path, other: Campaign | str | Path) -> CampaignComparison:
-    """Paired differences of the metrics of two campaigns with the same samples, with bootstrap intervals.
+def compare_campaigns(one: Campaign | str | Path, other: Campaign | str | Path) -> VariantComparison:
+    """Paired differences of the metrics of two campaigns with the same samples, which are compared as variants are.
 
     Args:
         one: The first campaign, or its folder.
@@ -547,7 +547,9 @@ def compare_campaigns(one: Campaign | str | Path, other: Campaign | str | Path) 
     """
     first, second = (each if isinstance(each, Campaign) else Campaign.open(each) for each in (one, other))
     names = _names(first.folder.path, second.folder.path)
-    return paired_comparison(first.results(), second.results(), names)
+    results = VariantResults(first.config, {names[0]: first.results(), names[1]: second.results()})
+    refuse_other_samples(results)
+    return compare_variants(results)
 
 
 def _names(one: Path, other: Path) -> tuple[str, str]:

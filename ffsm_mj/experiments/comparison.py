@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
-from ffsm_mj.experiments.file import CampaignFile
-from ffsm_mj.experiments.metrics import FAULT
-from ffsm_mj.experiments.results import Results, TableRow, column_of, is_good, numbers
-from ffsm_mj.experiments.statistics import CONFIDENCE, SUCCESS
+from ffsm_mj.experiments.results import SUCCESS, VariantResults, finite, numbers, passed
+from ffsm_mj.experiments.statistics import CONFIDENCE, Proportion, told_mean
+from ffsm_mj.report.markdown import percent
 
 LEAST_RUNS = 6
 """Number of runs that must differ for a difference to be shown: even if all of n differences have one sign, the p-value of
 the sign test, 2^(1 - n), is above 1 - CONFIDENCE for fewer."""
+_MOST_PAIRS = 3
+"""Pairs of variants whose differences are told: more are in a table only."""
 _RESAMPLES = 10_000
 _BLOCK = 500
 _ROUNDING = 1e-12
@@ -28,7 +27,7 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class PairedDifference:
-    """Differences of a metric, second campaign less first, over the runs in which both have a number.
+    """Differences of a metric, second variant less first, over the runs in which both have a number.
 
     Attributes:
         metric: Name of the metric.
@@ -85,105 +84,6 @@ class PairedDifference:
         return f"{self.metric}: {'less' if self.sign < 0 else 'more'} in {second} than in {first} {found}."
 
 
-@dataclass(frozen=True)
-class CampaignComparison:
-    """Two campaigns with the same samples.
-
-    Attributes:
-        names: Their names.
-        n: Number of runs that both have.
-        outcomes: Number of these runs by outcome, of each campaign.
-        good: Of these runs: good in both, in the first one only, in the second one only, in none.
-        differences: Metrics that both have.
-    """
-
-    names: tuple[str, str]
-    n: int
-    outcomes: tuple[Mapping[str, int], Mapping[str, int]]
-    good: tuple[int, int, int, int]
-    differences: tuple[PairedDifference, ...]
-
-    def __getitem__(self, metric: str) -> PairedDifference:
-        """The difference of a metric.
-
-        Raises:
-            KeyError: Not both have it.
-        """
-        for each in self.differences:
-            if each.metric == metric:
-                return each
-        raise KeyError(metric)
-
-    def lines(self) -> list[str]:
-        """The comparison as text."""
-        one, other = self.names
-        outcomes = ("; ".join(f"{count} {name}" for name, count in each.items()) for each in self.outcomes)
-        both, first, second, none = self.good
-        return [
-            f"{one} and {other}: {self.n} runs with the same samples",
-            *(f"outcomes of {name}: {text}" for name, text in zip(self.names, outcomes, strict=True)),
-            f"good in both: {both}, in {one} only: {first}, in {other} only: {second}, in none: {none}",
-            *(each.sentence(*self.names) for each in self.differences),
-        ]
-
-
-def paired_comparison(one: Results, other: Results, names: tuple[str, str]) -> CampaignComparison:
-    """Compare two campaigns run by run.
-
-    Metrics are compared over the runs in which both have a number: of a run that failed early this may be none.
-
-    Args:
-        one: The first campaign.
-        other: The second one.
-        names: What they are called.
-
-    Raises:
-        InputError: They have no run in common, or their samples differ.
-    """
-    rows = {row["run"]: row for row in other.rows}
-    pairs = [(row, rows[row["run"]]) for row in one.rows if row["run"] in rows]
-    if not pairs:
-        raise InputError(f"{names[0]} and {names[1]} have no run in common")
-    _refuse_other_samples(one, other, pairs, names)
-    first, second = ([pair[i] for pair in pairs] for i in (0, 1))
-    good = [(is_good(a), is_good(b)) for a, b in pairs]
-    both = [name for name in one.metrics if name in other.metrics]
-    found = (paired_difference(name, numbers(first, name), numbers(second, name)) for name in both)
-    return CampaignComparison(
-        names,
-        len(pairs),
-        (_outcomes(first), _outcomes(second)),
-        (good.count((True, True)), good.count((True, False)), good.count((False, True)), good.count((False, False))),
-        tuple(each for each in found if each is not None),
-    )
-
-
-def _refuse_other_samples(
-    one: Results, other: Results, pairs: Sequence[tuple[TableRow, TableRow]], names: tuple[str, str]
-) -> None:
-    """Refuse campaigns whose runs of the same number are not of the same sample.
-
-    Raises:
-        InputError: Parameters or their values differ.
-    """
-    if set(one.parameters) != set(other.parameters):
-        only = ", ".join(sorted(set(one.parameters) ^ set(other.parameters)))
-        raise InputError(f"{names[0]} and {names[1]} do not have the same parameters: {only}; use the same dispersions")
-    for a, b in pairs:
-        for name in one.parameters:
-            if a.get(name) != b.get(name):
-                raise InputError(
-                    f"run {a['run']}: {name} is {a.get(name)} in {names[0]} and {b.get(name)} in {names[1]}; campaigns are "
-                    "compared run by run: use the same dispersions, kind of samples and seed"
-                )
-
-
-def _outcomes(rows: Sequence[TableRow]) -> dict[str, int]:
-    """Number of runs by outcome, the most frequent first."""
-    texts: list[Any] = [row["outcome"] for row in rows]
-    return {name: texts.count(name) for name in sorted(set(texts), key=lambda text: (-texts.count(text), text))}
-
-
 def paired_difference(metric: str, first: FloatArray, second: FloatArray) -> PairedDifference | None:
     """The difference of a metric; None if no run has a number in both.
 
@@ -227,115 +127,6 @@ def bootstrap_interval(values: FloatArray) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class VariantCounts:
-    """Counts of the runs of a variant.
-
-    Attributes:
-        runs: Number of runs of the design.
-        done: Number of runs that have a row.
-        outcomes: Number of runs by outcome, the most frequent first.
-        violated: Completed runs of which a check fails.
-        met: Completed runs that meet the success condition, whether or not their checks pass; None without a condition.
-        successes: Of these, runs whose checks pass; None without a condition.
-    """
-
-    runs: int
-    done: int
-    outcomes: Mapping[str, int]
-    violated: int
-    met: int | None
-    successes: int | None
-
-    @property
-    def completed(self) -> int:
-        """Number of completed runs."""
-        return self.outcomes.get("completed", 0)
-
-
-@dataclass(frozen=True)
-class MetricFault:
-    """A metric of the caller that raised an exception, or gave no valid number, in some runs of a variant.
-
-    Attributes:
-        metric: Name of the metric.
-        variant: Name of the variant.
-        runs: Indices of these runs.
-        message: What was wrong in the first of them.
-    """
-
-    metric: str
-    variant: str
-    runs: tuple[int, ...]
-    message: str
-
-    def sentence(self) -> str:
-        """The fault in one line."""
-        more = f" and {len(self.runs) - 1} more" if len(self.runs) > 1 else ""
-        return f"metric {self.metric} has no value in run {self.runs[0]}{more} of {self.variant}: {self.message}"
-
-
-@dataclass(frozen=True)
-class VariantResults:
-    """Rows of all variants so far.
-
-    Attributes:
-        config: The campaign file.
-        variants: Results by variant, in the order of the campaign file.
-        not_applicable: Why the other variants have none.
-    """
-
-    config: CampaignFile
-    variants: Mapping[str, Results]
-    not_applicable: Mapping[str, str]
-
-    @property
-    def metrics(self) -> tuple[str, ...]:
-        """Columns of the metrics of the campaign."""
-        return next(iter(self.variants.values())).metrics
-
-    @property
-    def complete(self) -> bool:
-        """Whether every run of every variant has a row."""
-        return all(each.complete for each in self.variants.values())
-
-    def counts(self, variant: str) -> VariantCounts:
-        """Counts of the runs of a variant."""
-        rows = self.variants[variant].rows
-        completed = [row for row in rows if row["outcome"] == "completed"]
-        met = [row for row in completed if self._is_met(row, rows)]
-        has_condition = bool(self.config.conditions)
-        return VariantCounts(
-            self.variants[variant].runs,
-            len(rows),
-            dict(Counter(str(row["outcome"]) for row in rows).most_common()),
-            sum(row["failed"] for row in completed),
-            len(met) if has_condition else None,
-            sum(not row["failed"] for row in met) if has_condition else None,
-        )
-
-    def _is_met(self, row: TableRow, rows: Sequence[TableRow]) -> bool:
-        conditions = self.config.conditions
-        return all(each.holds({each.metric: row.get(column_of(each.metric, "metric", rows))}) for each in conditions)
-
-    def values(self, variant: str, metric: str) -> FloatArray:
-        """Values of a metric over the runs of a variant that completed and pass their checks; NaN where a run has none."""
-        return numbers([row for row in self.variants[variant].rows if not row["failed"]], metric)
-
-    def metric_faults(self) -> list[MetricFault]:
-        """Metrics of the caller that had no value, by metric and variant."""
-        found: dict[tuple[str, str], list[TableRow]] = {}
-        for variant, results in self.variants.items():
-            for row in results.rows:
-                for name in row:
-                    if name.startswith(FAULT):
-                        found.setdefault((name, variant), []).append(row)
-        return [
-            MetricFault(name.removeprefix(FAULT), variant, tuple(row["run"] for row in rows), str(rows[0][name]))
-            for (name, variant), rows in found.items()
-        ]
-
-
-@dataclass(frozen=True)
 class VariantPair:
     """Two variants, run by run.
 
@@ -344,6 +135,7 @@ class VariantPair:
         second: Name of the other one; differences are second less first.
         common: Number of runs that have a row in both.
         compared: Number of these that completed and pass their checks in both: metrics are compared over these.
+        good: Of the common runs: good in both, in the first one only, in the second one only, in none.
         differences: Differences by metric; of ``success`` over all common runs.
     """
 
@@ -351,12 +143,23 @@ class VariantPair:
     second: str
     common: int
     compared: int
+    good: tuple[int, int, int, int]
     differences: Mapping[str, PairedDifference]
+
+    def goodness(self) -> str:
+        """In how many of the common runs which of both is good."""
+        both, first, second, none = self.good
+        return (
+            f"{self.first} and {self.second}: {self.common} runs with the same samples, good in both {both}, "
+            f"in {self.first} only {first}, in {self.second} only {second}, in none {none}."
+        )
 
     def reversed(self) -> VariantPair:
         """The same comparison, first less second."""
         differences = {name: each.reversed() for name, each in self.differences.items()}
-        return VariantPair(self.second, self.first, self.common, self.compared, differences)
+        both, first, second, none = self.good
+        good = (both, second, first, none)
+        return VariantPair(self.second, self.first, self.common, self.compared, good, differences)
 
 
 @dataclass(frozen=True)
@@ -383,9 +186,11 @@ class VariantComparison:
     """All pairs of variants.
 
     Attributes:
+        results: Their results.
         pairs: Each pair once, in the order of the campaign file, with the reference first if there is one.
     """
 
+    results: VariantResults
     pairs: tuple[VariantPair, ...]
 
     def pair(self, first: str, second: str) -> VariantPair:
@@ -400,6 +205,65 @@ class VariantComparison:
             if (each.second, each.first) == (first, second):
                 return each.reversed()
         raise KeyError((first, second))
+
+    def sentences(self) -> list[str]:
+        """What is shown, one sentence each: rankings, runs that are left out, variants and metrics without results."""
+        results = self.results
+        found = [*self._rankings(), *_left_out(results)]
+        found += [f"{name} is not applicable: {reason}" for name, reason in results.not_applicable.items()]
+        for metric, variant, runs, message in results.metric_faults():
+            more = f" and {len(runs) - 1} more" if len(runs) > 1 else ""
+            found.append(f"metric {metric} has no value in run {runs[0]}{more} of {variant}: {message}")
+        return found
+
+    def lines(self) -> list[str]:
+        """Success and means of each variant, what is shown, and of a few pairs all differences."""
+        lines = [f"{name}: {line}" for name in self.results.variants if (line := _means(self.results, name))]
+        lines += self.sentences()
+        if len(self.pairs) > _MOST_PAIRS:
+            return lines
+        lines += [each.goodness() for each in self.pairs]
+        return lines + [
+            pair.differences[metric].sentence(pair.first, pair.second)
+            for metric in self.results.compared
+            for pair in self.pairs
+            if metric in pair.differences
+        ]
+
+    def _rankings(self) -> Iterator[str]:
+        """A sentence per objective, after one for the fraction of successes."""
+        objectives = {SUCCESS: "maximize"} if self.results.config.conditions else {}
+        for metric, direction in (objectives | dict(self.results.config.objectives)).items():
+            ranking = self.ranking(metric, direction)
+            if ranking is None:
+                yield f"{metric} ({direction}): no two variants have a number in the same run, with checks passed in both."
+            else:
+                yield f"{metric} ({direction}): {self._shown(ranking)}"
+
+    def _shown(self, ranking: Ranking) -> str:
+        goal, compared = ("least", "less") if ranking.direction == "minimize" else ("most", "more")
+        runs = max(each.differences[ranking.metric].n for each in self.pairs if ranking.metric in each.differences)
+        if runs < LEAST_RUNS:
+            return f"nothing is shown by {runs} run{'' if runs == 1 else 's'}; {LEAST_RUNS} or more are needed."
+        reference = self.results.config.reference
+        if reference is not None:
+            return self._against(reference, ranking)
+        if ranking.best:
+            return f"{ranking.best} has {compared} than every other variant."
+        if not ranking.beaten:
+            return f"no difference is shown between {_listed(ranking.unbeaten)}."
+        behind = f"; {_listed(ranking.beaten)} {'is' if len(ranking.beaten) == 1 else 'are'} shown to be worse than another"
+        return f"no variant has the {goal}: none is shown to be better than {_listed(ranking.unbeaten)}{behind}."
+
+    def _against(self, reference: str, ranking: Ranking) -> str:
+        """Variants that differ from the reference."""
+        better = -1 if ranking.direction == "minimize" else 1
+        groups: dict[int, list[str]] = {1: [], -1: [], 0: []}
+        for each in self.pairs:
+            if ranking.metric in each.differences:
+                groups[each.differences[ranking.metric].sign * better].append(each.second)
+        words = {1: f"better than {reference}: ", -1: f"worse than {reference}: ", 0: "no difference shown: "}
+        return "; ".join(words[side] + _listed(names) for side, names in groups.items() if names) + "."
 
     def ranking(self, metric: str, direction: str) -> Ranking | None:
         """What the differences of a metric show; None if fewer than two variants have it."""
@@ -433,7 +297,7 @@ def compare_variants(results: VariantResults) -> VariantComparison:
         pairs = [(reference, name) for name in names if name != reference]
     else:
         pairs = list(combinations(names, 2))
-    return VariantComparison(tuple(each for pair in pairs if (each := _compared(results, *pair)) is not None))
+    return VariantComparison(results, tuple(each for pair in pairs if (each := _compared(results, *pair)) is not None))
 
 
 def _compared(results: VariantResults, first: str, second: str) -> VariantPair | None:
@@ -444,20 +308,72 @@ def _compared(results: VariantResults, first: str, second: str) -> VariantPair |
     if second < first:
         found = _compared(results, second, first)
         return found.reversed() if found is not None else None
-    rows = {row["run"]: row for row in results.variants[second].rows}
-    pairs = [(row, rows[row["run"]]) for row in results.variants[first].rows if row["run"] in rows]
-    if not pairs:
+    frames = [results.variants[name].frame for name in (first, second)]
+    common = frames[0].index.intersection(frames[1].index)
+    if common.empty:
         return None
-    valid = [pair for pair in pairs if not pair[0]["failed"] and not pair[1]["failed"]]
-    differences = {each.metric: each for each in _differences(results, pairs, valid)}
-    return VariantPair(first, second, len(pairs), len(valid), differences)
+    one, other = (frame.loc[common] for frame in frames)
+    valid = ~(one["failed"] | other["failed"]).astype(bool)
+    differences = {}
+    for metric in results.compared:
+        rows = common if metric == SUCCESS else common[valid]
+        apart = paired_difference(metric, numbers(one.loc[rows], metric), numbers(other.loc[rows], metric))
+        if apart is not None:
+            differences[metric] = apart
+    a, b = one["good"], other["good"]
+    good = (int((a & b).sum()), int((a & ~b).sum()), int((~a & b).sum()), int((~a & ~b).sum()))
+    return VariantPair(first, second, len(common), int(valid.sum()), good, differences)
 
 
-def _differences(
-    results: VariantResults, pairs: list[tuple[TableRow, TableRow]], valid: list[tuple[TableRow, TableRow]]
-) -> Iterator[PairedDifference]:
-    metrics = ([(SUCCESS, pairs)] if results.config.conditions else []) + [(name, valid) for name in results.metrics]
-    for metric, of in metrics:
-        first, second = (numbers([pair[i] for pair in of], metric) for i in (0, 1))
-        if (found := paired_difference(metric, np.asarray(first), np.asarray(second))) is not None:
-            yield found
+def refuse_other_samples(results: VariantResults) -> None:
+    """Refuse two campaigns that have no run in common, or whose runs of the same number are not of the same sample.
+
+    Raises:
+        InputError: Parameters or their values differ.
+    """
+    (one, other), names = results.variants.values(), [*results.variants]
+    if set(one.parameters) != set(other.parameters):
+        only = ", ".join(sorted(set(one.parameters) ^ set(other.parameters)))
+        raise InputError(f"{names[0]} and {names[1]} do not have the same parameters: {only}; use the same dispersions")
+    rows = {row["run"]: row for row in other.rows}
+    pairs = [(row, rows[row["run"]]) for row in one.rows if row["run"] in rows]
+    if not pairs:
+        raise InputError(f"{names[0]} and {names[1]} have no run in common")
+    for a, b in pairs:
+        for name in one.parameters:
+            if a.get(name) != b.get(name):
+                raise InputError(
+                    f"run {a['run']}: {name} is {a.get(name)} in {names[0]} and {b.get(name)} in {names[1]}; campaigns are "
+                    "compared run by run: use the same dispersions, kind of samples and seed"
+                )
+
+
+def _means(results: VariantResults, name: str) -> str:
+    """Success and means of a variant."""
+    parts, counts = [], results.counts(name)
+    if results.config.conditions and counts.done:
+        good = Proportion(counts.successes, counts.done)
+        parts.append(f"success {good.count} of {good.of}, {percent(good.value)} ({good.told})")
+    for metric in results.metrics:
+        if len(found := finite(passed(results.variants[name].frame), metric)):
+            parts.append(f"{metric} {told_mean(found)}")
+    return "; ".join(parts)
+
+
+def _left_out(results: VariantResults) -> Iterator[str]:
+    """Runs that are missing, did not complete or do not pass their checks."""
+    for name in results.variants:
+        counts, runs = results.counts(name), results.variants[name].runs
+        left = runs - counts.done
+        parts = [f"{left} {'has' if left == 1 else 'have'} no result yet"] if left else []
+        parts += [f"{count} ended with {outcome}" for outcome, count in counts.outcomes.items() if outcome != "completed"]
+        parts += [f"{counts.violated} violate{'s' if counts.violated == 1 else ''} a check"] if counts.violated else []
+        if parts:
+            yield (
+                f"{name}: of {runs} runs {_listed(parts)}; metrics are compared over runs that completed and pass "
+                "their checks in both variants."
+            )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

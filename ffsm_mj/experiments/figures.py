@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.experiments.comparison import VariantComparison, VariantPair, VariantResults, bootstrap_interval
+from ffsm_mj.experiments.comparison import VariantComparison, VariantPair, bootstrap_interval
 from ffsm_mj.experiments.file import ParetoConfig
-from ffsm_mj.experiments.results import Results, TableRow, is_good, metric_numbers, numbers
-from ffsm_mj.experiments.statistics import SUCCESS, intervals, is_constant
+from ffsm_mj.experiments.results import SUCCESS, Results, VariantResults, finite, numbers, passed
+from ffsm_mj.experiments.statistics import intervals, is_constant
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.report.plots.motion import draw_plane
@@ -25,6 +25,7 @@ from ffsm_mj.report.plots.subject import Subject
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 
 _COLUMNS = 4
@@ -35,18 +36,18 @@ _MOST_POINTS = 5000
 """Largest number of points in a scatter plot; more would overlap and make a large file."""
 
 
-def save_figures(results: Results, rerun_runs: Sequence[tuple[TableRow, Run]], folder: Path) -> list[tuple[str, str]]:
+def save_figures(results: Results, rerun_runs: Sequence[tuple[bool, Run]], folder: Path) -> list[tuple[str, str]]:
     """Write the figures; constant metrics have none.
 
     Args:
         results: Results of the campaign.
-        rerun_runs: Repeated runs, each with its row.
+        rerun_runs: Repeated runs, and whether each is good.
         folder: Existing folder to write to.
 
     Returns:
         Title and file name of each figure.
     """
-    varied = [metric for metric in results.metrics if not is_constant(metric_numbers(results.rows, metric))]
+    varied = [metric for metric in results.metrics if not is_constant(finite(passed(results.frame), metric))]
     drawn = [
         (f"{metric} against each parameter", f"metric-{identifier(metric)}", _against_parameters(results, metric))
         for metric in varied
@@ -74,8 +75,8 @@ def _grid(count: int, height_in: float) -> tuple[Figure, list[Axes]]:
 
 
 def _against_parameters(results: Results, metric: str) -> Figure:
-    rows = results.rows[:_MOST_POINTS]
-    good = np.array([is_good(row) for row in rows], dtype=np.bool_)
+    rows = results.frame.head(_MOST_POINTS)
+    good = rows["good"].to_numpy(np.bool_)
     y = numbers(rows, metric)
     size = min(max(_INK / len(rows), 3.0), 30.0)
     with publication():
@@ -98,13 +99,14 @@ def _against_parameters(results: Results, metric: str) -> Figure:
     return figure
 
 
-def _axis(rows: Sequence[TableRow], name: str) -> tuple[Any, list[str]]:
+def _axis(rows: DataFrame, name: str) -> tuple[Any, list[str]]:
     """Values of a parameter for an axis; texts become positions with tick labels."""
     values = numbers(rows, name)
     if np.isfinite(values).all():
         return values, []
-    texts = sorted({str(row[name]) for row in rows})
-    return np.array([float(texts.index(str(row[name]))) for row in rows]), texts
+    each = [str(value) for value in rows[name]]
+    texts = sorted(set(each))
+    return np.array([float(texts.index(text)) for text in each]), texts
 
 
 def _in_two_lines(name: str) -> str:
@@ -134,20 +136,20 @@ def _convergence(results: Results, shown_metrics: Sequence[str]) -> Figure:
     return figure
 
 
-def _trajectories(rerun_runs: Sequence[tuple[TableRow, Run]]) -> Figure:
+def _trajectories(rerun_runs: Sequence[tuple[bool, Run]]) -> Figure:
     """Paths of tip and objects, or of all bodies without a task, in the plane of the first run's motion; the tip error."""
-    subjects = [(row, Subject(run)) for row, run in rerun_runs]
+    subjects = [(good, Subject(run)) for good, run in rerun_runs]
     plane = subjects[0][1].planes[0]
-    tipped = [(row, run) for row, run in rerun_runs if run.summary()["tip"] is not None]
+    tipped = [(good, run) for good, run in rerun_runs if run.summary()["tip"] is not None]
     with publication():
         figure = Figure(figsize=(WIDTH_IN, 5.6 if tipped else 3.6), layout="constrained")
         grid = figure.subplots(2 if tipped else 1, 1, squeeze=False, height_ratios=(2, 1) if tipped else (1,))[:, 0]
-        paths = [(row, path[:, plane.axes]) for row, subject in subjects for path in _paths(subject)]
+        paths = [(good, path[:, plane.axes]) for good, subject in subjects for path in _paths(subject)]
         draw_plane(grid[0], subjects[0][1], plane, _box([path for _, path in paths], subjects[0][1], plane))
-        for row, path in paths:
-            grid[0].plot(*path.T, **_line(row))
-        for row, run in tipped:
-            grid[1].plot(*envelope(run.time, run.tip_error()), **_line(row))
+        for good, path in paths:
+            grid[0].plot(*path.T, **_line(good))
+        for good, run in tipped:
+            grid[1].plot(*envelope(run.time, run.tip_error()), **_line(good))
         if tipped:
             grid[1].set_xlabel("time, s")
             grid[1].set_ylabel("tip error, m")
@@ -173,8 +175,7 @@ def _box(paths: Sequence[FloatArray], subject: Subject, plane: Plane) -> tuple[f
     return low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin
 
 
-def _line(row: TableRow) -> dict[str, Any]:
-    good = is_good(row)
+def _line(good: bool) -> dict[str, Any]:
     return {"color": BLUE if good else VERMILION, "linestyle": "-" if good else "--", "linewidth": 0.8, "alpha": 0.7}
 
 
@@ -184,25 +185,20 @@ _WIDE = 30.0
 _MOST_PAIRS = 15
 
 
-def save_variant_figures(results: VariantResults, comparison: VariantComparison, folder: Path) -> list[tuple[str, str]]:
+def save_variant_figures(comparison: VariantComparison, folder: Path) -> list[tuple[str, str]]:
     """Write the figures.
 
     Args:
-        results: Results of the campaign.
-        comparison: Their comparison.
+        comparison: The comparison of the variants.
         folder: Existing folder to write to.
 
     Returns:
         Title and file name of each figure.
     """
-    drawn = []
+    drawn, results = [], comparison.results
     if (axes := results.config.pareto) is not None and (figure := _pareto(results, axes)) is not None:
         drawn.append((f"{axes.error} against {axes.effort}", "pareto", figure))
-    if (
-        comparison.pairs
-        and len(comparison.pairs) <= _MOST_PAIRS
-        and (figure := _differences(results, comparison)) is not None
-    ):
+    if 0 < len(comparison.pairs) <= _MOST_PAIRS and (figure := _differences(comparison)) is not None:
         drawn.append(("paired differences with 95 % intervals", "differences", figure))
     for _, name, figure in drawn:
         write(figure, folder, name, ("png",), dpi=_DPI)
@@ -272,8 +268,9 @@ def pareto_front(points: dict[str, tuple[float, float]]) -> list[str]:
     ]
 
 
-def _differences(results: VariantResults, comparison: VariantComparison) -> Figure | None:
+def _differences(comparison: VariantComparison) -> Figure | None:
     """A panel per metric that differs: the mean difference of each pair with its interval."""
+    results = comparison.results
     wanted = [*([SUCCESS] if results.config.conditions else []), *(results.config.objectives or results.metrics)]
     metrics = [name for name in wanted if _varies(comparison, name)]
     if not metrics:

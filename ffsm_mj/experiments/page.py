@@ -1,19 +1,22 @@
-"""Report page of a campaign as Markdown."""
+"""What the results of a campaign show: sentences for a terminal, and the report page as Markdown."""
 
 from __future__ import annotations
 
 import html
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.experiments.results import Results, is_good, metric_numbers, numbers
+from ffsm_mj.conditions import Condition
+from ffsm_mj.experiments.comparison import LEAST_RUNS, PairedDifference, VariantComparison, VariantPair
+from ffsm_mj.experiments.planning import flow
+from ffsm_mj.experiments.results import SUCCESS, Results, VariantResults, finite, numbers
 from ffsm_mj.experiments.statistics import (
     CONFIDENCE,
-    SUCCESS,
+    NO_SUCCESS,
     Proportion,
     differences,
     groups,
@@ -22,9 +25,72 @@ from ffsm_mj.experiments.statistics import (
     quantile,
     rank_correlation,
     sobol_indices,
+    told_mean,
     values_for_upper_end,
 )
 from ffsm_mj.report.markdown import code, escaped, markdown_table, number, percent
+
+_MOST_CORRELATIONS = 3
+"""Correlations that are printed: more are in the page only."""
+
+
+def summary_lines(results: Results, conditions: tuple[Condition, ...]) -> list[str]:
+    """Success, accuracy, means and quantiles of metrics, and what the first that varies depends on.
+
+    Args:
+        results: Results of the campaign.
+        conditions: Its success conditions; empty if it has none.
+    """
+    if not results.rows:
+        return []
+    return [_success(results, conditions), _accuracy(results), *_told_metrics(results), _dependence(results)]
+
+
+def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
+    good = Proportion(int(results.sample["good"].sum()), len(results.sample))
+    what = (
+        f"success ({' and '.join(f'{c.metric} {c.comparison} {c.bound:g}' for c in conditions)})" if conditions else "passed"
+    )
+    level = f"{100 * CONFIDENCE:g} % interval {good.told}"
+    found = [group for group in groups(results) if group.how != NO_SUCCESS]
+    why = f"; most frequent failure: {found[0].how}" if found else ""
+    return f"{what}: {good.count} of {good.of}, {percent(good.value)}, {level}{why}"
+
+
+def _accuracy(results: Results) -> str:
+    violated = sum(row.get("checks_pass") is False for row in results.rows)
+    parts = [f"checks violated in {violated or 'no'} run{'s' if violated > 1 else ''}"]
+    for column, what in (("drift", "drift over (1 + scale) at most"), ("deepest_overlap_m", "overlap in m at most")):
+        values = numbers(results.frame, column)
+        if np.isfinite(values).any():
+            parts.append(f"{what} {np.nanmax(values):.2g}")
+    return "; ".join(parts)
+
+
+def _told_metrics(results: Results) -> Iterator[str]:
+    """Mean and quantiles of each metric with numbers."""
+    for metric in results.metrics:
+        values = finite(results.valid, metric)
+        if is_constant(values):
+            if len(values):
+                yield f"{metric}: {number(float(values[0]))} in all {len(values)} runs"
+            continue
+        middle, low, high = (quantile(values, share).value for share in (0.5, 0.05, 0.95))
+        quantiles = f"median {number(middle)}, 5 % {number(low)}, 95 % {number(high)}"
+        yield f"{metric}: mean {told_mean(values)}, {quantiles}, of {len(values)} runs"
+
+
+def _dependence(results: Results) -> str:
+    """Rank correlation of the first metric that varies with the parameters."""
+    varied = (name for name in results.metrics if not is_constant(finite(results.valid, name)))
+    metric = next(varied, None)
+    if metric is None:
+        return "no metric varies"
+    found = [(name, rank_correlation(results, name, metric)) for name in results.parameters]
+    known = sorted(((rho, name) for name, rho in found if rho is not None), key=lambda each: -abs(each[0]))
+    shown = ", ".join(f"{name} {rho:.2f}" for rho, name in known[:_MOST_CORRELATIONS])
+    return f"rank correlation of {metric} with {shown}" if shown else f"{metric}: too few runs for rank correlations"
+
 
 _SHARES = (0.05, 0.5, 0.95)
 _SHOWN_RUNS = 6
@@ -38,101 +104,145 @@ _NOMINAL = {
     "saltelli": "Sobol points are",
     "grid": "combinations of a grid are",
 }
+_HEAD = ("first", "second", "runs", "mean of first", "mean of second", "difference", "interval", "less", "more", "shown")
+_MOST_SENTENCES = 3
+"""With more pairs of variants, their differences are in the table only."""
 
 
-def report_page(results: Results, description: str, success: str | None, figures: Sequence[tuple[str, str]]) -> str:
+def report_page(results: VariantResults, comparison: VariantComparison | None, figures: Sequence[tuple[str, str]]) -> str:
     """Markdown text of the report.
 
     Args:
         results: Results of the campaign.
-        description: Description in the campaign file.
-        success: Success condition in the campaign file.
+        comparison: Their comparison; None without variants.
         figures: Title of each figure, and its path relative to the page.
     """
-    if not results.rows:
-        return f"# {escaped(results.name)}\n\n0 of {results.runs} runs have a result.\n"
+    config, first = results.config, next(iter(results.variants.values()))
+    if comparison is None and not first.rows:
+        return f"# {escaped(config.campaign)}\n\n0 of {first.runs} runs have a result.\n"
+    told = summary_lines(first, config.conditions) if comparison is None else comparison.sentences()
     parts = [
-        f"# {escaped(results.name)}",
-        *([html.escape(description, quote=False)] if description else []),
-        _head(results, success),
+        f"# {escaped(config.campaign)}",
+        *([html.escape(config.description, quote=False)] if config.description else []),
+        _head(results),
+        "## Result",
+        _list(told) or "Nothing is compared yet.",
+        *(f"![{what}]({file})" for what, file in figures),
+        *([] if comparison is None else ["## Variants", _variants(results)]),
         "## Outcomes",
-        _outcomes(results),
+        *_outcomes(results),
         "## Metrics",
         _metrics(results),
+        *([] if comparison is None else ["## Paired differences", *_differences(comparison)]),
         "## Convergence",
-        _convergence(results),
+        *_of_each(results, _convergence),
         "## Sensitivity",
-        *_sensitivity(results),
+        *_of_each(results, _sensitivity),
         "## Failures",
-        *_failures(results),
+        *_of_each(results, _failures),
         "## Samples",
-        samples(results),
-        *(["## Figures", "A mark at the lower edge is a run without the metric."] if figures else []),
-        *(f"![{what}]({file})" for what, file in figures),
+        _samples(first),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _head(results: Results, success: str | None) -> str:
-    made = f"{len(results.rows)} of {results.runs} runs" if not results.complete else f"{results.runs} runs"
-    sentences = [f"{made}, samples of kind `{results.kind}`, {len(results.parameters)} parameters."]
-    if success is not None:
-        sentences.append(f"A run is a success if {code(success)}.")
+def _list(lines: Sequence[str]) -> str:
+    """Sentences with names of metrics, in which ``*`` is no emphasis."""
+    return "\n".join("- " + escaped(line).replace("*", "\\*") for line in lines)
+
+
+def _of_each(results: VariantResults, section: Callable[[Results], Iterator[str]]) -> Iterator[str]:
+    """A section for every variant with rows."""
+    for name, each in results.variants.items():
+        if each.rows:
+            yield from [f"### {escaped(name)}"] if name else []
+            yield from section(each)
+
+
+def _head(results: VariantResults) -> str:
+    first, several = next(iter(results.variants.values())), results.config.variants
+    made, total = (sum(of(each) for each in results.variants.values()) for of in (lambda r: len(r.rows), lambda r: r.runs))
+    runs = f"{len(results.variants)} variants of {first.runs} runs" if several else f"{total} runs"
+    if made < total:
+        runs = f"{runs}, {made} of {total} made" if several else f"{made} of {total} runs"
+    same = ", the same for all variants" if several else ""
+    sentences = [f"{runs}, samples of kind `{first.kind}`, {len(first.parameters)} parameters{same}."]
+    if results.config.success is not None:
+        sentences.append(f"A run is a success if {code(results.config.success)} and its checks pass.")
     sentences.append(f"Confidence intervals are two-sided, {100 * CONFIDENCE:g} %.")
-    if results.kind in _NOMINAL:
-        sentences.append(f"They are approximate: {_NOMINAL[results.kind]} not independent samples.")
-    if results.kind == "saltelli":
+    if first.kind in _NOMINAL:
+        sentences.append(f"They are approximate: {_NOMINAL[first.kind]} not independent samples.")
+    if first.kind == "saltelli":
         sentences.append(
-            f"Fractions and quantiles are those of the first {2 * results.n} runs; the others combine parameters of these."
+            f"Fractions and quantiles are those of the first {2 * first.n} runs; the others combine parameters of these."
         )
+    if first.has_success or results.config.conditions:
+        sentences.append("The condition may be met by a run of which a check fails; such a run is no success.")
     return " ".join(sentences)
 
 
-def _outcomes(results: Results) -> str:
-    sample = results.sample
-    counts = Counter(str(row["outcome"]) for row in sample)
-    rows = [_share_row(f"outcome {code(outcome)}", count, len(sample)) for outcome, count in counts.most_common()]
-    rows.append(_share_row("failed (not completed, or a check fails)", sum(r["failed"] for r in sample), len(sample)))
-    if short := sum(row.get("fails_by_truncation") is True for row in sample):
-        how = "a check fails by the truncation of the step alone (remedy: accuracy in the scenario)"
-        rows.append(_share_row(how, short, len(sample)))
-    if results.has_success:
-        rows.append(_share_row("success", sum(map(is_good, sample)), len(sample)))
-    parts = [markdown_table(("", "runs", "fraction", "interval"), rows)]
+def _variants(results: VariantResults) -> str:
+    rows = []
+    for name, variant in results.config.variants.items():
+        changes = variant.overrides_after({}) | ({"scenario": variant.scenario} if variant.scenario is not None else {})
+        told = (
+            ", ".join(f"{escaped(key)} = {code(flow(value))}" for key, value in changes.items()) or "the scenario as it is"
+        )
+        reason = results.not_applicable.get(name)
+        rows.append([escaped(name), escaped(variant.description), told, f"no: {escaped(reason)}" if reason else "yes"])
+    described = any(row[1] for row in rows)
+    head = ("variant", "description", "changes", "applicable")
+    keep = [i for i in range(len(head)) if i != 1 or described]
+    return markdown_table([head[i] for i in keep], [[row[i] for i in keep] for row in rows], texts=head)
+
+
+def _outcomes(results: VariantResults) -> Iterator[str]:
+    several = bool(results.config.variants)
+    rows = [row for name in results.variants for row in _shares(results, name)]
+    head = ("", *(["variant"] if several else []), "runs", "fraction", "interval")
+    yield markdown_table(head, [row if several else [row[0], *row[2:]] for row in rows], texts=("variant",))
     for column, what in _ACCURACY.items():
-        values = numbers(results.rows, column)  # of all runs, failed ones included
+        values = np.concatenate([numbers(each.frame, column) for each in results.variants.values()])  # failed ones included
         if np.isfinite(values).any():
             lack = int((~np.isfinite(values)).sum())
             but = f"; {lack} of {len(values)} runs have no value" if lack else ""
-            parts.append(f"{what}: at most {number(float(np.nanmax(values)))}{but}.")
-    return "\n\n".join(parts)
+            yield f"{what}: at most {number(float(np.nanmax(values)))}{but}."
 
 
-def _share_row(name: str, count: int, of: int) -> list[str]:
-    share = Proportion(count, of)
-    low, high = share.interval
-    return [name, f"{count} of {of}", percent(share.value), f"{percent(low)} to {percent(high)}"]
+def _shares(results: VariantResults, name: str) -> Iterator[list[str]]:
+    """Rows of outcomes of a variant: what, the variant, and the fraction with its interval."""
+    each, counts = results.variants[name], results.counts(name)
+    sample = each.sample
+    found = [(f"outcome {code(str(outcome))}", int(count)) for outcome, count in sample["outcome"].value_counts().items()]
+    found.append(("failed (not completed, or a check fails)", int(sample["failed"].sum())))
+    if short := sum(numbers(sample, "fails_by_truncation") == 1.0):
+        found.append(("a check fails by the truncation of the step alone (remedy: accuracy in the scenario)", int(short)))
+    if name and results.config.conditions:
+        found.append(("condition met", counts.met))
+    if each.has_success:
+        found.append((SUCCESS, int(sample["good"].sum())))
+    for what, count in found if len(sample) else []:
+        share = Proportion(count, len(sample))
+        yield [what, escaped(name), f"{count} of {len(sample)}", percent(share.value), share.told]
 
 
-def _metrics(results: Results) -> str:
-    head = ("metric", "runs", "minimum", "5 %", "median", "95 %", "maximum")
+def _metrics(results: VariantResults) -> str:
+    several = bool(results.config.variants)
+    head = ("metric", *(["variant"] if several else []), "runs", "minimum", "5 %", "median", "95 %", "maximum", "mean")
     rows = []
     for metric in results.metrics:
-        values = metric_numbers(results.sample, metric)
-        if not len(values):
-            cells = ["no run has a number", *[""] * 4]
-        elif is_constant(values):
-            cells = [number(float(values[0])), "constant", "", "", ""]
-        else:
-            cells = [
-                number(float(values.min())),
-                *(_quantile(values, share) for share in _SHARES),
-                number(float(values.max())),
-            ]
-        rows.append([code(metric), str(len(values)), *cells])
-    return "Over the runs that did not fail and have the metric; quantiles with confidence intervals.\n\n" + markdown_table(
-        head, rows
-    )
+        for name, each in results.variants.items():
+            values = finite(each.valid, metric)
+            if not len(values):
+                cells = ["no run has a number", *[""] * 5]
+            elif is_constant(values):
+                cells = [number(float(values[0])), "constant", *[""] * 4]
+            else:
+                shown = (_quantile(values, share) for share in _SHARES)
+                cells = [number(float(values.min())), *shown, number(float(values.max())), told_mean(values)]
+            rows.append([code(metric), *([escaped(name)] if several else []), str(len(values)), *cells])
+    told = "Over the runs that did not fail and have the metric; quantiles and means with confidence intervals."
+    return f"{told}\n\n{markdown_table(head, rows, texts=('variant',))}"
 
 
 def _quantile(values: FloatArray, share: float) -> str:
@@ -148,19 +258,21 @@ def _quantile(values: FloatArray, share: float) -> str:
     return f"{number(found.value)} (no bounds)"
 
 
-def _convergence(results: Results) -> str:
+def _convergence(results: Results) -> Iterator[str]:
     shown_metrics = [*([SUCCESS] if results.has_success else []), *results.metrics]
     found = {what: {each.runs: each for each in intervals(results, what)} for what in shown_metrics}
     found = {what: by for what, by in found.items() if by}
     counts = sorted({runs for by in found.values() for runs in by})
     if not counts:
-        return "Fewer than 8 runs."
+        yield "Fewer than 8 runs."
+        return
     rows = [
         [code(what) if what != SUCCESS else what, *(_width(by[runs].width) if runs in by else "" for runs in counts)]
         for what, by in found.items()
     ]
     head = ("interval width after", *(f"{runs} runs" for runs in counts))
-    return "Intervals of the fraction of successes, and of the medians of metrics.\n\n" + markdown_table(head, rows)
+    yield "Intervals of the fraction of successes, and of the medians of metrics."
+    yield markdown_table(head, rows)
 
 
 def _width(width: float | None) -> str:
@@ -168,10 +280,10 @@ def _width(width: float | None) -> str:
 
 
 def _sensitivity(results: Results) -> Iterator[str]:
-    count = sum(not row["failed"] for row in results.sample)
+    count = len(results.valid)
     rows = []
     for metric in results.metrics:
-        values = metric_numbers(results.sample, metric)
+        values = finite(results.valid, metric)
         constant = len(values) == 0 or is_constant(values)
         found = [None if constant else rank_correlation(results, name, metric) for name in results.parameters]
         rows.append([code(metric), *("constant" if constant else "" if rho is None else f"{rho:.2f}" for rho in found)])
@@ -231,7 +343,7 @@ def _runs(runs: Sequence[int]) -> str:
     return shown if len(runs) <= _SHOWN_RUNS else f"{shown}, ..."
 
 
-def samples(results: Results) -> str:
+def _samples(results: Results) -> str:
     """Table of the sampled parameters."""
     rows = []
     for name in results.parameters:
@@ -239,8 +351,44 @@ def samples(results: Results) -> str:
         if np.isfinite(values).all():
             rows.append([code(name), *(number(float(f(values))) for f in (np.min, np.median, np.max))])
         else:
-            counts = Counter(str(row[name]) for row in results.sample)
+            counts = Counter(map(str, results.sample[name]))
             rows.append(
                 [code(name), ", ".join(f"{escaped(value)}: {count}" for value, count in counts.most_common()), "", ""]
             )
     return markdown_table(("parameter", "minimum", "median", "maximum"), rows)
+
+
+def _differences(comparison: VariantComparison) -> Iterator[str]:
+    metrics, objectives = comparison.results.compared, comparison.results.config.objectives
+    count = len(comparison.pairs) * len(metrics)
+    by_chance = (1.0 - CONFIDENCE) * count
+    yield (
+        "Second variant less first, over the runs that completed and pass their checks in both; `success` over all runs "
+        f"that both have. Intervals are two-sided, {100 * CONFIDENCE:g} % each: bootstrap of the mean paired difference, "
+        "bias-corrected, accelerated, and expanded for few runs. "
+        f"Of {count} intervals without a true difference {by_chance:.1f} exclude zero by chance. A difference is shown if "
+        f"its interval excludes zero and {LEAST_RUNS} runs or more differ."
+    )
+    for metric in metrics:
+        found = [(pair, pair.differences[metric]) for pair in comparison.pairs if metric in pair.differences]
+        if not found:
+            continue
+        yield f"### {code(metric)}{_goal(objectives, metric)}"
+        if not any(each.lower or each.higher for _, each in found):
+            yield "Equal in all variants, run by run."
+            continue
+        if len(found) <= _MOST_SENTENCES:
+            yield _list([each.sentence(pair.first, pair.second) for pair, each in found])
+        yield markdown_table(_HEAD, [_row(pair, each) for pair, each in found], texts=("second", "shown"))
+
+
+def _goal(objectives: Mapping[str, str], metric: str) -> str:
+    return f" ({objectives[metric]})" if metric in objectives else ""
+
+
+def _row(pair: VariantPair, found: PairedDifference) -> list[str]:
+    shown = {-1: "less in second", 0: "no", 1: "more in second"}[found.sign]
+    interval = "one run" if found.n < 2 else f"{number(found.low)} to {number(found.high)}"
+    means = [number(value) for value in (found.first, found.second, found.mean)]
+    counts = [str(found.lower), str(found.higher)]
+    return [escaped(pair.first), escaped(pair.second), str(found.n), *means, interval, *counts, shown]

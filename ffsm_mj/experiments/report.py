@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ffsm_mj.analysis.run import Run, load_run
 from ffsm_mj.errors import InputError, LogError
-from ffsm_mj.experiments.campaign import Campaign, VariantsCampaign
+from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.comparison import compare_variants
 from ffsm_mj.experiments.folder import RERUNS
+from ffsm_mj.experiments.page import report_page
 from ffsm_mj.experiments.results import TableRow, as_arrow
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.report.markdown import html_page
@@ -38,25 +39,18 @@ def write_report(found: Campaign, page: Path | None = None) -> list[Path]:
         OutputLostError: A file could not be written completely.
     """
     from ffsm_mj.experiments.figures import save_figures, save_variant_figures  # Matplotlib is slow to import
-    from ffsm_mj.experiments.page import report_page
-    from ffsm_mj.experiments.variants_page import variants_page
 
-    page, config = page or found.folder.path / PAGE, found.config
+    page = page or found.folder.path / PAGE
     pictures = folder_below(page.parent, FIGURES, page.stem)
-    if isinstance(found, VariantsCampaign):
-        compared = found.variant_results()
-        comparison, rows = compare_variants(compared), found.table_rows()
-        made = save_variant_figures(compared, comparison, pictures)
+    results, rows = found.variant_results(), found.table_rows()
+    comparison = compare_variants(results) if found.variants else None
+    if comparison is not None:
+        made = save_variant_figures(comparison, pictures)
     else:
-        results = found.results()
-        rows = [*results.rows]
-        made = save_figures(results, list(_rerun_runs(found, rows)), pictures)
+        made = save_figures(results.variants[""], list(_rerun_runs(found)), pictures)
     shown = [(what, f"{FIGURES}/{page.stem}/{file}") for what, file in made]
-    if isinstance(found, VariantsCampaign):
-        text = variants_page(compared, comparison, shown)
-    else:
-        text = report_page(results, config.description, config.success, shown)
-    pages = write_pages(text, config.campaign, page, [file for _, file in shown], found.folder.path / HTML)
+    text = report_page(results, comparison, shown)
+    pages = write_pages(text, found.config.campaign, page, [file for _, file in shown], found.folder.path / HTML)
     return [*pages, *(page.parent / file for _, file in shown), *write_tables(found.folder.path, rows)]
 
 
@@ -100,15 +94,14 @@ def write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
     return [folder / PARQUET, folder / CSV]
 
 
-def _rerun_runs(found: Campaign, rows: Sequence[TableRow]) -> Iterator[tuple[TableRow, Run]]:
-    """Repeated runs whose logs exist, with their rows."""
-    by_run: Mapping[int, TableRow] = {row["run"]: row for row in rows}
-    folder = found.folder.path / RERUNS
+def _rerun_runs(found: Campaign) -> Iterator[tuple[bool, Run]]:
+    """Repeated runs whose logs exist, and whether each is good."""
+    good, folder = found.results().frame["good"], found.folder.path / RERUNS
     made = sorted(folder.iterdir()) if folder.is_dir() else []
-    for place in [place for place in made if place.name.isdecimal() and int(place.name) in by_run][:_MOST_REPLAYS]:
+    for place in [place for place in made if place.name.isdecimal() and int(place.name) in good.index][:_MOST_REPLAYS]:
         try:
             run = load_run(find_log(place))
         except (InputError, LogError):
             continue  # it is being written, or the disk was full
         if len(run.log.rows):
-            yield by_run[int(place.name)], run
+            yield bool(good[int(place.name)]), run

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -15,10 +15,15 @@ import pyarrow as pa
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.conditions import Condition
 from ffsm_mj.experiments.design import Design
-from ffsm_mj.experiments.file import KeepConfig
+from ffsm_mj.experiments.file import CampaignFile, KeepConfig
+from ffsm_mj.experiments.metrics import FAULT
 from ffsm_mj.experiments.store import RETRIED, RunRow, Store
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 TableRow = dict[str, Any]
+SUCCESS = "success"
 
 
 @dataclass(frozen=True)
@@ -44,10 +49,18 @@ class Results:
     metrics: tuple[str, ...]
     rows: Sequence[TableRow]
 
+    @cached_property
+    def frame(self) -> DataFrame:
+        """The rows by run, with the column ``good``: a success, or, without a condition, a run that has not failed."""
+        import pandas as pd  # slow to import
+
+        found = pd.DataFrame(list(self.rows), columns=None if self.rows else _HEAD, index=[row["run"] for row in self.rows])
+        return found.assign(good=~found["failed"].astype(bool) & found["success"].ne(False))
+
     @property
     def has_success(self) -> bool:
         """Whether the campaign has a success condition."""
-        return any(row["success"] is not None for row in self.rows)
+        return bool(self.frame["success"].notna().any())
 
     @property
     def complete(self) -> bool:
@@ -55,17 +68,22 @@ class Results:
         return len(self.rows) == self.runs
 
     @cached_property
-    def sample(self) -> tuple[TableRow, ...]:
+    def sample(self) -> DataFrame:
         """Rows that sample the distribution: all, or the first 2 n of a Saltelli design, whose other rows mix these."""
-        return tuple(row for row in self.rows if self.kind != "saltelli" or row["run"] < 2 * self.n)
+        return self.frame[self.frame.index < (2 * self.n if self.kind == "saltelli" else self.runs)]
 
-    @cached_property
-    def complete_part(self) -> tuple[TableRow, ...]:
+    @property
+    def complete_part(self) -> DataFrame:
         """Rows of the sample before the first missing run."""
-        for position, row in enumerate(self.sample):
-            if row["run"] != position:
-                return self.sample[:position]
-        return self.sample
+        return self.sample[self.sample.index == range(len(self.sample))]
+
+    @property
+    def valid(self) -> DataFrame:
+        """Rows of the sample that completed and pass their checks."""
+        return passed(self.sample)
+
+
+_HEAD = ("run", "outcome", "failed", "success", "message", "phase")
 
 
 def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
@@ -74,21 +92,101 @@ def column_of(name: str, kind: str, rows: Sequence[TableRow]) -> str:
     return own if any(own in row for row in rows) else name
 
 
-def is_good(row: TableRow) -> bool:
-    """Whether a run is a success, or, without a success condition, has not failed."""
-    return not row["failed"] and (row["success"] is None or bool(row["success"]))
+def passed(rows: DataFrame) -> DataFrame:
+    """Rows of runs that did not fail."""
+    return rows[~rows["failed"].astype(bool)]
 
 
-def numbers(rows: Sequence[TableRow], column: str) -> FloatArray:
+def numbers(rows: DataFrame, column: str) -> FloatArray:
     """A column as numbers, (rows,): flags as 0 and 1, NaN for texts and missing values."""
-    values = (row.get(column) for row in rows)
+    values = rows[column].tolist() if column in rows else [None] * len(rows)
     return np.array([float(value) if isinstance(value, int | float) else np.nan for value in values])
 
 
-def metric_numbers(rows: Sequence[TableRow], metric: str) -> FloatArray:
-    """Finite values of a metric over the runs that did not fail."""
-    found = numbers([row for row in rows if not row["failed"]], metric)
+def finite(rows: DataFrame, column: str) -> FloatArray:
+    """Finite numbers of a column."""
+    found = numbers(rows, column)
     return found[np.isfinite(found)]
+
+
+@dataclass(frozen=True)
+class VariantCounts:
+    """Counts of the runs of a variant.
+
+    Attributes:
+        done: Number of runs that have a row.
+        outcomes: Number of runs by outcome, the most frequent first.
+        violated: Completed runs of which a check fails.
+        met: Completed runs that meet the success condition, whether or not their checks pass.
+        successes: Of these, runs whose checks pass.
+    """
+
+    done: int
+    outcomes: Mapping[str, int]
+    violated: int
+    met: int
+    successes: int
+
+    @property
+    def completed(self) -> int:
+        """Number of completed runs."""
+        return self.outcomes.get("completed", 0)
+
+
+@dataclass(frozen=True)
+class VariantResults:
+    """Rows of all variants so far; those of a campaign without have the empty name.
+
+    Attributes:
+        config: The campaign file.
+        variants: Results by variant, in the order of the campaign file.
+        not_applicable: Why the other variants have none.
+    """
+
+    config: CampaignFile
+    variants: Mapping[str, Results]
+    not_applicable: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Columns of the metrics that all variants have."""
+        first, *others = self.variants.values()
+        return tuple(name for name in first.metrics if all(name in each.metrics for each in others))
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Metrics that are compared: ``success`` first, if there is a condition for it."""
+        return ((SUCCESS,) if self.config.conditions else ()) + self.metrics
+
+    def counts(self, variant: str) -> VariantCounts:
+        """Counts of the runs of a variant."""
+        results = self.variants[variant]
+        completed = results.frame[results.frame["outcome"] == "completed"]
+        columns = {each.metric: column_of(each.metric, "metric", results.rows) for each in self.config.conditions}
+        met = [
+            row
+            for row in results.rows
+            if row["outcome"] == "completed"
+            and all(each.holds({each.metric: row.get(columns[each.metric])}) for each in self.config.conditions)
+        ]
+        outcomes = {str(name): int(count) for name, count in results.frame["outcome"].value_counts().items()}
+        successes = sum(not row["failed"] for row in met)
+        return VariantCounts(len(results.rows), outcomes, int(completed["failed"].sum()), len(met), successes)
+
+    def values(self, variant: str, metric: str) -> FloatArray:
+        """Values of a metric over the runs of a variant that completed and pass their checks; NaN where a run has none."""
+        return numbers(passed(self.variants[variant].frame), metric)
+
+    def metric_faults(self) -> Iterator[tuple[str, str, tuple[int, ...], str]]:
+        """Metrics of the caller that raised an exception, or gave no valid number.
+
+        Yields:
+            The metric, the variant, its runs without a value, and what was wrong in the first of them.
+        """
+        for variant, results in self.variants.items():
+            for name in results.frame.columns:
+                if name.startswith(FAULT) and len(faulty := results.frame[name].dropna()):
+                    yield name.removeprefix(FAULT), variant, tuple(faulty.index.tolist()), str(faulty.iloc[0])
 
 
 def table_rows(rows: Iterable[RunRow], design: Design, conditions: Sequence[Condition]) -> list[TableRow]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.experiments.results import Results, TableRow, is_good, metric_numbers, numbers
+from ffsm_mj.experiments.results import SUCCESS, Results, TableRow, finite, numbers, passed
+from ffsm_mj.report.markdown import number, percent
 
 CONFIDENCE = 0.95
 
@@ -39,15 +40,27 @@ class Proportion:
         found = binomtest(self.count, self.of).proportion_ci(CONFIDENCE, method="wilson")
         return float(found.low), float(found.high)
 
+    @property
+    def told(self) -> str:
+        """The interval as text."""
+        low, high = self.interval
+        return f"{percent(low)} to {percent(high)}"
+
+
+def told_mean(values: FloatArray) -> str:
+    """Mean of some values with its interval as text."""
+    mean, low, high = mean_interval(values)
+    return number(mean) + ("" if math.isnan(low) else f" ({number(low)} to {number(high)})")
+
 
 def mean_interval(values: FloatArray) -> tuple[float, float, float]:
     """Mean of some values with Student's interval at the level CONFIDENCE; NaN for the ends below two values."""
-    from scipy.stats import t
+    from scipy.stats import sem, t
 
-    n, mean = len(values), float(values.mean())
-    if n < 2:
+    mean = float(values.mean())
+    if len(values) < 2:
         return mean, math.nan, math.nan
-    half = float(t.ppf(0.5 * (1.0 + CONFIDENCE), n - 1) * values.std(ddof=1)) / math.sqrt(n)
+    half = float(t.ppf(0.5 * (1.0 + CONFIDENCE), len(values) - 1) * sem(values))
     return mean, mean - half, mean + half
 
 
@@ -71,24 +84,18 @@ class Quantile:
 def quantile(values: FloatArray, share: float) -> Quantile:
     """Estimate a quantile of the distribution of values.
 
-    The number of values below the quantile is binomial for every distribution; the ranks of the interval are quantiles of
-    that number. An end beyond the smallest or largest value does not exist.
+    The number of values below the quantile is binomial for every distribution, so an interval ends at two of the values; an
+    end beyond the smallest or largest value does not exist.
 
     Args:
         values: At least one value, no NaN.
         share: Probability of the quantile, in the open interval (0, 1).
     """
-    from scipy.stats import binom
+    from scipy.stats import quantile_test
 
-    ordered = np.sort(values)
-    n, tail = len(ordered), 0.5 * (1.0 - CONFIDENCE)
-    lower, upper = int(binom.ppf(tail, n, share)), int(binom.ppf(1.0 - tail, n, share)) + 1  # ranks, from 1
-    return Quantile(
-        share,
-        float(ordered[max(math.ceil(n * share), 1) - 1]),
-        float(ordered[lower - 1]) if lower >= 1 else None,
-        float(ordered[upper - 1]) if upper <= n else None,
-    )
+    ends = quantile_test(values, p=share).confidence_interval(CONFIDENCE)
+    low, high = (None if math.isnan(end) else float(end) for end in ends)
+    return Quantile(share, float(np.quantile(values, share, method="inverted_cdf")), low, high)
 
 
 def values_for_bound(share: float, confidence: float) -> int:
@@ -107,7 +114,6 @@ def is_constant(values: FloatArray) -> bool:
     return spread <= 1e-12 * float(np.max(np.abs(values), initial=0.0))
 
 
-SUCCESS = "success"
 _FIRST = 8
 
 
@@ -137,9 +143,9 @@ def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None
     """Estimate of ``success`` or of the median of a metric from the first runs; None if none has the metric."""
     rows = results.complete_part[:runs]
     if what == SUCCESS:
-        share = Proportion(sum(map(is_good, rows)), len(rows))
+        share = Proportion(int(rows["good"].sum()), len(rows))
         return IntervalAtRuns(runs, share.value, *share.interval)
-    values = metric_numbers(rows, what)
+    values = finite(passed(rows), what)
     if not len(values):
         return None
     median = quantile(values, 0.5)
@@ -187,13 +193,11 @@ class FailureGroup:
 
 def groups(results: Results) -> list[FailureGroup]:
     """Groups of runs that are not good, the largest group first."""
-    found: dict[tuple[str, str], list[TableRow]] = {}
-    for row in results.rows:
-        if not is_good(row):
-            found.setdefault((_how(row), row["phase"]), []).append(row)
+    bad = results.frame[~results.frame["good"]]
+    how = [_how(row) for row in bad.to_dict("records")]
     made = [
-        FailureGroup(how, phase, tuple(row["run"] for row in rows), rows[0]["message"])
-        for (how, phase), rows in found.items()
+        FailureGroup(name, phase, tuple(rows.index.tolist()), rows["message"].iloc[0])
+        for (name, phase), rows in bad.assign(how=how).groupby(["how", "phase"], sort=False)
     ]
     return sorted(made, key=lambda group: (-len(group.runs), group.runs))
 
@@ -230,7 +234,7 @@ def differences(results: Results) -> list[ParameterDifference]:
     """Differences by parameter, the smallest p-value first; empty if there are too few runs on either side."""
     from scipy.stats import ks_2samp  # slow to import
 
-    good = np.array([is_good(row) for row in results.sample], dtype=np.bool_)
+    good = results.sample["good"].to_numpy(np.bool_)
     found = []
     for parameter in results.parameters:
         values = numbers(results.sample, parameter)
@@ -266,8 +270,7 @@ def rank_correlation(results: Results, parameter: str, metric: str) -> float | N
     """
     from scipy.stats import spearmanr  # slow to import
 
-    rows = [row for row in results.sample if not row["failed"]]
-    x, y = numbers(rows, parameter), numbers(rows, metric)
+    x, y = numbers(results.valid, parameter), numbers(results.valid, metric)
     both = np.isfinite(x) & np.isfinite(y)
     x, y = x[both], y[both]
     if len(x) < 3 or is_constant(x) or is_constant(y):
@@ -329,10 +332,10 @@ def _all_values(results: Results, metric: str) -> FloatArray:
         raise ValueError(f"n = {results.n} is too small for Sobol indices; at least {_LEAST_POINTS}, 128 give an estimate")
     if not results.complete:
         raise ValueError(f"{results.runs - len(results.rows)} runs have no result yet")
-    failed = [row["run"] for row in results.rows if row["failed"]]
-    if failed:
+    failed = results.frame.index[results.frame["failed"].astype(bool)]
+    if len(failed):
         raise ValueError(f"{len(failed)} runs failed, first run {failed[0]}; Sobol indices need every run")
-    values = numbers(results.rows, metric)
+    values = numbers(results.frame, metric)
     lacking = np.flatnonzero(~np.isfinite(values))
     if len(lacking):
         raise ValueError(f"{len(lacking)} runs have no {metric}, first run {lacking[0]}; Sobol indices need every run")

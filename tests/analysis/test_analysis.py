@@ -62,7 +62,7 @@ def test_a_missing_package_is_named(hit, monkeypatch):
 
     monkeypatch.setattr(tables, "import_module", nothing)
     with pytest.raises(MissingPackageError, match=r"install it by: uv sync --inexact --extra tables"):
-        hit.to_pandas()
+        hit.to_polars()
 
 
 @pytest.mark.parametrize("restitution", [1.0, 0.5, 0.0])

@@ -9,10 +9,10 @@ from scipy.stats import t
 import ffsm_mj
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.campaign import Campaign
-from ffsm_mj.experiments.comparison import bootstrap_interval, paired_comparison
+from ffsm_mj.experiments.comparison import bootstrap_interval
 from ffsm_mj.experiments.engines import loop
 from tests.experiments.files import campaign_file
-from tests.experiments.made_up import results, row
+from tests.experiments.made_up import compared, results, row
 from tests.scenes import two_balls
 
 NAMES = ("one", "other")
@@ -27,24 +27,29 @@ def two(shift, spread, n=40):
     return one, other
 
 
+def difference(one, other):
+    """Difference of the metric, other less one."""
+    return compared(one, other, NAMES).pair(*NAMES).differences["y1"]
+
+
 def test_a_small_shift_is_seen_through_a_large_spread_of_the_samples():
     """0.5 among samples that spread by 10: the interval of 40 differences is 1.96 / sqrt(40) to each side."""
-    found = paired_comparison(*two(0.5, 1.0), NAMES)["y1"]
+    found = difference(*two(0.5, 1.0))
     assert found.sign == 1
     assert found.low < found.mean < found.high
     assert found.high - found.low == pytest.approx(2.0 * 1.96 / np.sqrt(40.0), rel=0.2)
     assert (found.lower + found.higher, found.n) == (40, 40)
     assert "more in other" in found.sentence(*NAMES)
-    back = paired_comparison(*reversed(two(0.5, 1.0)), NAMES)["y1"]
+    back = difference(*reversed(two(0.5, 1.0)))
     assert back.sign == -1
 
 
 def test_no_campaign_wins_where_the_interval_contains_zero():
-    found = paired_comparison(*two(0.0, 1.0), NAMES)["y1"]
+    found = difference(*two(0.0, 1.0))
     assert found.sign == 0
     assert found.low < 0.0 < found.high
     assert "no difference is shown" in found.sentence(*NAMES)
-    same = paired_comparison(*two(0.0, 0.0), NAMES)["y1"]
+    same = difference(*two(0.0, 0.0))
     assert (same.mean, same.low, same.high, same.lower, same.higher) == (0.0, 0.0, 0.0, 0, 0)
 
 
@@ -71,15 +76,22 @@ def test_intervals_contain_the_mean_as_often_as_they_say():
 
 def test_runs_are_counted_and_told_apart():
     """Good in one only, failed without a metric, missing in one: counted, and left out of the means."""
-    one = results([row(0, success=True, y1=1.0), row(1, success=False, y1=2.0), row(2, outcome="diverged"), row(3, y1=9.0)])
+    one = results(
+        [
+            row(0, success=True, y1=1.0),
+            row(1, success=False, y1=2.0),
+            row(2, outcome="diverged", success=False),
+            row(3, y1=9.0),
+        ]
+    )
     other = results([row(0, success=False, y1=2.0), row(1, success=True, y1=4.0), row(2, success=True, y1=1.0)])
-    found = paired_comparison(one, other, NAMES)
-    assert found.n == 3
+    found = compared(one, other, NAMES).pair(*NAMES)
+    assert (found.common, found.compared) == (3, 2)
     assert found.good == (0, 1, 2, 0)
-    assert found.outcomes == ({"completed": 2, "diverged": 1}, {"completed": 3})
-    assert (found["y1"].n, found["y1"].mean) == (2, 1.5)
-    with pytest.raises(KeyError):
-        found["y2"]
+    assert "good in both 0, in one only 1, in other only 2, in none 0" in found.goodness()
+    assert (found.differences["y1"].n, found.differences["y1"].mean) == (2, 1.5)
+    assert (found.differences["success"].n, found.differences["success"].mean) == (3, 1.0 / 3.0)
+    assert "y2" not in found.differences
 
 
 def test_other_samples_are_refused():
@@ -90,7 +102,7 @@ def test_other_samples_are_refused():
         (results([row(1, x1=1.0, y1=1.0)]), "no run in common"),
     ):
         with pytest.raises(InputError, match=message):
-            paired_comparison(one, other, NAMES)
+            compared(one, other, NAMES)
 
 
 def test_campaigns_of_folders_are_compared(tmp_path):
@@ -106,10 +118,11 @@ def test_campaigns_of_folders_are_compared(tmp_path):
         campaign.run(loop().open())
         folders.append(campaign)
     found = ffsm_mj.compare_campaigns(folders[0], folders[1].folder.path)
-    impulse = found["impacts.0.impulse_N_s"]
+    pair = found.pair("elastic/runs", "half/runs")
+    impulse = pair.differences["impacts.0.impulse_N_s"]
     speeds = [speed for (speed,) in folders[0].design.rows]
     assert impulse.mean == pytest.approx(-0.6 * np.mean(speeds), rel=1e-12)
     assert (impulse.sign, impulse.lower, impulse.n) == (-1, 8, 8)
-    assert found.good == (8, 0, 0, 0)
-    assert found.lines()[0] == "elastic/runs and half/runs: 8 runs with the same samples"
+    assert pair.good == (8, 0, 0, 0)
+    assert found.lines()[-2].startswith("elastic/runs and half/runs: 8 runs with the same samples, good in both 8")
     assert "less in half/runs" in found.lines()[-1]

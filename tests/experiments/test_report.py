@@ -14,12 +14,13 @@ from ffsm_mj.experiments.engines import loop
 from ffsm_mj.experiments.figures import save_figures
 from ffsm_mj.experiments.page import report_page
 from ffsm_mj.experiments.report import write_report
+from ffsm_mj.experiments.results import VariantResults
 from tests.experiments.files import rock_hits
-from tests.experiments.made_up import results, row
+from tests.experiments.made_up import config_of, results, row
 
 
-def page(found, **options):
-    return report_page(found, **{"description": "", "success": None, "figures": (), **options})
+def page(found, **keys):
+    return report_page(VariantResults(config_of(**keys), {"": found}), None, ())
 
 
 def cells(text, name):
@@ -55,7 +56,7 @@ def test_shares_with_their_intervals(many):
     assert cells(text, "outcome `diverged`")[0] == f"{failed} of 128"
     successes = sum(each["success"] for each in many)
     assert cells(text, "success")[0] == f"{successes} of 128"
-    assert "A run is a success if `y < 1`." in text
+    assert "A run is a success if `y < 1` and its checks pass." in text
     assert "approximate" not in text
 
 
@@ -121,7 +122,7 @@ def test_pictures(many, tmp_path):
 
 def test_runs_over_each_other(baseline, tmp_path):
     """The tip's way from the log, drawn where the axes say: both ends of it have ink."""
-    rerun_runs = [(row(3, success=True), baseline), (row(5, success=False), baseline)]
+    rerun_runs = [(True, baseline), (False, baseline)]
     made = save_figures(results([row(i, x=1.0 * i) for i in range(4)]), rerun_runs, tmp_path)
     assert made == [("trajectories of repeated runs", "trajectories.png")]
     assert (tmp_path / "trajectories.png").stat().st_size > 20_000

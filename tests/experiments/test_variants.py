@@ -17,9 +17,8 @@ from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.comparison import compare_variants
 from ffsm_mj.experiments.engines import loop
 from ffsm_mj.experiments.planning import load_campaign
-from tests.experiments.made_up import row
+from tests.experiments.made_up import row, variant_results
 from tests.experiments.variant_files import HALF, variants_file
-from tests.experiments.variants_made_up import variant_results
 from tests.scenes import two_balls
 
 IMPULSE = "impacts.0.impulse_N_s"
@@ -143,13 +142,15 @@ def test_metrics_of_a_caller_that_fail_are_named_and_stop_nothing(tmp_path: Path
     path = variants_file(tmp_path, {"elastic": {}, "half": HALF}, metrics=["speed"])
     campaign = made(path, tmp_path / "out", metrics=metrics)
     results = campaign.variant_results()
-    faults = {(each.metric, each.variant): each for each in results.metric_faults()}
+    faults = {(metric, variant): runs for metric, variant, runs, _ in results.metric_faults()}
     assert {*faults} == {("raising", "elastic"), ("nowhere", "elastic"), ("nowhere", "half")}
-    assert "ZeroDivisionError" in faults["raising", "elastic"].sentence()
-    assert "run 0 and 7 more of half: not a finite number: nan" in faults["nowhere", "half"].sentence()
+    said = "\n".join(campaign.sentences())
+    assert "metric raising has no value in run" in said
+    assert "ZeroDivisionError" in said
+    assert "metric nowhere has no value in run 0 and 7 more of half: not a finite number: nan" in said
     assert all(each.failed == 0 and each.done == 8 for each in campaign.status().variants.values())
     pair = compare_variants(results).pair("elastic", "half")
-    assert pair.differences["raising"].n == 8 - len(faults["raising", "elastic"].runs)
+    assert pair.differences["raising"].n == 8 - len(faults["raising", "elastic"])
     assert pair.differences["speed"].first == 2.0
     with pytest.raises(InputError, match=r"metrics of a script are needed to run it \(raising, nowhere, nothing, speed\)"):
         Campaign.open(tmp_path / "out").run(loop().open())

@@ -12,11 +12,9 @@ import pytest
 from ffsm_mj.cli.main import main
 from ffsm_mj.experiments.comparison import compare_variants
 from ffsm_mj.experiments.figures import pareto_front, save_variant_figures
-from ffsm_mj.experiments.summary import sentences
-from ffsm_mj.experiments.variants_page import variants_page
-from tests.experiments.made_up import row
+from ffsm_mj.experiments.page import report_page
+from tests.experiments.made_up import row, variant_results
 from tests.experiments.variant_files import HALF, variants_file
-from tests.experiments.variants_made_up import variant_results
 
 
 def shifted(shift: dict[str, float], n: int = 16, **config: Any) -> Any:
@@ -32,7 +30,7 @@ def shifted(shift: dict[str, float], n: int = 16, **config: Any) -> Any:
 
 
 def said(results: Any) -> list[str]:
-    return sentences(results, compare_variants(results))
+    return compare_variants(results).sentences()
 
 
 def test_the_sentences_follow_from_the_intervals() -> None:
@@ -72,12 +70,12 @@ def test_figures_and_page(tmp_path: Path) -> None:
         {"a": 0.0, "b": -1.0, "c": 1.0}, success="y < 3", pareto={"error": "y", "effort": "z"}, description="<i>|"
     )
     comparison = compare_variants(results)
-    made = save_variant_figures(results, comparison, tmp_path)
+    made = save_variant_figures(comparison, tmp_path)
     assert [name for _, name in made] == ["pareto.png", "differences.png"]
     before = {name: (tmp_path / name).read_bytes() for _, name in made}
-    save_variant_figures(results, comparison, tmp_path)
+    save_variant_figures(comparison, tmp_path)
     assert {name: (tmp_path / name).read_bytes() for _, name in made} == before
-    assert "<i>" not in variants_page(results, comparison, made)
+    assert "<i>" not in report_page(results, comparison, made)
 
 
 @pytest.mark.long
