@@ -124,6 +124,26 @@ class EventEffect(NamedTuple):
     varied: Sequence[tuple[Any, ...]] = ()
 
 
+def event_fields(scene: Scene, instant: EventTime, before: FloatArray, number: int | None = None) -> dict[str, Any]:
+    """Fields that records of persistent contacts, grasps and dry friction share; the state after is that in ``data``.
+
+    Args:
+        scene: The logged system and its data.
+        instant: Time and step of the event.
+        before: Generalised velocity before the event, (nv,).
+        number: Number of the event; None: the next one.
+    """
+    system, data = scene.system, scene.data
+    return {
+        "event": scene.numbers.next_number() if number is None else number,
+        "time_s": instant.time_s,
+        "step": instant.step,
+        "qpos": tuple(data.qpos.tolist()),
+        "qvel_before": system.by_joint(before),
+        "qvel_after": system.by_joint(data.qvel),
+    }
+
+
 def just_after(f: Callable[[float], float], start_s: float, end_s: float) -> float:
     """First time between two times at which a function becomes negative, rounded up until it is negative there.
 

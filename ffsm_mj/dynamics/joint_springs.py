@@ -14,7 +14,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-from ffsm_mj.dynamics.tendon_springs import TendonSprings
+from ffsm_mj.dynamics.tendon_springs import Dampers, TendonSprings
 from ffsm_mj.model.system import damping_coefficients, stiffness_coefficients
 
 _BALL, _FREE = int(mujoco.mjtJoint.mjJNT_BALL), int(mujoco.mjtJoint.mjJNT_FREE)
@@ -32,7 +32,7 @@ class FastestMode(NamedTuple):
     dof: int
 
 
-class JointSprings:
+class JointSprings(Dampers):
     """Springs and dampers of the joints of a model, except those of free joints, and those of its tendons.
 
     Attributes:
@@ -54,14 +54,14 @@ class JointSprings:
             else:
                 self._scalars.append((dof, place, float(model.qpos_spring[place]), coefficients))
         kinds = model.jnt_type[model.dof_jntid]
-        self._d = np.where((kinds != _FREE)[:, None], damping_coefficients(model), 0.0)
+        self._d = np.where((kinds != _FREE)[:, None], damping_coefficients(model), 0.0).T
         self.tendons = TendonSprings(model)
         self.elastic = bool(sprung.any()) or self.tendons.elastic
         self.damped = bool(self._d.any()) or self.tendons.damped
-        self.damped_balls = bool(self._d[kinds == _BALL].any())
+        self.damped_balls = bool(self._d[:, kinds == _BALL].any())
         linear = not stiffness[sprung, 1:].any()
         self._constant = self._stiffness(np.array(model.qpos_spring)) if linear else None
-        self._viscous = self._d[:, 0].copy() if not self._d[:, 1:].any() else None
+        self._viscous = self._d[0].copy() if not self._d[1:].any() else None
 
     def _displacements(self, qpos: FloatArray) -> list[tuple[int, int, float, list[float]]]:
         """Springs: first dof, number of dofs, displacement (of a ball joint its angle) in rad or m, coefficients."""
@@ -92,28 +92,9 @@ class JointSprings:
             stiffness[dof : dof + size] = max(0.0, a + x * (2.0 * b + 3.0 * x * c))
         return stiffness
 
-    def dissipation(self, qvel: FloatArray) -> FloatArray:
+    def dissipation(self, rates: FloatArray) -> FloatArray:
         """Power that dampers turn into heat, W, (nv,)."""
-        if self._viscous is not None:
-            return qvel * qvel * self._viscous
-        a, b, c = self._d.T
-        speed = np.abs(qvel)
-        dissipation: FloatArray = qvel * qvel * (a + speed * (b + speed * c))
-        return dissipation
-
-    def dissipation_slope(self, qvel: FloatArray) -> FloatArray:
-        """Slope of that power over the rate, N m or N, (nv,)."""
-        a, b, c = self._d.T
-        speed = np.abs(qvel)
-        slope: FloatArray = qvel * (2.0 * a + speed * (3.0 * b + 4.0 * speed * c))
-        return slope
-
-    def damping(self, qvel: FloatArray) -> FloatArray:
-        """Slope of the damper force over the rate, N m s/rad or N s/m, (nv,)."""
-        a, b, c = self._d.T
-        speed = np.abs(qvel)
-        damping: FloatArray = a + speed * (2.0 * b + 3.0 * speed * c)
-        return damping
+        return super().dissipation(rates) if self._viscous is None else rates * rates * self._viscous
 
     def fastest(self, model: Any, data: Any) -> tuple[FastestMode, FastestMode]:
         """Fastest mode of M qddot + K q = 0, and of M qddot + D qdot = 0, at the state in ``data``.

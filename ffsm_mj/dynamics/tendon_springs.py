@@ -16,7 +16,32 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.model.system import tendon_bodies, tendon_damping_coefficients, tendon_stiffness_coefficients
 
 
-class TendonSprings:
+class Dampers:
+    """Dampers with the forces -(a v + b v |v| + c v^3) at rates v, of joints or of tendons, (n,)."""
+
+    _d: FloatArray
+    """Coefficients a, b and c, (3, n)."""
+
+    def dissipation(self, rates: FloatArray) -> FloatArray:
+        """Power that dampers turn into heat, W, (n,)."""
+        (a, b, c), speed = self._d, np.abs(rates)
+        dissipation: FloatArray = rates * rates * (a + speed * (b + speed * c))
+        return dissipation
+
+    def dissipation_slope(self, rates: FloatArray) -> FloatArray:
+        """Slope of that power over the rate, N m or N, (n,)."""
+        (a, b, c), speed = self._d, np.abs(rates)
+        slope: FloatArray = rates * (2.0 * a + speed * (3.0 * b + 4.0 * speed * c))
+        return slope
+
+    def damping(self, rates: FloatArray) -> FloatArray:
+        """Slope of the damper force over the rate, N m s/rad or N s/m, (n,)."""
+        (a, b, c), speed = self._d, np.abs(rates)
+        damping: FloatArray = a + speed * (2.0 * b + 3.0 * speed * c)
+        return damping
+
+
+class TendonSprings(Dampers):
     """Springs and dampers of the tendons of a model; n is the number of tendons that have one.
 
     Attributes:
@@ -65,24 +90,6 @@ class TendonSprings:
         # A band of one length is none: the spring acts on both sides of it, and at it.
         acts = (x != 0.0) | (self._low == self._high)
         return np.where(acts, np.maximum(a + x * (2.0 * b + 3.0 * x * c), 0.0), 0.0)
-
-    def dissipation(self, rates: FloatArray) -> FloatArray:
-        """Power that dampers turn into heat at rates of the lengths, W, (n,)."""
-        (a, b, c), speed = self._d, np.abs(rates)
-        dissipation: FloatArray = rates * rates * (a + speed * (b + speed * c))
-        return dissipation
-
-    def dissipation_slope(self, rates: FloatArray) -> FloatArray:
-        """Slope of that power over the rate, (n,)."""
-        (a, b, c), speed = self._d, np.abs(rates)
-        slope: FloatArray = rates * (2.0 * a + speed * (3.0 * b + 4.0 * speed * c))
-        return slope
-
-    def damping(self, rates: FloatArray) -> FloatArray:
-        """Slope of the damper force over the rate, (n,)."""
-        (a, b, c), speed = self._d, np.abs(rates)
-        damping: FloatArray = a + speed * (2.0 * b + 3.0 * speed * c)
-        return damping
 
     def rows(self, data: Any) -> FloatArray:
         """Gradients of the lengths, positions in ``data`` current, (n, nv)."""

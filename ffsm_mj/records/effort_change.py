@@ -28,7 +28,6 @@ EFFORT_CHANGE = RecordKind(
     name="effort_change",
     plural="effort_changes",
     when="when efforts change between control ticks",
-    time=lambda record: record.time_s,
     sentence=lambda record: record.cause,
     summarised=False,
     own_numbers=True,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from operator import attrgetter
 from typing import Any, get_args, get_origin, get_type_hints
 
 from ffsm_mj.errors import unknown_name
@@ -76,7 +77,7 @@ class RecordKind:
         name: ``impact``: its topic is ``/ffsm/impact``, its schema ``ffsm.Impact``.
         plural: ``impacts``: its list in ``summary.json`` and on a run, its table; empty if a run has only one.
         when: When a record is written, as text.
-        time: Time of a record, s.
+        time: Time of a record, s; by default its field ``time_s``.
         sentence: One line that describes the event.
         summary: Its entry in ``summary.json``.
         summarised: Whether ``summary.json`` lists each record.
@@ -95,7 +96,7 @@ class RecordKind:
     name: str
     plural: str
     when: str
-    time: Callable[[Any], float]
+    time: Callable[[Any], float] = attrgetter("time_s")
     sentence: Callable[[Any], str]
     summary: Callable[[Any], dict[str, Any]] = all_fields
     summarised: bool = True

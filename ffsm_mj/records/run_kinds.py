@@ -29,7 +29,6 @@ INTERNAL_ERROR = RecordKind(
     name="internal_error",
     plural="internal_errors",
     when="when an exception in ffsm-mj or a plug-in ends the run",
-    time=lambda record: record.time_s,
     sentence=lambda record: f"internal error: {record.error} ({record.where})",
     summarised=False,  # outcome and message of the summary say the same
     warning=lambda _: True,

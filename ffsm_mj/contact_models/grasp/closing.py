@@ -6,34 +6,24 @@ A grasp that closes alone attaches its object as a child body. Where others are 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.event import EventTime, Scene
+from ffsm_mj.contact_models.event import EventTime, Scene, event_fields
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.loop_latch import ClosingPose, closing_pose, loop_latch
-from ffsm_mj.contact_models.grasp.loops import LoopForces
+from ffsm_mj.contact_models.grasp.loops import LoopClosing, LoopForces
 from ffsm_mj.contact_models.grasp.nearness import Nearness
 from ffsm_mj.contact_models.grasp.record import GraspRecord
+from ffsm_mj.dynamics.loops.mass_weighted import PlasticClosing
 from ffsm_mj.dynamics.rigid_body import cross, momentum_matrix
 from ffsm_mj.records.signals import SUBSYSTEMS
-
-
-class _Joined(NamedTuple):
-    """What the impulse of a closing was, and what holds from then on: fields of the record."""
-
-    impulse: FloatArray
-    loss_J: float
-    rank: int
-    mobility: int
-    least_ratio: float
-    pose: ClosingPose
 
 
 class GraspClosing:
@@ -69,9 +59,8 @@ class GraspClosing:
         mujoco.mj_forward(system.mj, data)
         held.hold()
         pose = ClosingPose(as_tuple(held.model.body_pos[held.root]), as_tuple(held.model.body_quat[held.root]))
-        mobility = int(held.model.nv)
-        record = self._record(_Joined(found.impulse, found.loss_J, found.rank, mobility, found.least_ratio, pose))
-        force, moment = found.impulse[:3], found.impulse[3:]
+        record = self._record(found, found.impulses, int(held.model.nv), pose)
+        force, moment = found.impulses[:3], found.impulses[3:]
         on_objects = np.concatenate((force, moment + cross(self._point, force)))
         return record, Exchange(_energies(self._scene) - self._energies, on_objects)
 
@@ -81,21 +70,26 @@ class GraspClosing:
         pose = closing_pose(scene.system, scene.data, grasp)
         found = loops.close(grasp.name, loop_latch(scene.system, grasp, pose))
         mujoco.mj_forward(scene.system.mj, scene.data)
-        impulse = found.wrenches[grasp.name]
-        record = self._record(_Joined(impulse, found.loss_J, found.rank, found.mobility, found.least_ratio, pose))
+        record = self._record(found, found.wrenches[grasp.name], found.mobility, pose)
         # Other closed grasps pass impulses on: the momenta of the objects show them all.
         return record, Exchange(_energies(scene) - self._energies, _of_objects(scene) - self._of_objects)
 
-    def _record(self, joined: _Joined) -> GraspRecord:
-        """The record, with the state in ``data`` as that after the impulse."""
+    def _record(
+        self, found: PlasticClosing | LoopClosing, impulse: FloatArray, mobility: int, pose: ClosingPose
+    ) -> GraspRecord:
+        """The record, with the state in ``data`` as that after the impulse.
+
+        Args:
+            found: The plastic impulse on all rows.
+            impulse: What it is on the object at its site, in N s, with the moment in N m s, (6,).
+            mobility: Degrees of freedom that are left.
+            pose: Pose of the object in the frame of the link.
+        """
         scene, latch = self._scene, self._latch
         energies, momentum = _energies(scene), _momentum(scene)
         change = momentum - self._momentum
         return GraspRecord(
-            event=scene.numbers.next_number(),
             grasp=latch.grasp.name,
-            time_s=self._instant.time_s,
-            step=self._instant.step,
             robot_site=latch.grasp.robot_site,
             object_site=latch.grasp.object_site,
             point_m=as_tuple(self._point),
@@ -105,14 +99,14 @@ class GraspClosing:
             axis_angle_rad=self._axis_angle_rad,
             replaces=self._replaces,
             place=self._place,
-            held_position_m=joined.pose.position_m,
-            held_quaternion=joined.pose.quaternion,
-            rank=joined.rank,
-            mobility=joined.mobility,
-            least_ratio=joined.least_ratio,
-            impulse_N_s=as_tuple(joined.impulse[:3]),
-            angular_impulse_N_m_s=as_tuple(joined.impulse[3:]),
-            loss_J=joined.loss_J,
+            held_position_m=pose.position_m,
+            held_quaternion=pose.quaternion,
+            rank=found.rank,
+            mobility=mobility,
+            least_ratio=found.least_ratio,
+            impulse_N_s=as_tuple(impulse[:3]),
+            angular_impulse_N_m_s=as_tuple(impulse[3:]),
+            loss_J=found.loss_J,
             energy_before_J=_by_subsystem(self._energies),
             energy_after_J=_by_subsystem(energies),
             momentum_before={"total": as_tuple(self._momentum)},
@@ -120,23 +114,8 @@ class GraspClosing:
             energy_change_J=float((energies - self._energies)[0]),
             linear_momentum_change_N_s=float(np.linalg.norm(change[:3])),
             angular_momentum_change_N_m_s=float(np.linalg.norm(change[3:])),
-            **state_fields(scene, self._rates),
+            **event_fields(scene, self._instant, self._rates),
         )
-
-
-def state_fields(scene: Scene, before: FloatArray) -> dict[str, Any]:
-    """State fields of a record; the state after the event is that in ``data``.
-
-    Args:
-        scene: The logged system and its data.
-        before: Generalised velocity before the event, (nv,).
-    """
-    system, data = scene.system, scene.data
-    return {
-        "qpos": as_tuple(data.qpos),
-        "qvel_before": system.by_joint(before),
-        "qvel_after": system.by_joint(data.qvel),
-    }
 
 
 def as_tuple(values: Any) -> tuple[float, ...]:

@@ -9,34 +9,15 @@ their rank.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows, PlasticClosing
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-from ffsm_mj.tolerances import RANK
-
-
-@dataclass(frozen=True)
-class PlasticImpulse:
-    """Plastic impulse between two bodies.
-
-    Attributes:
-        impulse: Impulse on the second body in N s, and its moment about the point in N m s, world axes, least norm, (6,).
-        change: Change of the generalised velocity, (nv,).
-        loss_J: Kinetic energy lost.
-        rank: Number of relative motions that the joints allow and the latch stops.
-        least_ratio: Smallest singular value that counts over the largest, of the rows in mass-weighted velocities.
-    """
-
-    impulse: FloatArray
-    change: FloatArray
-    loss_J: float
-    rank: int
-    least_ratio: float
 
 
 def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: FloatArray) -> FloatArray:
@@ -49,8 +30,10 @@ def relative_twist_rows(model: Any, data: Any, first: int, second: int, point: F
 
 def plastic_impulse(
     model: Any, data: Any, first: int, second: int, point: FloatArray, stopped: FloatArray | None = None
-) -> PlasticImpulse:
+) -> PlasticClosing:
     """Compute the impulse that joins two bodies at the state in ``data``, which is not changed.
+
+    Its ``impulses`` are the impulse on the second body in N s and its moment about the point in N m s, world axes, (6,).
 
     Args:
         model: MuJoCo model.
@@ -61,19 +44,5 @@ def plastic_impulse(
         stopped: Orthonormal components of the relative twist that are stopped, (n, 6); None: all six.
     """
     J = relative_twist_rows(model, data, first, second, point)
-    if stopped is not None:
-        J = stopped @ J
-    L = np.linalg.cholesky(mass_matrix(model, data))
-    A = np.linalg.solve(L, J.T).T
-    left, sizes, right = np.linalg.svd(A, full_matrices=False)
-    rank = int(np.count_nonzero(sizes > RANK * sizes[0]))
-    left, sizes, right = left[:, :rank], sizes[:rank], right[:rank]
-    taken = (left.T @ (J @ data.qvel)) / sizes  # of the mass-weighted velocity, along the rows of ``right``
-    impulse = -left @ (taken / sizes)
-    return PlasticImpulse(
-        impulse=impulse if stopped is None else impulse @ stopped,
-        change=-np.linalg.solve(L.T, right.T @ taken),
-        loss_J=0.5 * float(taken @ taken),
-        rank=rank,
-        least_ratio=float(sizes[-1] / sizes[0]) if rank else 1.0,
-    )
+    found = MassWeightedRows(mass_matrix(model, data), J if stopped is None else stopped @ J).plastic(data.qvel)
+    return found if stopped is None else replace(found, impulses=found.impulses @ stopped)

@@ -20,17 +20,17 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.impulse import PlasticImpulse, plastic_impulse, relative_twist_rows
+from ffsm_mj.contact_models.grasp.impulse import plastic_impulse, relative_twist_rows
 from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
 from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites
+from ffsm_mj.contact_models.impact.linearize import STEP, SmoothEvent
+from ffsm_mj.dynamics.loops.mass_weighted import PlasticClosing
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import RANK
 
-_STEP = 1e-5
-"""Step of central differences, rad, m, and of velocities over the largest one: error of truncation and rounding 1e-9."""
 _AT_BOUND = 1e-6
 """A ratio this close to the largest one decides with it; one this far from 1 decides nothing."""
 
@@ -85,15 +85,14 @@ def linearize_grasp(
         UnsupportedContactError: No bound, or more than one, is reached here, or its value does not fall: no derivative.
     """
     nv, event = system.mj.nv, _Closing(system, data, grasp, bounds)
-    qpos, qvel, zero = np.array(data.qpos), np.array(data.qvel), np.zeros(system.mj.nv)
-    columns = event.differences(qpos, qvel)
+    qpos, qvel = np.array(data.qpos), np.array(data.qvel)
+    columns = np.hstack([event.differences(qpos, qvel, of_velocity=each) for each in (False, True)])
     guard, by_state = columns[-1], columns[:-1]
     closed = event.closing(qpos, qvel)
     after = qvel + closed.change
     reset = np.vstack((np.eye(nv, 2 * nv), by_state[:nv]))
-    f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, zero if effort_before is None else effort_before)))
-    force = zero if effort_after is None else effort_after
-    f_after = np.concatenate((after, event.closed_acceleration(qpos, after, force)))
+    f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, effort_before)))
+    f_after = np.concatenate((after, event.closed_acceleration(qpos, after, effort_after)))
     falls = float(guard @ f_before)
     if not falls < 0.0:
         raise UnsupportedContactError(f"grasp {grasp.name!r}: {event.bound} does not fall to its bound here: no derivative")
@@ -114,7 +113,7 @@ def linearize_grasp(
     )
 
 
-class _Closing:
+class _Closing(SmoothEvent):
     """The closing of a grasp as a function of the state.
 
     Attributes:
@@ -122,9 +121,9 @@ class _Closing:
     """
 
     def __init__(self, system: System, data: Any, grasp: Grasp, bounds: Sequence[float | None]) -> None:
-        self._model, self._sites, self._grasp = system.mj, Sites(system, grasp), grasp
-        self._data = mujoco.MjData(system.mj)
-        self._take(np.array(data.qpos), np.array(data.qvel))
+        super().__init__(system.mj)
+        self._sites, self._grasp = Sites(system, grasp), grasp
+        self.go_to(np.array(data.qpos), np.array(data.qvel))
         near = Nearness.of(self._sites.vectors(self._data))
         ratios = np.array([0.0 if b is None else x / b for x, b in zip(near, bounds, strict=True)])
         deciding = np.flatnonzero(ratios >= ratios.max() - _AT_BOUND)
@@ -140,16 +139,9 @@ class _Closing:
                 "it was armed, or at an impact, at a time that does not depend on the state"
             )
 
-    def _take(self, qpos: FloatArray, qvel: FloatArray) -> Any:
-        data = self._data
-        data.qpos[:], data.qvel[:] = qpos, qvel
-        mujoco.mj_fwdPosition(self._model, data)
-        mujoco.mj_fwdVelocity(self._model, data)
-        return data
-
-    def closing(self, qpos: FloatArray, qvel: FloatArray) -> PlasticImpulse:
+    def closing(self, qpos: FloatArray, qvel: FloatArray) -> PlasticClosing:
         """The plastic impulse."""
-        data, sites = self._take(qpos, qvel), self._sites
+        data, sites = self.go_to(qpos, qvel), self._sites
         return plastic_impulse(self._model, data, sites.link, sites.root, sites.point(data), self._stopped(data))
 
     def _stopped(self, data: Any) -> FloatArray:
@@ -161,50 +153,27 @@ class _Closing:
         local = stopped_components(joint.kind, np.array(joint.axis or (1.0, 0.0, 0.0)))
         return np.hstack((local[:, :3] @ turn, local[:, 3:] @ turn))
 
-    def _outcome(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+    def outcome(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
         """Velocities after, impulse, loss, and the ratio that decides, (nv + 8,)."""
         found = self.closing(qpos, qvel)
         ratio = Nearness.of(self._sites.vectors(self._data))[self._which] / self._bound
-        return np.concatenate((qvel + found.change, found.impulse, [found.loss_J, ratio]))
+        return np.concatenate((qvel + found.change, found.impulses, [found.loss_J, ratio]))
 
-    def differences(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
-        """Derivatives of the outcome by coordinates and velocities, (nv + 8, 2 nv)."""
-        columns, fast = [], _STEP * max(1.0, float(np.abs(qvel).max()))
-        for of_velocity in (False, True):
-            step = fast if of_velocity else _STEP
-            for unit in np.eye(self._model.nv):
-                ends = []
-                for h in (-step, step):
-                    q, v = qpos.copy(), qvel + h * unit if of_velocity else qvel
-                    if not of_velocity:
-                        mujoco.mj_integratePos(self._model, q, unit, h)
-                    ends.append(self._outcome(q, v))
-                columns.append((ends[1] - ends[0]) / (2.0 * step))
-        return np.array(columns).T
-
-    def acceleration(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray) -> FloatArray:
-        """Accelerations under generalised forces while nothing is grasped, (nv,)."""
-        data = self._data
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos, qvel, force, 0.0
-        mujoco.mj_forward(self._model, data)
-        data.qfrc_applied[:] = 0.0
-        return np.array(data.qacc)
-
-    def closed_acceleration(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray) -> FloatArray:
+    def closed_acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray | None) -> FloatArray:
         """Accelerations with the grasp closed: a + M^-1 J^T lambda with J a = -dJ/dt v, (nv,)."""
-        free = self.acceleration(qpos, qvel, force)
+        free = self.acceleration(qpos, qvel, effort)
         M, J = mass_matrix(self._model, self._data), self._rows(qpos)
         ends = []
-        for h in (-_STEP, _STEP):
+        for h in (-STEP, STEP):
             q = qpos.copy()
             mujoco.mj_integratePos(self._model, q, qvel, h)
             ends.append(self._rows(q))
-        drift = (ends[1] - ends[0]) @ qvel / (2.0 * _STEP)
+        drift = (ends[1] - ends[0]) @ qvel / (2.0 * STEP)
         answer = np.linalg.solve(M, J.T)
         held = np.linalg.lstsq(J @ answer, J @ free + drift, rcond=RANK)[0]
         return free - answer @ held
 
     def _rows(self, qpos: FloatArray) -> FloatArray:
         """Rows of the relative twist that the latch stops, at the object's site, (n, nv)."""
-        data, sites = self._take(qpos, np.zeros(self._model.nv)), self._sites
+        data, sites = self.go_to(qpos, np.zeros(self._model.nv)), self._sites
         return self._stopped(data) @ relative_twist_rows(self._model, data, sites.link, sites.root, sites.point(data))

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from ffsm_mj.contact_models.event import event_fields
 from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
-from ffsm_mj.contact_models.grasp.closing import state_fields
 from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.load_report import LoadReport
@@ -232,8 +232,7 @@ class GraspModel(EventSource, Replayable):
 
     def _arm(self, latch: Latch, instant: EventTime) -> ArmingRecord:
         latch.arm(instant.time_s)
-        who = self.scene.numbers.next_number(), latch.grasp.name
-        return ArmingRecord(*who, instant.time_s, instant.step, **state_fields(self.scene, self.scene.data.qvel))
+        return ArmingRecord(grasp=latch.grasp.name, **event_fields(self.scene, instant, self.scene.data.qvel))
 
     def finish(self, instant: EventTime) -> Sequence[Any]:
         """Disarm all grasps at the end of the run; those still armed produce near-miss records."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from ffsm_mj.contact_models.event import EventTime, Scene
+from ffsm_mj.contact_models.event import EventTime, Scene, event_fields
 from ffsm_mj.contact_models.grasp.closest_approach import ClosestApproach
-from ffsm_mj.contact_models.grasp.closing import state_fields
 from ffsm_mj.contact_models.grasp.record import NearMissRecord
 
 
@@ -22,10 +21,7 @@ def near_miss(scene: Scene, grasp: str, closest: ClosestApproach, instant: Event
     near, least_s, failed = first
     bounds = closest.bounds.stated
     return NearMissRecord(
-        event=scene.numbers.next_number(),
         grasp=grasp,
-        time_s=instant.time_s,
-        step=instant.step,
         least_ratio=closest.bounds.ratio(near),
         least_s=least_s,
         **near._asdict(),
@@ -33,5 +29,5 @@ def near_miss(scene: Scene, grasp: str, closest: ClosestApproach, instant: Event
         failed=failed,
         failed_value=getattr(near, failed),
         failed_bound=bounds[failed],
-        **state_fields(scene, scene.data.qvel),
+        **event_fields(scene, instant, scene.data.qvel),
     )

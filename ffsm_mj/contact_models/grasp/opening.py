@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import mujoco
 
-from ffsm_mj.contact_models.event import EventTime, Scene
-from ffsm_mj.contact_models.grasp.closing import as_tuple, state_fields
+from ffsm_mj.contact_models.event import EventTime, Scene, event_fields
+from ffsm_mj.contact_models.grasp.closing import as_tuple
 from ffsm_mj.contact_models.grasp.latch import Latch
 from ffsm_mj.contact_models.grasp.record import ReleaseRecord
 
@@ -26,13 +26,10 @@ def open_grasp(
     mujoco.mj_forward(scene.system.mj, scene.data)
     point = as_tuple(latch.sites.point(scene.data))
     return ReleaseRecord(
-        event=scene.numbers.next_number(),
         grasp=latch.grasp.name,
-        time_s=instant.time_s,
-        step=instant.step,
         point_m=point,
         reason=reason,
         force_N=force_N,
         torque_N_m=torque_N_m,
-        **state_fields(scene, scene.data.qvel),
+        **event_fields(scene, instant, scene.data.qvel),
     )

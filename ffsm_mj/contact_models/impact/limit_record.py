@@ -124,7 +124,6 @@ LIMIT_IMPACT = RecordKind(
     name="limit_impact",
     plural="limit_impacts",
     when="when a joint hits a limit",
-    time=lambda record: record.time_s,
     sentence=_sentence,
     summary=summary_of,
     marks=_marks,

@@ -24,7 +24,7 @@ from ffsm_mj.contact_models.impact.resolution import Impact, resolve
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import UnsupportedContactError
 
-_STEP = 1e-5
+STEP = 1e-5
 """Step of central differences, rad, m, and of velocities over the largest one: error of truncation and rounding 1e-9."""
 
 
@@ -98,11 +98,10 @@ def linearize(
     by_q = event.differences(qpos, qvel, of_velocity=False)
     by_v = event.differences(qpos, qvel, of_velocity=True)
     reset = np.block([[np.eye(nv), np.zeros((nv, nv))], [by_q[:nv], by_v[:nv]]])
-    zero = np.zeros(nv)
     after = impact.after.qvel
-    f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, zero if effort_before is None else effort_before)))
-    f_after = np.concatenate((after, event.acceleration(qpos, after, zero if effort_after is None else effort_after)))
-    n = np.concatenate((J, zero))
+    f_before = np.concatenate((qvel, event.acceleration(qpos, qvel, effort_before)))
+    f_after = np.concatenate((after, event.acceleration(qpos, after, effort_after)))
+    n = np.concatenate((J, np.zeros(nv)))
     time = -n / u
     of_impulse = np.concatenate((by_q[nv], by_v[nv]))
     by_e = event.by_restitution(qpos, qvel)
@@ -126,13 +125,56 @@ def _mu(pair: ContactPair, mu: float | None) -> float:
     return pair.mu if mu is None else mu
 
 
-class _Event:
+class SmoothEvent:
+    """An event as a smooth function of the state just before it, on data of its own."""
+
+    def __init__(self, model: Any) -> None:
+        """Make data of a model."""
+        self._model, self._data = model, mujoco.MjData(model)
+
+    def outcome(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Velocities after the event, (nv,), then other numbers that follow from the state before."""
+        raise NotImplementedError
+
+    def go_to(self, qpos: FloatArray, qvel: FloatArray) -> Any:
+        """Set a state; returns the data with what depends on positions and velocities."""
+        data = self._data
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        mujoco.mj_fwdPosition(self._model, data)
+        mujoco.mj_fwdVelocity(self._model, data)
+        return data
+
+    def differences(self, qpos: FloatArray, qvel: FloatArray, *, of_velocity: bool) -> FloatArray:
+        """Derivatives of the outcome, n numbers, by coordinates or velocities, (n, nv)."""
+        columns = []
+        step = STEP * (max(1.0, float(np.abs(qvel).max())) if of_velocity else 1.0)
+        for unit in np.eye(self._model.nv):
+            ends = []
+            for h in (-step, step):
+                q, v = qpos.copy(), qvel + h * unit if of_velocity else qvel
+                if not of_velocity:
+                    mujoco.mj_integratePos(self._model, q, unit, h)
+                ends.append(self.outcome(q, v))
+            columns.append((ends[1] - ends[0]) / (2.0 * step))
+        return np.array(columns).T
+
+    def acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray | None) -> FloatArray:
+        """Accelerations under generalised forces of the actuators, (nv,); None: off."""
+        data = self._data
+        data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, 0.0
+        data.qfrc_applied[:] = 0.0 if effort is None else effort
+        mujoco.mj_forward(self._model, data)
+        data.qfrc_applied[:] = 0.0
+        return np.array(data.qacc)
+
+
+class _Event(SmoothEvent):
     """The impact of a pair as a function of the state."""
 
     def __init__(self, model: Any, data: Any, pair: ContactPair, restitution: float, mu: float, law: str) -> None:
-        self._model, self._pair, self._e, self._mu, self._law = model, pair, restitution, mu, law
-        self._data = mujoco.MjData(model)
+        super().__init__(model)
         mujoco.mj_copyData(self._data, model, data)
+        self._pair, self._e, self._mu, self._law = pair, restitution, mu, law
         self._path: str | None = None
 
     def impact(self, qpos: FloatArray, qvel: FloatArray, restitution: float | None = None) -> Impact:
@@ -159,17 +201,7 @@ class _Event:
         """Derivatives of (velocity after, impulse) by coordinates or velocities, (nv + 1, nv)."""
         if of_velocity and self._mu == 0.0:
             return self._by_velocity(qpos, qvel)
-        columns = []
-        step = _STEP * (max(1.0, float(np.abs(qvel).max())) if of_velocity else 1.0)
-        for unit in np.eye(self._model.nv):
-            ends = []
-            for h in (-step, step):
-                q, v = qpos.copy(), qvel + h * unit if of_velocity else qvel
-                if not of_velocity:
-                    mujoco.mj_integratePos(self._model, q, unit, h)
-                ends.append(self._outcome(self.impact(q, v)))
-            columns.append((ends[1] - ends[0]) / (2.0 * step))
-        return np.array(columns).T
+        return super().differences(qpos, qvel, of_velocity=of_velocity)
 
     def _by_velocity(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
         """Closed form without friction: v+ = (I - (1 + e) M^-1 J^T J / G) v-, impulse -(1 + e) J v- / G."""
@@ -181,27 +213,18 @@ class _Event:
 
     def by_restitution(self, qpos: FloatArray, qvel: FloatArray) -> FloatArray:
         """Derivatives of (velocity after, impulse) by e, (nv + 1,); at an end of its range from the inside."""
-        low, high = max(self._e - _STEP, 0.0), min(self._e + _STEP, max(1.0, self._e))
-        ends = [self._outcome(self.impact(qpos, qvel, e)) for e in (low, high)]
+        low, high = max(self._e - STEP, 0.0), min(self._e + STEP, max(1.0, self._e))
+        ends = [self.outcome(qpos, qvel, e) for e in (low, high)]
         return np.asarray((ends[1] - ends[0]) / (high - low))
 
-    def acceleration(self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray) -> FloatArray:
-        """Accelerations under generalised forces, (nv,)."""
-        data = self._data
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos, qvel, effort, 0.0
-        mujoco.mj_forward(self._model, data)
-        return np.array(data.qacc)
-
     def _contact(self, qpos: FloatArray, qvel: FloatArray, restitution: float) -> Contact:
-        data, pair = self._data, self._pair
-        data.qpos[:], data.qvel[:] = qpos, qvel
-        mujoco.mj_fwdPosition(self._model, data)
-        mujoco.mj_fwdVelocity(self._model, data)
+        data, pair = self.go_to(qpos, qvel), self._pair
         near = pair.proximity(self._model, data)
         if len(near.points) > 1:
             raise UnsupportedContactError(f"{pair}: {len(near.points)} contact points at one instant: no derivative exists")
         return Contact(pair.body_a, pair.body_b, near.points[0], near.normal, restitution, self._mu)
 
-    @staticmethod
-    def _outcome(impact: Impact) -> FloatArray:
+    def outcome(self, qpos: FloatArray, qvel: FloatArray, restitution: float | None = None) -> FloatArray:
+        """Velocity after, and impulse, (nv + 1,)."""
+        impact = self.impact(qpos, qvel, restitution)
         return np.append(impact.after.qvel, impact.impulses[0])

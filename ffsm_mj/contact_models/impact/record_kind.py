@@ -77,7 +77,6 @@ IMPACT = RecordKind(
     name="impact",
     plural="impacts",
     when="at every impact, one per contact point",
-    time=lambda record: record.time_s,
     sentence=_sentence,
     summary=_summary,
     marks=_marks,

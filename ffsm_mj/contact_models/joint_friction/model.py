@@ -28,7 +28,7 @@ import numpy as np
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.event import just_after
+from ffsm_mj.contact_models.event import event_fields, just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
 from ffsm_mj.contact_models.joint_friction.box import least_use
@@ -384,8 +384,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
 
     def act(self, instant: EventTime) -> EventEffect | None:
         """Stop joints that come to rest, let those slide whose limit is reached, and decide on all that are at rest."""
-        system, data, before = self.scene.system, self.scene.data, self.senses.copy()
-        qvel_before, slow, others = system.by_joint(data.qvel), self._slow(), self._other_forces()
+        before, qvel_before = self.senses.copy(), self.scene.data.qvel.copy()
+        slow, others = self._slow(), self._other_forces()
         stops = (before != 0.0) & (before * self._moved.rates() <= 0.0)
         if slow.any() and (before[slow] != 0.0).any():
             # Joints that are alike come to rest together, to rounding.
@@ -404,21 +404,16 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self._set(self._decided(others, forced))
         self._write_friction()
         changed = stops | breaks | (self.senses != before)
-        event, values = self.scene.numbers.next_number(), self._moved.values()
+        shared, values = event_fields(self.scene, instant, qvel_before), self._moved.values()
         records = tuple(
             StickSlipRecord(
-                event=event,
-                time_s=instant.time_s,
-                step=instant.step,
                 joint=self._on.names[i],
                 unit=self._on.units[i],
                 value=float(values[i]),
                 sense_before=int(before[i]),
                 sense_after=int(self.senses[i]),
                 friction_after=float(self._friction[i]),
-                qpos=tuple(data.qpos.tolist()),
-                qvel_before=qvel_before,
-                qvel_after=system.by_joint(data.qvel),
+                **shared,
             )
             for i in np.flatnonzero(changed).tolist()
         )

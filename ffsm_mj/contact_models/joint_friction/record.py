@@ -50,7 +50,6 @@ STICK_SLIP = RecordKind(
     name="stick_slip",
     plural="stick_slips",
     when="when a joint or tendon with dry friction comes to rest, begins to slide or turns back",
-    time=lambda record: record.time_s,
     sentence=lambda record: f"{record.joint} {_SENSES[record.sense_after]} at {record.value:.5g} {record.unit}",
     summarised=False,
 )

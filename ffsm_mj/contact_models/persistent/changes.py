@@ -13,6 +13,7 @@ import numpy as np
 from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.event import event_fields
 from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.closure import points_at_rest, switched_rate_tolerance
@@ -193,16 +194,16 @@ class ChangeRecords:
             apply: Applies it to the closed contacts.
         """
         scene, report = self._scene, self._report
-        qvel, (geoms, limits) = scene.system.by_joint(scene.data.qvel), by_kind(pairs)
+        geoms, limits = by_kind(pairs)
         before, places, at_limits = report.forces_before(geoms), report.places(geoms), self._limits.forces_before(limits)
         apply()
         places |= report.places([pair for pair in geoms if pair in self._active_set.by_pair])
-        number = scene.numbers.next_number()
+        shared = event_fields(scene, instant, scene.data.qvel)  # no change of contacts changes velocities
         limit_kind = LIMIT_KINDS[PAIR_KINDS.index(kind)] if limits else LIMIT_KINDS[0]
         closed = [pair for pair in self._changes.logged if isinstance(pair, ContactPair)]
         return (
-            *report.records(kind, places, before, instant, number, qvel, closed),
-            *self._limits.records(limit_kind, at_limits, instant, number, qvel),
+            *report.records(kind, places, before, shared, closed),
+            *self._limits.records(limit_kind, at_limits, shared),
         )
 
 

@@ -17,7 +17,7 @@ from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import shifted
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.interface import EventTime, Scene
+from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
 from ffsm_mj.contact_models.persistent.friction.decision import Decision
@@ -164,26 +164,19 @@ class LimitReport(_ForceTable):
         self,
         kind: RecordKind,
         before: Mapping[JointLimit, float],
-        instant: EventTime,
-        event: int,
-        qvel_before: Mapping[str, tuple[float, ...]],
+        shared: Mapping[str, Any],
     ) -> tuple[Any, ...]:
         """Event records of joint limits at the state in ``data``.
 
         Args:
             kind: Kind of record.
             before: Force of each limit just before, N or N m.
-            instant: Time and step of the event.
-            event: Event number.
-            qvel_before: Generalised velocity before, by joint.
+            shared: Fields of all records of the event; see :func:`~ffsm_mj.contact_models.event.event_fields`.
         """
         model, data = self._scene.system.mj, self._scene.data
         near = {limit: limit.proximity(model, data) for limit in before}
         return tuple(
             kind.record(
-                event=event,
-                time_s=instant.time_s,
-                step=instant.step,
                 joint=limit.joint,
                 side=limit.side,
                 unit=limit.unit,
@@ -195,9 +188,7 @@ class LimitReport(_ForceTable):
                 impulse=float(self._values[self._row[limit], 2]),
                 point_m=tuple(near[limit].points[0].tolist()),
                 axis=tuple(near[limit].normal.tolist()),
-                qpos=tuple(data.qpos.tolist()),
-                qvel_before=qvel_before,
-                qvel_after=self._scene.system.by_joint(data.qvel),
+                **shared,
             )
             for limit, (state, force) in self._now([*before]).items()
         )
@@ -365,9 +356,7 @@ class ContactReport(_ForceTable):
         kind: RecordKind,
         places: Mapping[ContactPair, Resultant],
         before: Mapping[ContactPair, float],
-        instant: EventTime,
-        event: int,
-        qvel_before: Mapping[str, tuple[float, ...]],
+        shared: Mapping[str, Any],
         closed: Sequence[ContactPair],
     ) -> tuple[Any, ...]:
         """Event records of pairs at the state in ``data``.
@@ -376,20 +365,14 @@ class ContactReport(_ForceTable):
             kind: Kind of record.
             places: Resultant of each pair after the event; before it for a pair that opens.
             before: Resultant forces just before, N.
-            instant: Time and step of the event.
-            event: Event number.
-            qvel_before: Generalised velocity before, by joint.
+            shared: Fields of all records of the event; see :func:`~ffsm_mj.contact_models.event.event_fields`.
             closed: All pairs in persistent contact after the event.
         """
-        data = self._scene.data
         ended = {pair: pair not in self._active_set.by_pair for pair in places}
         names = tuple(pair.name for pair in closed)
         friction = {pair: {} if ended[pair] else self._friction_fields(kind, pair) for pair in places}
         return tuple(
             kind.record(
-                event=event,
-                time_s=instant.time_s,
-                step=instant.step,
                 pair=pair.name,
                 rule=pair.rule,
                 geoms=pair.geoms,
@@ -401,9 +384,7 @@ class ContactReport(_ForceTable):
                 force_after_N=0.0 if ended[pair] else place.size,
                 impulse_N_s=float(self._values[self._rules[pair.rule], IMPULSE]),
                 closed_pairs=names,
-                qpos=tuple(data.qpos.tolist()),
-                qvel_before=qvel_before,
-                qvel_after=self._scene.system.by_joint(data.qvel),
+                **shared,
                 **friction[pair],
             )
             for pair, place in places.items()

@@ -168,7 +168,6 @@ def _kind(
         name=name,
         plural=plural,
         when=when,
-        time=lambda record: record.time_s,
         sentence=sentence,
         summarised=False,  # the summary lists contact intervals instead
         marks=_marks,
@@ -299,7 +298,6 @@ def _limit_kind(record: type, name: str, plural: str, when: str, says: str) -> R
         name=name,
         plural=plural,
         when=when,
-        time=lambda record: record.time_s,
         sentence=sentence,
         marks=_limit_marks,
         event_group="contact",

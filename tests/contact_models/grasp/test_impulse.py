@@ -34,7 +34,7 @@ def test_rows_of_a_plane_are_solved_with_least_norm(tmp_path, rng):
     """Force and moment out of the plane are borne by joints: of least norm there are none."""
     bench = Bench(tmp_path, *PLANE)
     bench.draw(rng)
-    assert np.abs(bench.impulse().impulse[[2, 3, 4]]).max() <= 1e-15
+    assert np.abs(bench.impulse().impulses[[2, 3, 4]]).max() <= 1e-15
 
 
 @pytest.mark.parametrize("models", [SPACE, PLANE], ids=["space", "plane"])
@@ -59,7 +59,7 @@ def test_the_loss_is_that_of_the_formula(tmp_path, rng):
     u = J @ data.qvel
     impulse = -np.linalg.solve(response @ J.T, u)
     found = bench.impulse()
-    np.testing.assert_allclose(found.impulse, impulse, rtol=1e-11)
+    np.testing.assert_allclose(found.impulses, impulse, rtol=1e-11)
     assert found.loss_J == pytest.approx(-0.5 * u @ impulse, rel=1e-12)
 
 
