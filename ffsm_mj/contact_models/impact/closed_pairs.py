@@ -59,18 +59,3 @@ class PersistentContacts(Protocol):
             touching: The pairs in contact.
             struck: Whether an impact has just changed the velocities.
         """
-
-
-class NoPersistentContacts:
-    """Keeps no pair closed: each contact is an impact or a separation."""
-
-    def holds(self, _: UnilateralConstraint) -> bool:
-        """False."""
-        return False
-
-    def refusal(self, _: UnilateralConstraint) -> str:
-        """Always a reason."""
-        return "the scenario has no persistent contact"
-
-    def close(self, _: ClosedPairs, *, struck: bool) -> None:
-        """Take over nothing."""

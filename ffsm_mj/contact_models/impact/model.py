@@ -80,7 +80,7 @@ class ImpactModel(Stateful, Detector):
         Its columns include those of ``heat`` if a pair has friction.
         """
         super().__init__(scene, pairs, persistent, overlap)
-        self._rules = rules
+        self._rules, self._persistent = rules, persistent
         self._impacts = 0
         self._heat = heat
         self._by_name = {pair.name: pair for pair in pairs}

@@ -9,7 +9,7 @@ samples, and a graze is neither missed nor invented.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ffsm_mj.contact.broad_phase import BroadPhase
@@ -18,7 +18,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
 from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.clearances import Clearances
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, NoPersistentContacts, PersistentContacts, closed_pairs
+from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
 from ffsm_mj.contact_models.impact.first_touch import first_touch
 from ffsm_mj.contact_models.impact.limit_clearances import LimitClearances
@@ -42,6 +42,10 @@ class _Sample:
     time: float
     gaps: tuple[float, ...]
     bounds: tuple[float, ...]
+
+
+def _never(_: UnilateralConstraint) -> bool:
+    return False
 
 
 class Detector(EventSource, Replayable):
@@ -73,7 +77,7 @@ class Detector(EventSource, Replayable):
         super().__init__(scene)
         self._model, self._data = scene.system.mj, scene.data
         self.pairs = tuple(pairs)
-        self._persistent: PersistentContacts = persistent or NoPersistentContacts()
+        self._holds: Callable[[UnilateralConstraint], bool] = persistent.holds if persistent is not None else _never
         self._overlap = overlap or DeepestOverlap()
         self.columns: tuple[Columns, ...] = self._overlap.columns
         self._broad_phase = BroadPhase(self._model, self.pairs)
@@ -101,7 +105,7 @@ class Detector(EventSource, Replayable):
 
     def _is_skipped(self, pair: UnilateralConstraint) -> bool:
         """Whether a pair has no impacts now: persistent contact holds it, or both geoms are on one rigid body."""
-        return self._persistent.holds(pair) or pair.geom_ids in self.motion.disabled
+        return self._holds(pair) or pair.geom_ids in self.motion.disabled
 
     def is_clear(self) -> bool:
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""

@@ -321,7 +321,7 @@ class ActiveContactSet:
     def update_pressing(self) -> None:
         """Set the active set to the contact points that carry force at the state in ``data``."""
         decision = self.decide() if self.contact_points else None
-        if decision is None or decision.holds_all:
+        if decision is None or decision.sticks:
             pressing = self.contact_points
         else:
             pressing = tuple([decision.contact_points[i] for i in decision.pressing])
@@ -394,7 +394,7 @@ class ActiveContactSet:
         if not self.contact_points or not all(self.by_pair.values()):
             return False
         decision = self.decide()
-        if not decision.holds_all or decision.rows.extremes.inside < -FEATURE_BOUND_M:
+        if not decision.sticks or decision.rows.extremes.inside < -FEATURE_BOUND_M:
             return False
         return self._clearance_elsewhere(decision) >= 0.0 and self._tilts.least_rise() >= 0.0
 

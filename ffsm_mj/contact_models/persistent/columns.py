@@ -277,7 +277,7 @@ class ContactReport(_ForceTable):
         if decision is None:
             self.friction.write({})
             return
-        pressing = closed.by_pair if decision.holds_all else {decision.contact_points[i].pair for i in decision.pressing}
+        pressing = closed.by_pair if decision.sticks else {decision.contact_points[i].pair for i in decision.pressing}
         by_pair = decision.of_pairs.by_pair
         rubbing = {}
         for rule, each in by_rule.items():

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -59,59 +59,6 @@ def point_runs(contact_points: Sequence[ContactPoint]) -> list[slice]:
     return [slice(start, end) for start, end in pairwise([*starts, len(contact_points)])]
 
 
-class GroupState(Protocol):
-    """The m points of a group at one state.
-
-    Attributes:
-        count: Number of points, m.
-        states: States of the features.
-        gaps: Gaps, m.
-        rates: Their rates, m/s.
-        scales: Largest terms of the curvature, m/s^2.
-        insides: Distances to the bounds of the features, m.
-        normals: Normals from a to b, (m, 3).
-        points: Points of application of the forces, (m, 3).
-    """
-
-    count: int
-
-    @property
-    def gaps(self) -> Sequence[float]: ...  # noqa: D102
-
-    @property
-    def rates(self) -> Sequence[float]: ...  # noqa: D102
-
-    @property
-    def scales(self) -> Sequence[float]: ...  # noqa: D102
-
-    @property
-    def insides(self) -> Sequence[float]: ...  # noqa: D102
-
-    @property
-    def states(self) -> Sequence[FeatureState]: ...  # noqa: D102
-
-    @property
-    def normals(self) -> FloatArray: ...  # noqa: D102
-
-    @property
-    def points(self) -> FloatArray: ...  # noqa: D102
-
-    def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
-        """Write the wrench rows of the normals, (m, 6), and the second rates of the gaps at qacc = 0, (m,)."""
-        ...
-
-    def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
-        """Write the wrench rows of the normals and of two tangents; see ``contact_points.py``.
-
-        Args:
-            axes: Normal and tangents of all points, (3, 3).
-            rows: Rows about the centre of b, (m, 3, 6).
-            gamma: Second rates of the gaps, and rates of the relative velocity at the contact points, which move over both
-                surfaces, at qacc = 0, (m, 3).
-        """
-        ...
-
-
 class SinglePoint:
     """A contact point by itself, or a joint limit: its normal is zero, and so are the rows that this gives."""
 
@@ -126,7 +73,16 @@ class SinglePoint:
 
 
 class SingleState:
-    """A contact point at one state; see :class:`~.contact_points.GroupState`."""
+    """A contact point at one state, as a group of one: m = 1. Points over one face are a group of the core.
+
+    Attributes:
+        count: Number of points, m.
+        states: States of the features.
+        gaps: Gaps, m.
+        rates: Their rates, m/s.
+        scales: Largest terms of the curvature, m/s^2.
+        insides: Distances to the bounds of the features, m.
+    """
 
     def __init__(self, here: FeatureState, twist: PairTwist) -> None:
         """Store its state and the twist of both bodies."""
@@ -138,16 +94,16 @@ class SingleState:
 
     @property
     def normals(self) -> FloatArray:
-        """See :class:`~.contact_points.GroupState`."""
+        """Normals from a to b, (m, 3)."""
         return self._here.normal[None]
 
     @property
     def points(self) -> FloatArray:
-        """See :class:`~.contact_points.GroupState`."""
+        """Points of application of the forces, m, (m, 3)."""
         return self._here.point[None]
 
     def normal_rows(self, rows: FloatArray, gamma: FloatArray) -> None:
-        """See :class:`~.contact_points.GroupState`."""
+        """Write the wrench rows of the normals, (m, 6), and the second rates of the gaps at qacc = 0, (m,)."""
         x, y, z = self._here.normal.tolist()
         rows[0] = *cross(self._arm, (x, y, z)), x, y, z
         gamma[0] = self._normal_gamma()
@@ -160,7 +116,14 @@ class SingleState:
         return own - _acceleration((x, y, z), self._twist.a, here.point_a) + here.bend
 
     def frictional_rows(self, axes: FloatArray, rows: FloatArray, gamma: FloatArray) -> None:
-        """See :class:`~.contact_points.GroupState`."""
+        """Write the wrench rows of the normals and of two tangents.
+
+        Args:
+            axes: Normal and tangents of all points, (3, 3).
+            rows: Rows about the centre of b, (m, 3, 6).
+            gamma: Second rates of the gaps, and rates of the relative velocity at the contact points, which move over both
+                surfaces, at qacc = 0, (m, 3).
+        """
         twist, (u, v, w) = self._twist, self._here.point_rate
         rows[0, :, :3], rows[0, :, 3:] = np.cross(self._arm, axes), axes
         passing = shifted(twist.acceleration, 1.0, cross(twist.alpha, self._arm))

@@ -10,7 +10,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.gap_function import FeatureState
-from ffsm_mj.contact_models.persistent.contact_points import GroupState
+from ffsm_mj.contact_models.persistent.contact_points import SingleState
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.tolerances import RATE
 
@@ -50,7 +50,7 @@ class PointRows:
 
     loop_rates: FloatArray | None = None
 
-    def __init__(self, groups: Sequence[GroupState], memory: RowMemory) -> None:
+    def __init__(self, groups: Sequence[SingleState], memory: RowMemory) -> None:
         """Store the points; see the attributes."""
         self.groups, self.memory = groups, memory
         self.held: dict[tuple[bytes, bytes], HeldForces] = {}

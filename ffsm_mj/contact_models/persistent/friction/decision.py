@@ -17,7 +17,6 @@ from ffsm_mj.contact_models.persistent.friction.modes import (
     STICK,
     FrictionModes,
     Layers,
-    Mode,
     sliding,
     unit_slips,
 )
@@ -172,11 +171,6 @@ class Decision:
         """Modes, (k,)."""
         return self.solution.kinds
 
-    @property
-    def modes(self) -> tuple[str, ...]:
-        """Names of the modes: ``closed``, ``slide`` or ``stick``."""
-        return tuple(Mode(kind).name.lower() for kind in self.kinds.tolist())
-
     @cached_property
     def _shared(self) -> FloatArray:
         """Forces (n, t1, t2) of all points, those of sticking points inside their cones, N, (k, 3)."""
@@ -249,13 +243,8 @@ class Decision:
 
     @property
     def sticks(self) -> bool:
-        """Whether all points stick, and go on to do so without redistributing their forces."""
+        """Whether all points stick, and go on to do so without redistributing their forces: all carry force."""
         return self._sticking is not None
-
-    @property
-    def holds_all(self) -> bool:
-        """Whether all points carry force in the modes that they have: they stick, and go on to do so."""
-        return self.sticks
 
     @property
     def turning(self) -> BoolArray:
