@@ -16,9 +16,7 @@ from ffsm_mj._core.osdre import CommandingLaw, OutputLaw
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.config import FileName, StrictModel
 from ffsm_mj.dynamics.loops.equalities import ConstrainedModel
-from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
-from ffsm_mj.dynamics.moving_frame import MovingFrame
-from ffsm_mj.dynamics.prediction import predict
+from ffsm_mj.dynamics.motion import predict
 from ffsm_mj.dynamics.rigid_body import (
     ReducedModel,
     base_jacobian,
@@ -35,9 +33,9 @@ from ffsm_mj.dynamics.rigid_body import (
     skew,
     subtree_momenta,
 )
-from ffsm_mj.dynamics.site_motion import SiteMotion
+from ffsm_mj.dynamics.site_motion import MovingFrame, SiteMotion
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
-from ffsm_mj.dynamics.target_motion import TargetMotion
+from ffsm_mj.dynamics.trajectories import MinimumJerk, TargetMotion
 from ffsm_mj.errors import ControllerError, Fault, ScenarioFaults, unknown_name
 from ffsm_mj.model.actuators import is_servo
 from ffsm_mj.model.driven_joints import (

@@ -9,14 +9,21 @@
 from __future__ import annotations
 
 from ffsm_mj.contact_models.grasp.linearize import GraspSaltation, linearize_grasp
-from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
-from ffsm_mj.contact_models.impact.installed_laws import register as register_law
 from ffsm_mj.contact_models.impact.law import Coverage, ImpactLaw, ImpactProblem, ImpactSolution
+from ffsm_mj.contact_models.impact.law import register as register_law
 from ffsm_mj.contact_models.impact.laws import reflect
 from ffsm_mj.contact_models.impact.linearize import Saltation, linearize
 from ffsm_mj.contact_models.impact.paper import PaperSolution, solve_paper_system
-from ffsm_mj.contact_models.impact.resolution import Impact, ImpactState, compare_laws, resolve
-from ffsm_mj.contact_models.impact.with_friction import Friction
+from ffsm_mj.contact_models.impact.resolution import (
+    Contact,
+    Friction,
+    Impact,
+    ImpactState,
+    LimitContact,
+    compare_laws,
+    contact_jacobian,
+    resolve,
+)
 from ffsm_mj.records.events import ImpactRecord
 
 __all__ = [

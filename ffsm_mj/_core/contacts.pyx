@@ -14,7 +14,7 @@ from ffsm_mj.contact_models.persistent.friction.problem import HeldRows
 from ffsm_mj.contact_models.persistent.friction.internal_forces import FRICTION_ROUNDING
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 from ffsm_mj.contact_models.persistent.friction.problem import Solution
-from ffsm_mj.contact_models.persistent.friction.stages import stage_of
+from ffsm_mj.contact_models.persistent.friction.problem import stage_of
 from ffsm_mj.tolerances import CANCELLED, RANK, RATE
 
 from libc.math cimport atan2, cos, fabs, hypot, INFINITY, sin, sqrt

@@ -2,9 +2,8 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.point_rows import PointRows
+from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows
 from ffsm_mj.dynamics.motion import Motion
 
 class RowMemory:

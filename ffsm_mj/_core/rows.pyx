@@ -23,7 +23,7 @@ import numpy as np
 from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.point_rows import Extremes, PointRows
+from ffsm_mj.contact_models.persistent.contact_points import Extremes, PointRows
 from ffsm_mj.contact_models.persistent.contact_points import point_runs
 from ffsm_mj.contact_models.persistent.contact_points import SinglePoint
 from ffsm_mj.dynamics.body_twists import BodyTwist, chain, PairTwist
@@ -179,7 +179,7 @@ cdef double _ACCELERATION = ACCELERATION, _ACCELERATION_M_S2 = ACCELERATION_M_S2
 
 
 cdef void tangents(const double* n, double* out) noexcept:
-    """Two tangents of a normal, (2, 3); see ffsm_mj.contact_models.impact.friction.tangents."""
+    """Two tangents of a normal, (2, 3); see ffsm_mj.contact_models.impact.friction.result."""
     cdef double x = n[0], y = n[1], z = n[2], length
     cdef int i
     if fabs(x) <= fabs(y) and fabs(x) <= fabs(z):

@@ -2,9 +2,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.activations import Activations
-from ffsm_mj.dynamics.external_servos import ExternalServos
-from ffsm_mj.dynamics.force_limits import ForceLimits
+from ffsm_mj.dynamics.actuators import Activations, ExternalServos, ForceLimits
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 

@@ -114,8 +114,8 @@ cdef class ActuatorPower:
             trees: Tree of each of its degrees of freedom, (nv,).
             apart: Ids of actuators whose work is entered elsewhere, and the tree of each, (2, n).
             work: Receives the work, J, (number of trees,).
-            limits: Its :class:`~ffsm_mj.dynamics.force_limits.ForceLimits`.
-            outside: Its :class:`~ffsm_mj.dynamics.external_servos.ExternalServos`, which are apart too; None without any.
+            limits: Its :class:`~ffsm_mj.dynamics.actuators.ForceLimits`.
+            outside: Its :class:`~ffsm_mj.dynamics.actuators.ExternalServos`, which are apart too; None without any.
         """
         self.outside = outside
         self.limited, self.ranges = limits.servos, limits.ranges

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
-from ffsm_mj.contact_models.grasp.record_kinds import GRASP, RELEASE
+from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE, GraspRecord, ReleaseRecord
 from ffsm_mj.records.events import Event
 from ffsm_mj.records.load_columns import load_columns_of
 from ffsm_mj.records.record import Values, declared, record

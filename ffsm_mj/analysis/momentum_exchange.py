@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
 from ffsm_mj.dynamics.rigid_body import cross, external_actuators
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.model.actuators import servo_mask

@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsm_mj.analysis.digest import Digest, TipDigest
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record_kinds import GRASP
+from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.records.kinds import all_fields
 from ffsm_mj.records.metadata import is_conservative, logged_models, logged_start_s, logged_task
 from ffsm_mj.records.run_log import RunLog

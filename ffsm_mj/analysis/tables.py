@@ -16,7 +16,7 @@ from ffsm_mj.analysis.digest import digest
 from ffsm_mj.analysis.grasp_intervals import GraspInterval
 from ffsm_mj.analysis.momentum_table import MomentumRow, momentum_rows
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.record_kinds import GRASP
+from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
 from ffsm_mj.records.record import columns_of

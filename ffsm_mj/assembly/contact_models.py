@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.grasp.record_kinds import KINDS
-from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
-from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
-from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact_models.grasp.records import KINDS
+from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
+from ffsm_mj.contact_models.impact.records import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene, Source
 from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from ffsm_mj.assembly.geom_selection import SELF, GeomSelection, GeomSelector, geom_names, short_names
-from ffsm_mj.contact.collidable import Matrix, collidable
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
+from ffsm_mj.contact.watch import Matrix, collidable
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.contacts import ContactRuleConfig, ContactsConfig

@@ -13,7 +13,7 @@ from ffsm_mj.assembly.loop_notes import friction_notes, loop_lines, loop_notes
 from ffsm_mj.assembly.pair_notes import disarmed_pairs, unwatched_overlaps
 from ffsm_mj.assembly.spring_modes import spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.impact.limit_record import force_unit
+from ffsm_mj.contact_models.impact.records import force_unit
 from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.model.actuators import servo_mask

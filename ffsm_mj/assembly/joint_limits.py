@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.assembly.coupled_limits import redundant_ends
-from ffsm_mj.contact.joint_limit import JointLimit, Side
-from ffsm_mj.contact.tendon_limit import TendonLimit
+from ffsm_mj.contact.joint_limit import JointLimit, Side, TendonLimit
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.grasps import grasps_of
-from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
-from ffsm_mj.contact_models.grasp.record_kinds import NEARLY_SINGULAR
+from ffsm_mj.contact_models.grasp.loops import closing_pose, loop_latch
+from ffsm_mj.contact_models.grasp.records import NEARLY_SINGULAR
 from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of

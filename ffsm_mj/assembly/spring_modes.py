@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ffsm_mj.dynamics.joint_springs import FastestMode, JointSprings
+from ffsm_mj.dynamics.springs import FastestMode, JointSprings
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.system import System

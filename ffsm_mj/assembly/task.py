@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ffsm_mj.controller_protocol import Task
-from ffsm_mj.dynamics.moving_frame import MovingFrame
-from ffsm_mj.dynamics.target_motion import PathMotion, SiteTarget, TargetMotion
+from ffsm_mj.dynamics.site_motion import MovingFrame
+from ffsm_mj.dynamics.trajectories import PathMotion, SiteTarget, TargetMotion
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig

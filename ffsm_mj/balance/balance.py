@@ -29,8 +29,8 @@ from ffsm_mj.balance.subsystems import (
     subsystem_energies,
     subsystem_momenta,
 )
-from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import BaseMomentum, external_actuators, free_components
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.actuators import thruster_ids
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.records.columns import Columns

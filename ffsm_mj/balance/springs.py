@@ -20,8 +20,8 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.quadrature import hermite_midpoint
-from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.loops.equalities import ConstrainedModel
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.system import System
 from ffsm_mj.tolerances import MODE_STEP
 

@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.dynamics.joint_springs import JointSprings
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.system import Joint, System, Tree
 from ffsm_mj.records.signals import SUBSYSTEMS

@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.tendon_limit import LimitCoordinates
+from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
+from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.tolerances import DISTANCE_QUERY_M
 
 FEW = 16

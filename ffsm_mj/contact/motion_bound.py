@@ -1,4 +1,23 @@
-"""Bounds on the speed at which two geoms close: they exclude contact over a time without evaluating the gap."""
+"""Bounds on motion, which exclude contact over a time: by closing speeds, by the travel of joints, by kinetic energy.
+
+Bounds on how far joint motion moves two geoms towards each other.
+
+The point of a geom that is farthest from a hinge moves by at most its distance from the hinge times the angle. That distance
+has a bound in all configurations: the sum of the offsets along the kinematic chain. It is constant unless the chain has a
+slide joint beyond the hinge, whose displacement lengthens it; such a bound holds up to a stated displacement.
+
+Bound on the rate of a hinge or slide joint by the kinetic energy of the system, in any configuration.
+
+The joint connects two rigid groups, a and b, of mass m and inertia I about their centres of mass. A generalised force on the
+joint acts on them as a couple along the hinge axis n, or as a pair of forces along the line of a slide. Any further
+constraint only reduces the response, so that of the two free groups bounds it:
+
+    hinge:  (M^-1)_jj <= n . (I_a^-1 + I_b^-1) n
+    slide:  (M^-1)_jj <= 1 / m_a + 1 / m_b + (r x n) . I_a^-1 (r x n),   r from the centre of a to that of b
+
+If the joint is the only one between the two, n is fixed in both groups, and r x n does not change as b slides along n: the
+bound holds in every configuration. Then |rate| <= sqrt((M^-1)_jj) sqrt(2 T).
+"""
 
 from __future__ import annotations
 
@@ -6,7 +25,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 
@@ -72,16 +93,146 @@ def _centre_motion(data: Any, body: int, root: int, geom: int) -> tuple[tuple[fl
 
 def _speed_per_root_energy(model: Any, data: Any, geom: int) -> float:
     """Largest speed of a geom's points over sqrt(2 T); infinite if rounding decides the least moment of inertia."""
-    if not model.body_weldid[model.geom_bodyid[geom]]:
+    mass, centre, inertia = _group(model, data, int(model.geom_bodyid[geom]))
+    if inertia is None:
         return 0.0  # welded to the world
-    group = np.flatnonzero(model.body_weldid == model.body_weldid[model.geom_bodyid[geom]])
-    masses, centres = model.body_mass[group], data.xipos[group]
-    mass = float(masses.sum())
-    centre = masses @ centres / mass
-    inertia = np.zeros((3, 3))
-    for body, m, c in zip(group, masses, centres - centre, strict=True):
-        axes = data.ximat[body].reshape(3, 3)
-        inertia += axes @ np.diag(model.body_inertia[body]) @ axes.T + m * ((c @ c) * np.eye(3) - np.outer(c, c))
     arm = float(np.linalg.norm(data.geom_xpos[geom] - centre)) + float(model.geom_rbound[geom])
     least, _, greatest = np.linalg.eigvalsh(inertia).tolist()
     return 1.0 / math.sqrt(mass) + arm / math.sqrt(least) if least > _INERTIA_ROUNDING * greatest else math.inf
+
+
+_SLIDE, _FREE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_FREE)
+_DOFS = {_FREE: 6, int(mujoco.mjtJoint.mjJNT_BALL): 3, _SLIDE: 1, int(mujoco.mjtJoint.mjJNT_HINGE): 1}
+_SLIDE_ALLOWANCE_M = 0.5
+"""Displacement of a slide joint beyond its present one for which the bounds hold."""
+
+
+class TravelBound:
+    """Bounds on the closing of pairs of geoms per unit of motion of each degree of freedom.
+
+    Attributes:
+        rows: Largest closing of each pair per m or rad of motion of each degree of freedom, (n, nv).
+        slides: Degrees of freedom of slide joints that lengthen a lever arm, (k,).
+    """
+
+    def __init__(self, model: Any, qpos: FloatArray, geoms: Sequence[tuple[int, int]]) -> None:
+        """Compute the bounds.
+
+        Args:
+            model: MuJoCo model.
+            qpos: Configuration from which displacements of slide joints are measured.
+            geoms: Ids of the geoms of each pair.
+        """
+        self._model = model
+        ids = np.array(geoms, dtype=np.intp).reshape(-1, 2)
+        chains = [_chain(model, int(body)) for body in range(model.nbody)]
+        used = sorted({int(model.geom_bodyid[g]) for g in ids.ravel()})
+        levers = {joint for body in used for joint in _lengthening(model, chains[body])}
+        self._joints = np.array(sorted(levers), dtype=np.intp)
+        self.slides: npt.NDArray[np.intp] = np.asarray(model.jnt_dofadr[self._joints], dtype=np.intp)
+        self._lengths = np.zeros(model.njnt)
+        slides = np.flatnonzero(model.jnt_type == _SLIDE)
+        self._lengths[slides] = np.abs(qpos[model.jnt_qposadr[slides]]) + _SLIDE_ALLOWANCE_M
+        arms = np.zeros((model.ngeom, model.nv))
+        for geom in set(ids.ravel().tolist()):
+            self._add_arms(arms[geom], geom, chains[int(model.geom_bodyid[geom])])
+        first, second = arms[ids[:, 0]], arms[ids[:, 1]]
+        # A degree of freedom that moves both geoms moves them as one rigid body: it does not change their distance.
+        self.rows: FloatArray = np.where((first > 0.0) & (second > 0.0), 0.0, first + second)
+
+    def slide_allowance(self, qpos: FloatArray) -> FloatArray:
+        """Displacement of each slide joint of ``slides`` for which the bounds still hold, m, (k,)."""
+        return np.asarray(self._lengths[self._joints] - np.abs(qpos[self._model.jnt_qposadr[self._joints]]))
+
+    def _add_arms(self, arms: FloatArray, geom: int, chain: Sequence[int]) -> None:
+        """Set the lever arms of one geom, walking from its body to the root."""
+        model = self._model
+        length = float(np.linalg.norm(model.geom_pos[geom]) + model.geom_rbound[geom])
+        for body in reversed(chain):
+            first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+            for joint in reversed(range(first, first + count)):
+                kind, dof = int(model.jnt_type[joint]), int(model.jnt_dofadr[joint])
+                offset = float(np.linalg.norm(model.jnt_pos[joint]))
+                arms[dof : dof + _DOFS[kind]] = length + offset
+                if kind == _SLIDE:
+                    arms[dof] = 1.0
+                    length += float(self._lengths[joint])
+                elif kind == _FREE:
+                    arms[dof : dof + 3] = 1.0
+                else:
+                    length += 2.0 * offset  # the body's origin circles the anchor
+            length += float(np.linalg.norm(model.body_pos[body]))
+
+
+def _chain(model: Any, body: int) -> list[int]:
+    """Bodies from the root to a body, without the world."""
+    found: list[int] = []
+    while body:
+        found.insert(0, body)
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _lengthening(model: Any, chain: Sequence[int]) -> list[int]:
+    """Slide joints of a chain that follow a joint that rotates."""
+    found, rotates = [], False
+    for body in chain:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        for joint in range(first, first + count):
+            if int(model.jnt_type[joint]) != _SLIDE:
+                rotates = True
+            elif rotates:
+                found.append(joint)
+    return found
+
+
+def rate_per_root_energy(model: Any, data: Any, joint: int) -> float:
+    """Bound on |rate| / sqrt(2 T) of a hinge or slide joint; infinite if no energy bounds the rate.
+
+    Args:
+        model: MuJoCo model.
+        data: Its data, positions current.
+        joint: Id of the joint.
+    """
+    body, armature = int(model.jnt_bodyid[joint]), float(model.dof_armature[model.jnt_dofadr[joint]])
+    response = _free_response(model, data, joint) if model.body_jntnum[body] == 1 else math.inf
+    # The armature is an inertia of its own that turns with the joint: the kinetic energies add.
+    inertia = armature + (1.0 / response if response > 0.0 else math.inf)
+    return 1.0 / math.sqrt(inertia) if inertia > 0.0 else math.inf
+
+
+def _free_response(model: Any, data: Any, joint: int) -> float:
+    """Bound on (M^-1)_jj without armature, 1/(kg m^2) or 1/kg; infinite if rounding decides a moment of inertia."""
+    body, axis = int(model.jnt_bodyid[joint]), data.xaxis[joint]
+    groups = [_group(model, data, int(each)) for each in (model.body_parentid[body], body)]
+    if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
+        return sum(_compliance(inertia, axis) for _, _, inertia in groups)
+    (mass_a, centre_a, inertia_a), (mass_b, centre_b, _) = groups
+    return 1.0 / mass_a + 1.0 / mass_b + _compliance(inertia_a, np.cross(centre_b - centre_a, axis))
+
+
+def _group(model: Any, data: Any, body: int) -> tuple[float, FloatArray, FloatArray | None]:
+    """Mass, centre of mass and inertia of the bodies welded to a body, world axes; infinite and None for the world."""
+    weld = model.body_weldid[body]
+    if not weld:
+        return math.inf, np.zeros(3), None
+    members = np.flatnonzero(model.body_weldid == weld)
+    masses, centres = model.body_mass[members], data.xipos[members]
+    mass = float(masses.sum())
+    centre = masses @ centres / mass
+    inertia = np.zeros((3, 3))
+    for member, m, c in zip(members, masses, centres - centre, strict=True):
+        axes = data.ximat[member].reshape(3, 3)
+        inertia += axes @ np.diag(model.body_inertia[member]) @ axes.T + m * ((c @ c) * np.eye(3) - np.outer(c, c))
+    return mass, centre, inertia
+
+
+def _compliance(inertia: FloatArray | None, couple: FloatArray) -> float:
+    """Angular acceleration along a couple per unit couple, times its square; infinite where rounding decides it."""
+    if inertia is None:
+        return 0.0
+    sizes, axes = np.linalg.eigh(inertia)
+    along = axes.T @ couple
+    if not sizes[0] > _INERTIA_ROUNDING * sizes[-1]:
+        return math.inf
+    return float(np.sum(along * along / sizes))

@@ -1,28 +1,63 @@
 """Contact pairs: two geoms with their gap, normal, contact points, gap rates and bounds on the closing speed.
 
 MuJoCo's own contact forces are off; each pair is queried for its distance.
+
+Caps of cylinders in flat contact: the point of the rim at which the gap closes fastest.
+
+A few fixed points represent the rim, and span a polygon within the disc. While the cylinder tips between two of them, the
+point of the rim that comes nearest is none of them. The gap rate is linear in the position, so its minimum over a disc is at
+one point of the rim, which is known in closed form.
+
+Unilateral constraints: what an impact or a persistent contact can act on.
+
+Both kinds have the same interface: a gap with its rate, second rate and rounding (:class:`.proximity.Proximity`), bounds on
+the closing speed, and a coefficient of restitution. Pairs of geoms add a normal, contact points, features and friction.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.caps import lowest_of_rims
-from ffsm_mj.contact.manifold import flush_offset, touching_set
+from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
-from ffsm_mj.contact.normal import separation
-from ffsm_mj.contact.normal_search import HalfSpaceNormal, NormalSearch
-from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.second_rate import SecondRate, second_rate
+from ffsm_mj.contact.normal import HalfSpaceNormal, NormalSearch, separation
+from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
+from ffsm_mj.contact.second_rate import Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import CONTACT_GAP_M, EPSILON, RATE
+
+
+def lowest_of_rims(shapes: tuple[Shape, Shape], normal: FloatArray, spin: FloatArray, level: float) -> Iterator[FloatArray]:
+    """For each cap of two geoms in flat contact: the rim point at which the gap rate is least, (1, 3), if it is in contact.
+
+    Args:
+        shapes: The two geoms.
+        normal: Unit normal from the first geom to the second.
+        spin: Angular velocity of the second geom relative to the first; the gap rate increases along normal x spin.
+        level: Tolerance of :func:`~ffsm_mj.contact.patch.touching_set`, m.
+    """
+    caps = caps_of(*shapes, normal)
+    for mine, cap in enumerate(caps):
+        lowest = cap.towards(np.cross(spin, normal)) if cap else None
+        if cap is None or lowest is None:
+            continue
+        features = list(facing(*shapes, normal))
+        features[mine] = np.concatenate((features[mine], lowest[None]))
+        if opposite := caps[1 - mine]:
+            features[1 - mine] = np.concatenate((features[1 - mine], opposite.covered(lowest[None])))
+        points = touching_set(features[0], features[1], normal, level)
+        apart = np.linalg.norm(cap.axes @ (points - lowest).T, axis=0)
+        if (apart <= level).any():
+            yield points[[int(np.argmin(apart))]]
+
 
 _UNSUPPORTED = {
     int(mujoco.mjtGeom.mjGEOM_HFIELD): "height field",
@@ -56,7 +91,7 @@ class ContactPair(Stateful):
         mu: Coefficient of friction.
         geom_ids: Ids of both geoms.
         position_tolerance: Sum of the tolerances to which the points of both geoms are known, m: 0 except for meshes.
-        flush_offset: Offset of round sides that lie along each other; see :func:`~ffsm_mj.contact.manifold.flush_offset`.
+        flush_offset: Offset of round sides that lie along each other; see :func:`~ffsm_mj.contact.patch.flush_offset`.
         flush_angle: Angle of the normals at both ends of such sides, rad; 0 without round sides.
         size: Half the thinnest extent of both geoms in m; over a shorter motion the gap has at most one extremum.
     """
@@ -217,3 +252,7 @@ class ContactPair(Stateful):
         """Velocities of points fixed to a body, (k, 3), m/s."""
         angular, linear = data.cvel[body][:3], data.cvel[body][3:]
         return np.asarray(linear + np.cross(angular, points - data.subtree_com[root]))
+
+
+UnilateralConstraint: TypeAlias = ContactPair | JointLimit
+"""Two geoms that cannot overlap, or a joint that cannot move beyond one end of its range."""

@@ -1,6 +1,10 @@
 """Detection of unhandled contacts: overlaps of pairs that no contact model resolves and that are not ignored are reported.
 
 MuJoCo's broad and narrow phase lists overlapping geoms at the control rate; no forces are applied.
+
+Which geoms can collide by MuJoCo's own filters.
+
+Record kind of unhandled contacts; :mod:`.watch` detects them.
 """
 
 from __future__ import annotations
@@ -13,10 +17,38 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
-from ffsm_mj.contact.collidable import Matrix, collidable
 from ffsm_mj.records.events import Outcome, RunEnded, UnhandledContactRecord
+from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.state import Stateful
+
+Matrix = npt.NDArray[np.bool_]
+
+
+def collidable(model: Any) -> Matrix:
+    """Whether two geoms can collide, (ngeom, ngeom), symmetric: the filters of MuJoCo's collision detection.
+
+    Geoms collide if a bit of ``contype`` of one is set in ``conaffinity`` of the other, unless they are on one rigid body,
+    on bodies joined by a joint (``filterparent``), or on bodies of an ``exclude``. A ``pair`` of the MJCF overrides that.
+    """
+    weld = model.body_weldid[model.geom_bodyid]
+    parent = model.body_weldid[model.body_parentid[weld]]
+    bits = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]) != 0
+    found = (bits | bits.T) & (weld[:, None] != weld[None, :])
+    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FILTERPARENT):
+        # The world is no parent in this sense: a geom of the base may collide with the ground.
+        moving = (weld[:, None] > 0) & (weld[None, :] > 0)
+        joined = (weld[:, None] == parent[None, :]) | (parent[:, None] == weld[None, :])
+        found &= ~(moving & joined)
+    for signature in model.exclude_signature.tolist():
+        one, other = (model.geom_bodyid == body for body in (signature >> 16, signature & 0xFFFF))
+        both = one[:, None] & other[None, :]
+        found &= ~(both | both.T)
+    for a, b in zip(model.pair_geom1.tolist(), model.pair_geom2.tolist(), strict=True):
+        found[a, b] = found[b, a] = weld[a] != weld[b]
+    return np.asarray(found)
+
 
 _MOST_GROUPS = 31
 """Bits of ``contype`` and ``conaffinity`` that are used."""
@@ -146,3 +178,20 @@ def _collide_only(model: Any, watched: Matrix) -> Any:
         of_body[:] = 0
         np.bitwise_or.at(of_body, model.geom_bodyid, of_geom)
     return model
+
+
+def _sentence(record: UnhandledContactRecord) -> str:
+    geoms, lasted = " and ".join(record.geoms), f"from {record.start_s:.3f} to {record.end_s:.3f} s"
+    return f"unhandled contact: {geoms} overlapped {lasted}, up to {record.max_depth_m:.3g} m deep"
+
+
+UNHANDLED_CONTACT = RecordKind(
+    record=UnhandledContactRecord,
+    name="unhandled_contact",
+    plural="unhandled_contacts",
+    when="when an unhandled overlap ends",
+    time=lambda record: record.end_s,  # its greatest depth is known only then
+    sentence=_sentence,
+    warning=lambda _: True,
+    in_every_run=True,
+)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from importlib.metadata import entry_points
 
-from ffsm_mj.contact.unhandled_record import UNHANDLED_CONTACT
-from ffsm_mj.contact_models.grasp.record_kinds import KINDS as GRASP_KINDS
-from ffsm_mj.contact_models.impact.limit_record import LIMIT_IMPACT
-from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact.watch import UNHANDLED_CONTACT
+from ffsm_mj.contact_models.grasp.records import KINDS as GRASP_KINDS
+from ffsm_mj.contact_models.impact.records import IMPACT, LIMIT_IMPACT
 from ffsm_mj.contact_models.interface import ContactModel, EventSource, ForceSource
 from ffsm_mj.contact_models.joint_friction.record import STICK_SLIP
 from ffsm_mj.contact_models.persistent.record import (

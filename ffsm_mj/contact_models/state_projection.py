@@ -9,11 +9,11 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.event import Scene
-from ffsm_mj.dynamics.joint_springs import JointSprings
+from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, project
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.system import Tree
 
 

@@ -8,6 +8,8 @@ three, so that it keeps most of its order where the stiffness is large, as after
 
 Stiff forces solve their part of these equations at all nodes at once, given the rest, which converges by fixed-point
 iteration; with stiff actuators by Newton's (:mod:`ffsm_mj.dynamics.stiff_actuators`).
+
+Rates of rotation vectors, in which Runge-Kutta methods integrate rotations (Runge-Kutta-Munthe-Kaas).
 """
 
 from __future__ import annotations
@@ -18,11 +20,27 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.dynamics.rotation_vector import rotation_vector_rate
 from ffsm_mj.tolerances import EPSILON
 
 if TYPE_CHECKING:
     from ffsm_mj._core.steppers import ForcedStepper
+
+
+def rotation_vector_rate(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
+    """Rate of the rotation vector t for a body-frame angular velocity w: w + t x w / 2 + t x (t x w) / 12.
+
+    The inverse of the exponential map's differential, truncated after second order: enough for a method of order four.
+    """
+    a, b, c = turned
+    x, y, z = spin
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    twelfth = 1.0 / 12.0
+    return (
+        x + 0.5 * u + twelfth * (b * w - c * v),
+        y + 0.5 * v + twelfth * (c * u - a * w),
+        z + 0.5 * w + twelfth * (a * v - b * u),
+    )
+
 
 _ROOT = sqrt(6.0)
 _PLACES = ((4.0 - _ROOT) / 10.0, (4.0 + _ROOT) / 10.0, 1.0)

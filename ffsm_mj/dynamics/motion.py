@@ -1,7 +1,13 @@
-"""Motion: integration of a model, step by step or along the path of the last step."""
+"""Motion: integration of a model, step by step or along the path of the last step.
+
+Pairs of geoms that are on one rigid body in a motion, but not in the logged system.
+
+Prediction of a state by the model's own motion under held efforts.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,14 +16,16 @@ import numpy as np
 
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.activations import Activations
-from ffsm_mj.dynamics.external_servos import ExternalServos
-from ffsm_mj.dynamics.force_limits import ForceLimits
-from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+from ffsm_mj.dynamics.actuators import Activations, ExternalServos, ForceLimits
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops, RowSource
+from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.dynamics.loops.latch import LatchedBodies
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.dynamics.step_path import StepPath, time_step
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.model.actuators import external_servos, has_servos, thruster_ids
-from ffsm_mj.model.system import System, Tree
+from ffsm_mj.model.system import System, Tree, has_springs_or_dampers
+from ffsm_mj.tolerances import DAMPER_STEP, MECHANISM_RANK, MODE_STEP
 
 Push = Callable[[Any], None]
 """Adds generalised forces to ``data.qfrc_applied``; positions and velocities in ``data`` are current."""
@@ -233,3 +241,67 @@ def clear_applied_forces(model: Any, data: Any) -> None:
     """Remove all applied forces, and update derived quantities."""
     data.qfrc_applied.fill(0.0)
     mujoco.mj_forward(model, data)
+
+
+def rigid_pairs(logged: Any, motion: Motion, latches: Sequence[LatchedBodies] = ()) -> frozenset[frozenset[int]]:
+    """Pairs of geom ids of the logged system.
+
+    Args:
+        logged: MuJoCo model of the logged system.
+        motion: The motion.
+        latches: Closed latches between bodies of the logged system; those that stop everything join rigid bodies.
+    """
+    group = [int(motion.model.body_weldid[motion.bodies[body]]) for body in range(logged.nbody)]
+    for latch in latches:
+        one, other = group[latch.first], group[latch.second]
+        if latch.count == 6:
+            group = [one if each == other else each for each in group]
+    geoms, body, weld = range(logged.ngeom), logged.geom_bodyid, logged.body_weldid
+    return frozenset(
+        frozenset((a, b))
+        for a in geoms
+        for b in geoms
+        if a < b and group[body[a]] == group[body[b]] and weld[body[a]] != weld[body[b]]
+    )
+
+
+_TURN = 0.05
+"""Largest product of rates and sub-step, rad: RK4 then errs by some 1e-9 of a turn per sub-step."""
+_MOST_STEPS = 200
+"""Largest number of sub-steps for rates alone; springs and dampers need theirs, or RK4 is unstable."""
+
+
+def predict(model: Any, data: Any, duration_s: float) -> None:
+    """Integrate the state in ``data`` under its ``ctrl``, without contact forces; derived quantities are not updated.
+
+    Args:
+        model: MuJoCo model, with RK4.
+        data: Its data.
+        duration_s: How far ahead, s; nothing is done unless it is positive.
+    """
+    if not duration_s > 0.0:
+        return
+    fastest = max(map(abs, data.qvel.tolist()), default=0.0)
+    steps = min(max(1, math.ceil(duration_s * fastest / _TURN)), _MOST_STEPS)
+    if has_springs_or_dampers(model):
+        mujoco.mj_fwdPosition(model, data)
+        mode, decay = JointSprings(model).fastest(model, data)
+        steps = max(steps, math.ceil(duration_s * max(mode.rate / MODE_STEP, decay.rate / DAMPER_STEP)))
+    if sources := [each.source for each in equalities_of(model)]:
+        _predict_mechanism(model, data, sources, duration_s, steps)
+        return
+    with time_step(model, duration_s / steps):
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+
+
+def _predict_mechanism(model: Any, data: Any, sources: Sequence[RowSource], duration_s: float, steps: int) -> None:
+    """The same with equality constraints."""
+    mujoco.mj_forward(model, data)
+    motion = Motion(model, data)
+    loops = motion.loops = ClosedLoops(model, data, sources, rank=MECHANISM_RANK)
+    motion.push_with([], [lambda _: loops.push()])
+    for _ in range(steps):
+        loops.choose()
+        motion.step(duration_s / steps)
+    clear_applied_forces(model, data)

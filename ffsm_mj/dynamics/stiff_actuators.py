@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.dynamics.joint_springs import JointSprings
 from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.actuators import servo_mask, without_force_limits
 from ffsm_mj.tolerances import RANK
 

@@ -18,7 +18,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.prepare import PreparedRun
-from ffsm_mj.contact_models.grasp.record import GraspRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.uncertainty import Outcome, Parameter, Sensitivity, values
 from ffsm_mj.impact import GraspSaltation, Saltation, linearize, linearize_grasp

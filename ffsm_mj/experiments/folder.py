@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 from ffsm_controllers import GROUP as LAWS
 from ffsm_controllers.estimators import GROUP as ESTIMATORS
 from ffsm_mj.assembly.recording import versions
-from ffsm_mj.contact_models.impact.installed_laws import GROUP as IMPACT_LAWS
+from ffsm_mj.contact_models.impact.law import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
 from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.experiments.design import Design

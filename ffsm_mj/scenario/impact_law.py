@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from ffsm_mj.contact_models.impact.installed_laws import impact_laws, plugin_fault
+from ffsm_mj.contact_models.impact.law import impact_laws, plugin_fault
 
 UNUSABLE_LAW = "impact_law"
 """Type of the pydantic error of a name that no usable law has."""

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from ffsm_controllers import kinds
 from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.config import ACTUATOR_KINDS
-from ffsm_mj.contact_models.impact.installed_laws import impact_law, plugin_fault
+from ffsm_mj.contact_models.impact.law import impact_law, plugin_fault
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.model.inline import inline_model
 from ffsm_mj.scenario.contact_models import fault_of_ending

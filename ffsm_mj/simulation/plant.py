@@ -16,9 +16,9 @@ from ffsm_mj._core.tick import Clock, Sampler
 from ffsm_mj.actuation.actuation import Actuation
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.balance import Balance
-from ffsm_mj.contact_models.grasp.record import GraspRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord
 from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
-from ffsm_mj.dynamics.target_motion import TargetMotion
+from ffsm_mj.dynamics.trajectories import TargetMotion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.events import ImpactRecord

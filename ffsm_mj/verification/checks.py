@@ -25,7 +25,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
+from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.metadata import free_components, is_conservative

@@ -9,8 +9,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.config import GraspConfig
-from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
-from ffsm_mj.contact_models.grasp.record_kinds import GRASP, RELEASE
+from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE, GraspRecord, ReleaseRecord
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.model.system import System
 from ffsm_mj.records.event_order import merged
@@ -85,8 +84,7 @@ def stopped_rows(log: RunLog, models: tuple[System, Any], grasp: str) -> FloatAr
         LookupError: The scenario has no such grasp, or the models have no such site.
         ValueError: Its configuration is not of this version.
     """
-    from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
-    from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+    from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows, stopped_components
 
     (system, data), config = models, GraspConfig.model_validate(scenario_data(log)["grasps"][grasp])
     robot, of_object = (system.index("site", name) for name in (config.robot_site, config.object_site))

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_rows
-from ffsm_mj.contact_models.impact.installed_laws import law_of_record
-from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
+from ffsm_mj.contact_models.impact.law import law_of_record
+from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import along_row
+from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, contact_rows
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.records.events import ImpactRecord
@@ -125,9 +125,8 @@ class FrictionCheck:
         """The impact from its states and models; None without models, or if the states do not match them."""
         import mujoco
 
-        from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
+        from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops, MassWeightedRows
         from ffsm_mj.dynamics.loops.equalities import equalities_of
-        from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
         from ffsm_mj.dynamics.rigid_body import mass_matrix
 
         if self._models is None:
@@ -196,7 +195,7 @@ def _contact(system: Any, data: Any, record: _Record) -> Contact | LimitContact:
         sign = 1.0 if record.side == "lower" else -1.0
         if record.joint in system.joints:
             return LimitContact(system.joint(record.joint).dofs.start, sign)
-        from ffsm_mj.dynamics.tendon_springs import tendon_rows
+        from ffsm_mj.dynamics.springs import tendon_rows
 
         tendon = system.index("tendon", record.joint)
         return LimitContact(0, sign, row=tuple((sign * tendon_rows(system.mj, data)[tendon]).tolist()))

@@ -7,8 +7,8 @@ from itertools import groupby
 
 import numpy as np
 
-from ffsm_mj.contact_models.impact.installed_laws import law_of_record
-from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
+from ffsm_mj.contact_models.impact.law import law_of_record
+from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import along_row
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.verification.check_result import Check

@@ -8,7 +8,7 @@ from typing import Any
 
 import mujoco
 
-from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
 from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.contact_rules import resolve_contacts
-from ffsm_mj.contact.collidable import collidable
+from ffsm_mj.contact.watch import collidable
 from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.scenario.contacts import ContactsConfig
 from tests.scenes import HEAD, ball, compile_paths

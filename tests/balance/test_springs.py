@@ -14,8 +14,8 @@ from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.controller_protocol import ControllerContext
-from ffsm_mj.dynamics.joint_springs import JointSprings
-from ffsm_mj.dynamics.prediction import predict
+from ffsm_mj.dynamics.motion import predict
+from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.plots import figure_names

@@ -12,8 +12,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.springs import SpringBalance
-from ffsm_mj.dynamics.joint_springs import JointSprings
-from ffsm_mj.dynamics.tendon_springs import TendonSprings
+from ffsm_mj.dynamics.springs import JointSprings, TendonSprings
 from ffsm_mj.errors import InputError
 from tests.balance.test_springs import good, violated
 from tests.scenes import HEAD, scene

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.manifold import facing, opposite, touching_set
+from ffsm_mj.contact.patch import facing, opposite, touching_set
 from ffsm_mj.contact.shape import Shape
 
 RADIUS, HALF = 0.2, 0.1

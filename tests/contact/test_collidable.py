@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.collidable import collidable
+from ffsm_mj.contact.watch import collidable
 
 TREE = """<mujoco><option gravity="0 0 0">{flag}</option><default><geom size="0.2"/></default>
 <worldbody><geom name="ground" pos="0 0 0"/>

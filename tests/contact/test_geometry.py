@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact.manifold import touching_set
 from ffsm_mj.contact.normal import refine_normal
+from ffsm_mj.contact.patch import touching_set
 from ffsm_mj.contact.shape import PARALLEL, Shape
 from ffsm_mj.errors import InputError
 from tests.scenes import HEAD, ball, box, scene

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.joint_rate_bound import rate_per_root_energy
+from ffsm_mj.contact.motion_bound import rate_per_root_energy
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.conftest import MJCF
 from tests.scenes import HEAD, compile_paths

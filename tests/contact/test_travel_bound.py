@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.travel_bound import TravelBound
+from ffsm_mj.contact.motion_bound import TravelBound
 
 CHAIN = """<mujoco><compiler angle="radian"/><worldbody>
 <body name="base"><freejoint name="free"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>

@@ -12,7 +12,7 @@ from mcap.records import Message
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact.tendon_limit import TendonLimit
+from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import encode_record
 from tests.balance.test_springs import good

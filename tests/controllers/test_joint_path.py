@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.dynamics.minimum_jerk import MinimumJerk
+from ffsm_mj.dynamics.trajectories import MinimumJerk
 from ffsm_mj.errors import InputError
 from tests.controllers.test_hold import START, slider
 from tests.controllers.test_track import ARM, WHEELS

@@ -14,7 +14,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, Task
-from ffsm_mj.dynamics.target_motion import PathMotion
+from ffsm_mj.dynamics.trajectories import PathMotion
 from ffsm_mj.errors import InputError
 from ffsm_mj.task_model import TaskModel
 from tests.controllers.task_laws import LAWS, PD, W, planar, planar_run, reports, spatial, tip

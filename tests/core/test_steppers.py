@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj._core.steppers import BOUND_MARGIN, WHOLE_STATE, ForcedStepper, FreeStepper
-from ffsm_mj.dynamics.rotation_vector import rotation_vector_rate
+from ffsm_mj.dynamics.implicit_stages import rotation_vector_rate
 from tests.core.arms import ARM, MOTORS, moving
 from tests.scenes import compile_paths
 

@@ -8,7 +8,7 @@ import pytest
 
 from ffsm_mj._core.steppers import BOUND_MARGIN
 from ffsm_mj._core.travel import Travel
-from ffsm_mj.contact.travel_bound import TravelBound
+from ffsm_mj.contact.motion_bound import TravelBound
 from tests.scenes import ARM
 
 

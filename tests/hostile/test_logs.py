@@ -13,7 +13,7 @@ from zstandard import ZstdError
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.records import IMPACT
 from ffsm_mj.log.mcap.format import decode_record, encode_record
 from tests.hostile.log_mutations import log, mutate_log, records
 from tests.scenes import two_balls

@@ -17,7 +17,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.records import IMPACT
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.format import decode_record, encode_record

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
-from ffsm_mj.contact_models.impact.resolution import resolve
+from ffsm_mj.contact_models.impact.resolution import Contact, contact_jacobian, resolve
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.motion import Motion

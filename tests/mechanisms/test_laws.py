@@ -16,7 +16,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.loops.equalities import equalities_of
-from ffsm_mj.dynamics.prediction import predict
+from ffsm_mj.dynamics.motion import predict
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.task_model import JointModel

@@ -40,7 +40,9 @@ def closed(folder, friction, step_s):
         folder,
         files(folder, friction),
         {},
-        duration_s=DURATION_S, time_step_s=step_s, control_period_s=DURATION_S,
+        duration_s=DURATION_S,
+        time_step_s=step_s,
+        control_period_s=DURATION_S,
         phases=[{"name": "close", "until": "end", "controllers": laws}],
     )
     return ffsm_mj.run(path, {"robot.strip": ["limits"]})

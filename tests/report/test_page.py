@@ -16,7 +16,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.records import IMPACT
 from ffsm_mj.errors import MissingPackageError
 from ffsm_mj.log.drawing import shapes
 from ffsm_mj.log.markers import DrawnMark

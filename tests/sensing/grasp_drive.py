@@ -11,8 +11,8 @@ import mujoco
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.estimators.mekf.estimator import Mekf
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
-from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
-from ffsm_mj.contact_models.grasp.record import GraspRecord, ReleaseRecord
+from ffsm_mj.contact_models.grasp.latch_joints import plastic_impulse
+from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.controller_protocol import ControllerContext, Sensor, System, predict
 from ffsm_mj.dynamics.motion import Motion

@@ -8,7 +8,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.dynamics.activations import Activations
+from ffsm_mj.dynamics.actuators import Activations
 from ffsm_mj.replay import replay_log
 from tests.scenario.test_scenario import faults
 from tests.servos.scenes import START, link_scene, steps

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from ffsm_mj.dynamics.motor_kinks import MotorKinks
+from ffsm_mj.dynamics.actuators import MotorKinks
 from ffsm_mj.replay import replay_log
 from tests.servos.scenes import INERTIA, steps
 from tests.servos.test_activations import ACTIVATION, MOTOR, run_of

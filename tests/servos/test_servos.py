@@ -8,7 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import effort
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.dynamics.force_limits import ForceLimits
+from ffsm_mj.dynamics.actuators import ForceLimits
 from ffsm_mj.errors import ControllerError
 from ffsm_mj.replay import replay_log
 from tests.replays import assert_replayed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.dynamics.external_servos import ExternalServos
+from ffsm_mj.dynamics.actuators import ExternalServos
 from tests.replays import assert_replayed
 from tests.servos.scenes import link, run_link, steps
 from tests.servos.test_servos import HOLD, RATE, passes

@@ -9,7 +9,7 @@ import mujoco
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact.normal_search import NormalSearch
+from ffsm_mj.contact.normal import NormalSearch
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.state import StateError, as_mappings
 from tests.contact.features.test_gap_functions import in_contact, moved, pair_of

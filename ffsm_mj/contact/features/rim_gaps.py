@@ -14,7 +14,7 @@ from typing import Any
 from ffsm_mj.contact.features.body_motion import BodyMotion, Vector, cross, dot, minus, scaled, shifted, unit
 from ffsm_mj.contact.features.cores import Circle, Ellipsoid, Line
 from ffsm_mj.contact.features.gap_function import FeatureState, GapFunction
-from ffsm_mj.contact.features.nearest_on_circle import NearestOnCircle
+from ffsm_mj.contact.features.point_line_gaps import NearestOnCircle
 from ffsm_mj.contact.features.round_gaps import across_solution, outward_normal
 from ffsm_mj.tolerances import CROSSING, NEWTON_STEP
 

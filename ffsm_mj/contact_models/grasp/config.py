@@ -32,7 +32,7 @@ class WithinConfig(StrictModel):
 
     @property
     def bounds(self) -> tuple[float | None, ...]:
-        """The four bounds in the order of :class:`ffsm_mj.contact_models.grasp.nearness.Nearness`; None if not stated."""
+        """The four bounds, in the order of :class:`~.closing_condition.Nearness`; None if not stated."""
         return self.position_m, self.angle_rad, self.speed_m_s, self.rate_rad_s
 
 

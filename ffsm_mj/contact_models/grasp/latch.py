@@ -10,15 +10,12 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.closest_approach import ClosestApproach
-from ffsm_mj.contact_models.grasp.closing_time import At, Bounds
+from ffsm_mj.contact_models.grasp.closing_condition import At, Bounds, ClosestApproach, Nearness, Sites, Vectors
 from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad
-from ffsm_mj.contact_models.grasp.load import InterfaceLoad, LoopLoad
-from ffsm_mj.contact_models.grasp.load_limit import LoadLimit
+from ffsm_mj.contact_models.grasp.load import InterfaceLoad, LoadLimit, LoopLoad
 from ffsm_mj.contact_models.grasp.loops import LoopForces
-from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites, Vectors
 from ffsm_mj.contact_models.interface import ForceSource, Replayable, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.step_path import StepPath

@@ -20,11 +20,10 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.impulse import plastic_impulse, relative_twist_rows
-from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
-from ffsm_mj.contact_models.grasp.nearness import Nearness, Sites
+from ffsm_mj.contact_models.grasp.closing_condition import Nearness, Sites
+from ffsm_mj.contact_models.grasp.latch_joints import plastic_impulse, relative_twist_rows, stopped_components
 from ffsm_mj.contact_models.impact.linearize import STEP, SmoothEvent
-from ffsm_mj.dynamics.loops.mass_weighted import PlasticClosing
+from ffsm_mj.dynamics.loops.closed_loops import PlasticClosing
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.model.grasp import Grasp

@@ -2,23 +2,28 @@
 
 The load of the first closed grasp, whose object is a child of the link, is MuJoCo's interface force. That of a further grasp
 is the constraint force of its rows.
+
+Load limit of a closed grasp: it opens at the first time in a step at which the load reaches the limit.
 """
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, numbers
+from ffsm_mj.contact_models.grasp.closing_condition import first_at_most_zero
+from ffsm_mj.contact_models.grasp.config import LoadLimitConfig
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.interface import ForceSource
 from ffsm_mj.dynamics.rigid_body import cross
+from ffsm_mj.dynamics.step_path import StepPath
 
 _AFTER_VELOCITIES = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NUMBERS = 19
@@ -166,3 +171,43 @@ def _loads(raw: FloatArray) -> FloatArray:
     """
     torque, force, centre, site = np.split(raw[:, :12], 4, axis=1)
     return np.concatenate((force, torque + np.cross(centre - site, force)), axis=1) - raw[:, 12:]
+
+
+_NEAR = 0.9
+"""A step is searched inside if the ratio of load to limit exceeds this at one of its ends."""
+
+
+class LoadLimit:
+    """Limits on force and torque between link and object."""
+
+    def __init__(self, config: LoadLimitConfig, load: Callable[[], FloatArray]) -> None:
+        """Bind to the load of a grasp: force in N and torque in N m now, (6,)."""
+        self._limits, self._load = (config.force_N, config.torque_N_m), load
+        self._start = 0.0
+
+    def load(self) -> tuple[float, float]:
+        """Force in N and torque in N m at the current state and efforts, as norms."""
+        values = self._load().tolist()
+        return math.hypot(*values[:3]), math.hypot(*values[3:])
+
+    def ratio(self) -> float:
+        """Largest ratio of load to limit at the current state and efforts."""
+        return max(size / limit for size, limit in zip(self.load(), self._limits, strict=True) if limit is not None)
+
+    def is_reached(self) -> bool:
+        """Whether it is reached at the start of a step."""
+        self._start = self.ratio()
+        return self._start >= 1.0
+
+    def was_clear(self) -> bool:
+        """Whether the load stayed well below it in the last step, by its ends."""
+        return max(self._start, self.ratio()) < _NEAR
+
+    def first(self, path: StepPath, duration_s: float) -> float | None:
+        """First time within ``duration_s`` of the last step at which it is reached; None if it is not."""
+
+        def margin(time_s: float) -> float:
+            path.move_to(time_s)
+            return 1.0 - self.ratio()
+
+        return first_at_most_zero(margin, duration_s)

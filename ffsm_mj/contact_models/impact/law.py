@@ -1,6 +1,17 @@
-"""Interface of impact laws: problem, solution, coverage, and the checks of a law on its records.
+"""Impact laws: their interface with the checks of a law on its records, the built-in ones, and laws by name.
 
-See ``docs/impact-laws.md``; :mod:`ffsm_mj.contact_models.impact.installed_laws` finds the laws by name.
+See ``docs/impact-laws.md``; :mod:`ffsm_mj.contact_models.impact.law` finds the laws by name.
+
+The impact laws ``blend``, ``poisson`` and ``newton``: one closed form for one contact, three laws for several contacts.
+
+The mathematics is in :mod:`ffsm_mj.contact_models.impact.laws` and, with friction, in
+:mod:`ffsm_mj.contact_models.impact.friction`.
+
+Impact laws by name: built-in laws, registered laws, and laws of installed packages.
+
+A package provides a law through the entry-point group ``ffsm_mj.impact_laws``: the name of the entry point is the name of
+the law, and its object a subclass of :class:`~ffsm_mj.contact_models.impact.law.ImpactLaw` with a constructor without
+arguments.
 """
 
 from __future__ import annotations
@@ -8,16 +19,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
-from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.contact_models.impact.laws import FRICTIONLESS, impulse_of_one
+from ffsm_mj.errors import UnsupportedContactError, described
 from ffsm_mj.records.events import ImpactRecord
 
-if TYPE_CHECKING:  # its package takes time to load, and most impacts have no friction
+if TYPE_CHECKING:
     from ffsm_mj.contact_models.impact.friction.result import FrictionResult
 
 
@@ -274,3 +287,138 @@ def friction_of(law: ImpactLaw, solution: ImpactSolution) -> FrictionResult:
     if solution.friction is None:
         raise UnsupportedContactError(f"impact law {law.name!r} returns no friction impulses")
     return solution.friction
+
+
+class _BuiltIn(ImpactLaw):
+    """Base of the built-in laws: the closed form for one contact, and Stronge's law for one contact with friction."""
+
+    def solve(self, problem: ImpactProblem) -> ImpactSolution:
+        """Normal impulses, and friction impulses if any contact has friction."""
+        if problem.with_friction:
+            return self._with_friction(problem)
+        e = problem.restitution
+        if len(e) == 1:  # all restitution laws agree: -(1 + e) u / (J M^-1 J^T)
+            speed, inverse_mass = float(problem.speeds[0]), float(problem.inverse_masses[0])
+            return ImpactSolution(np.array([impulse_of_one(speed, inverse_mass, float(e[0]))]))
+        result = FRICTIONLESS[self.name](problem.A, problem.w, e)
+        return ImpactSolution(result.impulses, "jammed" if result.jammed else "ok")
+
+    def friction_residuals(
+        self, event: Sequence[ImpactRecord], problem: ImpactProblem, impulses: FloatArray
+    ) -> Iterator[float]:
+        """For one contact under Stronge's law, the works also satisfy the energetic definition of restitution."""
+        yield from super().friction_residuals(event, problem, impulses)
+        contact = event[0]
+        if len(event) == 1 and contact.law == "stronge":
+            yield max(contact.friction_work_J, 0.0)
+            if contact.status != "wedged":  # e^2 = -W_restitution / W_compression; wedged: no restitution
+                yield abs(contact.normal_work_J - (1.0 - contact.restitution_used**2) * contact.compression_work_J)
+
+    def _with_friction(self, problem: ImpactProblem) -> ImpactSolution:
+        # Imported only for contacts with friction: its solvers take time to load.
+        from ffsm_mj.contact_models.impact.friction import impact_with_friction
+
+        found = impact_with_friction(problem.A, problem.w, problem.mu, problem.restitution, self.name)
+        return ImpactSolution(found.impulses[:, 0], found.status, found.law, found)
+
+
+class Blend(_BuiltIn):
+    """Plastic solution and generalised reflections, mixed by e; with friction ``stronge`` (one contact) or ``coulomb``."""
+
+    name: ClassVar[str] = "blend"
+    covers: ClassVar[Coverage] = Coverage(friction=True, super_elastic=True)
+    # ``poisson`` replaces ``stronge`` where the path of a single contact cannot be integrated.
+    rules: ClassVar[tuple[str, ...]] = ("stronge", "coulomb", "poisson")
+
+
+class Poisson(_BuiltIn):
+    """Compression, then expansion by e times the compression impulses; with friction, ``stronge`` for one contact."""
+
+    name: ClassVar[str] = "poisson"
+    covers: ClassVar[Coverage] = Coverage(friction=True, super_elastic=True)
+    rules: ClassVar[tuple[str, ...]] = ("stronge",)
+
+
+class Newton(_BuiltIn):
+    """Each contact separates at e times its approach speed or faster, if that is consistent; without friction."""
+
+    name: ClassVar[str] = "newton"
+    covers: ClassVar[Coverage] = Coverage(super_elastic=True)
+
+
+GROUP = "ffsm_mj.impact_laws"
+_BUILT_IN: dict[str, ImpactLaw] = {law.name: law for law in (Blend(), Poisson(), Newton())}
+_REGISTERED = dict(_BUILT_IN)
+
+
+def register(law: ImpactLaw) -> None:
+    """Register a law in this process, for scripts and tests that are not installed packages.
+
+    Raises:
+        ValueError: Another law has that name.
+    """
+    if _REGISTERED.setdefault(law.name, law) is not law:
+        raise ValueError(f"another impact law has the name {law.name!r}")
+
+
+def impact_laws() -> dict[str, ImpactLaw]:
+    """All laws by name, built-in laws first."""
+    plugins, _ = _plugins()
+    return _REGISTERED | {name: law for name, law in plugins.items() if name not in _REGISTERED}
+
+
+def impact_law(name: str) -> ImpactLaw:
+    """Look up a law by name.
+
+    Raises:
+        LookupError: The law is unknown, or an installed package provides it and cannot be used; the message says which.
+    """
+    if law := _REGISTERED.get(name) or _plugins()[0].get(name):
+        return law
+    if fault := plugin_fault(name):
+        raise LookupError(fault)
+    raise LookupError(f"unknown impact law {name!r}; allowed: {', '.join(impact_laws())}")
+
+
+def plugin_fault(name: str) -> str:
+    """Why the law of this name of an installed package cannot be used; empty if it can, or if there is none."""
+    broken = _plugins()[1].get(name)
+    return f"the impact law {name!r} of an installed package cannot be used ({broken})" if broken else ""
+
+
+def law_of_record(name: str) -> ImpactLaw:
+    """The law that checks records with a given name: the law of that name, or one with a rule of that name.
+
+    Records of an unknown law are checked by the default law, so a log cannot avoid a check by its name.
+    """
+    laws = impact_laws()
+    by_rule = (law for law in laws.values() if name in law.rules)
+    return laws.get(name) or next(by_rule, laws["blend"])
+
+
+@cache
+def _plugins() -> tuple[dict[str, ImpactLaw], dict[str, str]]:
+    """Laws of installed packages, and why others cannot be used; evaluated once per process.
+
+    A broken package affects only the scenarios that name its law; so does a law with the name of a built-in one.
+    """
+    laws, broken = dict[str, ImpactLaw](), dict[str, str]()
+    for entry_point in entry_points(group=GROUP):
+        if entry_point.name in _BUILT_IN:
+            broken[entry_point.name] = f"{entry_point.value} has the name of a built-in impact law; rename it"
+            continue
+        try:
+            laws[entry_point.name] = _loaded(entry_point)
+        except Exception as error:  # noqa: BLE001 (a package may fail in any way)
+            broken[entry_point.name] = described(error)
+    return laws, broken
+
+
+def _loaded(entry_point: EntryPoint) -> ImpactLaw:
+    cls = entry_point.load()
+    if not (isinstance(cls, type) and ImpactLaw in cls.__mro__):
+        raise TypeError(f"{entry_point.value} is not a subclass of ffsm_mj.impact.ImpactLaw")
+    law: ImpactLaw = cls()
+    if law.name != entry_point.name:
+        raise TypeError(f"{entry_point.value}: the entry point must have the name of the law, {law.name!r}")
+    return law

@@ -19,8 +19,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian
-from ffsm_mj.contact_models.impact.resolution import Impact, resolve
+from ffsm_mj.contact_models.impact.resolution import Contact, Impact, contact_jacobian, resolve
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import UnsupportedContactError
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.contact import Contact
+from ffsm_mj.contact_models.impact.resolution import Contact
 from ffsm_mj.dynamics.rigid_body import base_jacobian, kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.model.system import System
 

@@ -15,18 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import tilt_rounding
 from ffsm_mj.contact.features.search import features
-from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.tendon_limit import TendonLimit
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs
-from ffsm_mj.contact_models.impact.contact import Contact, LimitContact
-from ffsm_mj.contact_models.impact.friction.tangents import tangents
-from ffsm_mj.contact_models.impact.limit_record import LimitImpactRecord
-from ffsm_mj.contact_models.impact.resolution import Impact, ImpactState
-from ffsm_mj.contact_models.impact.with_friction import Friction
+from ffsm_mj.contact.joint_limit import JointLimit, TendonLimit
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact_models.impact.friction.result import tangents
+from ffsm_mj.contact_models.impact.records import LimitImpactRecord
+from ffsm_mj.contact_models.impact.resolution import ClosedPairs, Contact, Friction, Impact, ImpactState, LimitContact
 from ffsm_mj.contact_models.interface import LoggedEvent, Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix

@@ -1,27 +1,300 @@
-"""Impulses and post-impact velocities of an impact, from an impact law (paper (15)-(18)).
+"""Resolution of an impact: rows of its contacts, impulses by an impact law (paper (15)-(18)), velocities after.
 
 For one contact with normal n, common point p, J_n = n^T (J_b(p) - J_a(p)) and u = J_n qdot < 0, the built-in laws give the
 impulse -(1 + e) u / (J_n M^-1 J_n^T), and qdot+ = qdot- + M^-1 J_n^T impulse. For e = 1 this solves the paper's momentum
 equations (17) and energy equation (18). For the interface of impact laws see :mod:`ffsm_mj.contact_models.impact.law`.
+
+A contact point of two bodies, or a joint at its limit, and its rows of the contact Jacobian.
+
+Closed pairs and joint limits at an impact, and the interface through which persistent contact takes them over.
+
+Impacts of a model with closed loops: rows of the contacts less what the loops hold.
+
+Impacts with friction: normal and tangent rows of every contact are passed to an impact law that covers friction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.closed_loops import Constrained, with_loops
-from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian
-from ffsm_mj.contact_models.impact.installed_laws import impact_law, impact_laws
-from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, solve_impact
-from ffsm_mj.contact_models.impact.with_friction import Friction, ImpactOutcome, resolve_with_friction
+from ffsm_mj.contact.broad_phase import BroadPhase
+from ffsm_mj.contact.joint_limit import JointLimit, TendonLimit
+from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, impact_law, impact_laws, solve_impact
+from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.dynamics.loops.closed_loops import without_rounding
+from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix, momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
+from ffsm_mj.tolerances import CONTACT_GAP_M, RANK
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two bodies in contact at one point.
+
+    Attributes:
+        body_a: Body id of the first body; the impulse on it points along ``-normal``.
+        body_b: Body id of the second body; the impulse on it points along ``normal``.
+        point: Common contact point in world axes, (3,), m.
+        normal: Unit normal from the first body to the second in world axes, (3,).
+        restitution: Coefficient e: 1 elastic, 0 plastic, above 1 super-elastic (the paper's case c).
+        mu: Coefficient of Coulomb friction, >= 0.
+    """
+
+    body_a: int
+    body_b: int
+    point: FloatArray
+    normal: FloatArray
+    restitution: float = 1.0
+    mu: float = 0.0
+
+
+@dataclass(frozen=True)
+class LimitContact:
+    """A joint at one end of its range: the impulse acts on the joint alone, without friction.
+
+    Attributes:
+        dof: Degree of freedom of the hinge or slide joint.
+        sign: 1 at the lower limit, -1 at the upper one: the row of the Jacobian is this times the unit vector of the dof.
+        restitution: Coefficient e, 0 to 1.
+        row: Row of the Jacobian of a tendon, whose degree of freedom is one of its tree, (nv,); empty for a joint.
+    """
+
+    dof: int
+    sign: float
+    restitution: float = 0.0
+    row: tuple[float, ...] = ()
+    mu: ClassVar[float] = 0.0
+
+
+def contact_jacobian(model: Any, data: Any, contact: Contact | LimitContact) -> FloatArray:
+    """J_n = n^T (J_b(p) - J_a(p)), shape (nv,): the normal velocity of b relative to a; for a limit, the rate of its gap.
+
+    Both bodies are evaluated at the one common point, so that the pair of impulses has no moment and L is conserved exactly.
+    A row in which the two parts cancel to rounding is zero, as for two links whose hinge axis meets the normal.
+    """
+    if isinstance(contact, LimitContact):
+        unit = np.eye(1, model.nv, contact.dof)[0]
+        at_limit: FloatArray = np.array(contact.row) if contact.row else contact.sign * unit
+        return at_limit
+    jac_a, jac_b = _jacobians(model, data, contact)
+    return _rows(np.asarray(contact.normal, dtype=np.float64)[None], jac_a, jac_b).reshape(-1)
+
+
+def contact_rows(model: Any, data: Any, contact: Contact | LimitContact, tangents: FloatArray) -> FloatArray:
+    """Velocity of b relative to a along the normal and two tangents, as rows of a Jacobian, (3, nv).
+
+    The tangent rows of a joint limit are zero.
+
+    Args:
+        model: MuJoCo model.
+        data: Its data, kinematics current.
+        contact: The contact; its normal is the first direction.
+        tangents: Two unit vectors across the normal in world axes, (2, 3).
+    """
+    if isinstance(contact, LimitContact):
+        return np.stack([contact_jacobian(model, data, contact), *np.zeros((2, model.nv))])
+    jac_a, jac_b = _jacobians(model, data, contact)
+    return _rows(np.vstack((np.asarray(contact.normal, dtype=np.float64), tangents)), jac_a, jac_b)
+
+
+def _jacobians(model: Any, data: Any, contact: Contact) -> tuple[FloatArray, FloatArray]:
+    """Jacobians of both bodies at the common point, (3, nv) each."""
+    jac_a, jac_b = np.empty((3, model.nv)), np.empty((3, model.nv))
+    point = np.asarray(contact.point, dtype=np.float64)
+    mujoco.mj_jac(model, data, jac_a, None, point, contact.body_a)
+    mujoco.mj_jac(model, data, jac_b, None, point, contact.body_b)
+    return jac_a, jac_b
+
+
+def _rows(directions: FloatArray, jac_a: FloatArray, jac_b: FloatArray) -> FloatArray:
+    terms = sum(np.linalg.norm(directions @ each, axis=1) for each in (jac_a, jac_b))
+    return without_rounding(directions @ (jac_b - jac_a), terms)
+
+
+ClosedPairs = Sequence[tuple[UnilateralConstraint, Proximity]]
+"""Pairs in contact and joints at a limit at one instant, each with its proximity."""
+
+
+def contact_points(closed: ClosedPairs) -> list[tuple[UnilateralConstraint, Proximity, FloatArray]]:
+    """All contact points with their pairs, world axes, m: the order of resolution, rest rule and records."""
+    return [(pair, near, point) for pair, near in closed for point in near.points]
+
+
+def closed_pairs(broad_phase: BroadPhase, scene: Scene, motion: Motion) -> ClosedPairs:
+    """The pairs in contact at the state in ``data``, without those on one rigid body of a motion."""
+    model, data, pairs = scene.system.mj, scene.data, broad_phase.pairs
+    close = [pairs[i] for i in broad_phase.near(data) if pairs[i].geom_ids not in motion.disabled]
+    near = [(pair, pair.proximity(model, data)) for pair in close]
+    return [(pair, proximity) for pair, proximity in near if proximity.gap <= CONTACT_GAP_M]
+
+
+def as_contact(
+    pair: UnilateralConstraint, near: Proximity, point: FloatArray, motion: Motion, restitution: float
+) -> Contact | LimitContact:
+    """A closed pair or joint limit as a contact in the coordinates of a motion."""
+    if isinstance(pair, JointLimit):
+        row = pair.row(motion.model, motion.data, motion.dofs).tolist() if isinstance(pair, TendonLimit) else ()
+        return LimitContact(motion.dofs[pair.dof], pair.sign, restitution, tuple(row))
+    return Contact(motion.bodies[pair.body_a], motion.bodies[pair.body_b], point, near.normal, restitution, pair.mu)
+
+
+class PersistentContacts(Protocol):
+    """Keeps pairs closed after an impact; impact detection skips the pairs that it holds."""
+
+    def holds(self, pair: UnilateralConstraint) -> bool:
+        """Whether it keeps this pair closed now."""
+
+    def refusal(self, pair: UnilateralConstraint) -> str:
+        """Why it cannot keep a pair closed; empty if it can."""
+
+    def close(self, touching: ClosedPairs, *, struck: bool) -> None:
+        """Take over the pairs that neither approach nor separate at the velocities in ``data``.
+
+        Args:
+            touching: The pairs in contact.
+            struck: Whether an impact has just changed the velocities.
+        """
+
+
+Constrained = Callable[[FloatArray], FloatArray]
+"""Rows of velocities less what closed loops hold, (m, nv); see ``Motion.constrained`` in :mod:`ffsm_mj.dynamics.motion`."""
+
+
+def with_loops(J: FloatArray, qvel: FloatArray, constrained: Constrained | None) -> tuple[FloatArray, FloatArray]:
+    """Rows and velocities of an impact problem in which loops stay closed.
+
+    Rates of the loops drift by up to 1e-10 m/s before they are projected. The velocities returned have the speeds at the
+    contacts that were seen there, so that a contact that approaches is one for the impact law too.
+
+    Args:
+        J: Rows of the contacts, (m, nv).
+        qvel: Velocities before, (nv,).
+        constrained: Rows less what the loops hold; None without loops.
+    """
+    if constrained is None:
+        return J, qvel
+    held = constrained(J)
+    drift = (J - held) @ qvel
+    return held, qvel + np.linalg.lstsq(held, drift, rcond=RANK)[0]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction in an impact of k contacts.
+
+    Attributes:
+        impulses: Tangential impulse on b at each contact, world axes, N s, (k, 3).
+        slip_before: Tangential velocity of b relative to a at each contact before, world axes, m/s, (k, 3).
+        slip_after: The same after.
+        paths: Sequence of ``slip``, ``stick`` and ``reverse slip`` of each contact.
+        theta: Factor by which the energy guard reduced the restitution; 1 if it was not needed.
+        residual: Residual of the law, relative to the contact speeds before.
+        normal_work: Work of the normal impulses, J, (k,): for one contact the integral of u_n dp along its path.
+        friction_work: Work of the tangential impulses, J, (k,); the sum of both is the change of kinetic energy.
+        compression_work: Work of the normal impulses until the end of compression, J, (k,).
+    """
+
+    impulses: FloatArray
+    slip_before: FloatArray
+    slip_after: FloatArray
+    paths: tuple[str, ...]
+    theta: float
+    residual: float
+    normal_work: FloatArray
+    friction_work: FloatArray
+    compression_work: FloatArray
+
+
+class ImpactOutcome(NamedTuple):
+    """Outcome of a law: velocities (nv,), normal impulses (k,), name of the law, status, and friction, if any."""
+
+    qvel: FloatArray
+    impulses: FloatArray
+    law: str
+    status: str
+    friction: Friction | None
+
+
+def resolve_with_friction(
+    model: Any,
+    data: Any,
+    M: FloatArray,
+    contacts: Sequence[Contact | LimitContact],
+    qvel: FloatArray,
+    law: ImpactLaw,
+    constrained: Constrained | None = None,
+) -> ImpactOutcome:
+    """Velocities and impulses of an impact in which at least one contact has mu > 0.
+
+    The contacts are sorted by bodies and points first, so the result does not depend on the order in which they are given
+    and a run repeats bit for bit.
+
+    Args:
+        model: MuJoCo model.
+        data: Its data, kinematics current.
+        M: Mass matrix, (nv, nv).
+        contacts: All contact points.
+        qvel: Velocities before, (nv,).
+        law: The impact law.
+        constrained: Rows less what closed loops hold, as a function of the rows; None without loops.
+
+    Raises:
+        UnsupportedContactError: The law does not cover friction, or a restitution is above 1.
+        ValueError: A contact between bodies that cannot move along its normal.
+    """
+    order = sorted(range(len(contacts)), key=lambda i: _sort_key(contacts[i]))
+    placed = [contacts[i] for i in order]
+    e, mu = (np.array([getattr(contact, name) for contact in placed]) for name in ("restitution", "mu"))
+    axes = np.array([_tangents(contact) for contact in placed])
+    J = np.concatenate([contact_rows(model, data, each, across) for each, across in zip(placed, axes, strict=True)])
+    problem = ImpactProblem(M, *with_loops(J, qvel, constrained), e, mu)
+    solution = solve_impact(law, problem)
+    found = friction_of(law, solution)
+    # Only the change is transformed back from mass-weighted velocities: bodies without impulse keep theirs bit for bit.
+    after = qvel + np.linalg.solve(problem.L.T, problem.A.T @ found.impulses.ravel())
+    back = np.argsort(order)
+
+    def in_world(across: FloatArray) -> FloatArray:
+        """Vectors along the tangents, (k, 2), in world axes and in the given order of contacts, (k, 3)."""
+        return np.asarray(np.einsum("ki,kij->kj", across, axes)[back])
+
+    friction = Friction(
+        impulses=in_world(found.impulses[:, 1:]),
+        slip_before=in_world((J @ qvel).reshape(-1, 3)[:, 1:]),
+        slip_after=in_world((J @ after).reshape(-1, 3)[:, 1:]),
+        paths=tuple(found.paths[i] for i in back),
+        theta=found.theta,
+        residual=found.residual,
+        normal_work=found.normal_work[back],
+        friction_work=found.friction_work[back],
+        compression_work=found.compression_work[back],
+    )
+    return ImpactOutcome(after, found.impulses[back, 0], solution.rule or law.name, solution.status, friction)
+
+
+def _tangents(contact: Contact | LimitContact) -> FloatArray:
+    """Two unit vectors across the normal, (2, 3); zero for a joint limit, which has none."""
+    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
+
+    return np.zeros((2, 3)) if isinstance(contact, LimitContact) else tangents(np.asarray(contact.normal))
+
+
+def _sort_key(contact: Contact | LimitContact) -> tuple[float, ...]:
+    """Sort key of a contact: joint limits come last."""
+    if isinstance(contact, LimitContact):
+        return math.inf, contact.dof, contact.sign, contact.restitution
+    where = np.concatenate((contact.point, contact.normal)).tolist()
+    return contact.body_a, contact.body_b, *where, contact.mu, contact.restitution
 
 
 @dataclass(frozen=True)

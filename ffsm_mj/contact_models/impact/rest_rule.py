@@ -1,21 +1,134 @@
 """Rule (10): an impact brings a contact to rest if its next flight would be shorter than a time that the scenario states.
 
-A contact that separates at speed u and is pressed at b (:mod:`.pressing`) is in flight for 2 u / b.
+A contact that separates at speed u and is pressed at b is in flight for 2 u / b.
+
+Accelerations that press the contacts of an impact together, by which the rest rule decides.
+
+The gap accelerations at an impact follow from the velocities after a plastic impact of all closed contacts and from all
+forces other than those of contacts: the current efforts, gravity, springs. Contact forces lambda >= 0 keep every gap
+acceleration non-negative; with friction they satisfy Coulomb's conditions, where contacts that slip after the plastic impact
+slide that way. The acceleration that presses contact i is -gap'' without its own force and with those of the others:
+b_i = n . (G_ii lambda_i), without friction G_ii lambda_i.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, contact_points
-from ffsm_mj.contact_models.impact.pressing import pressing_accelerations
-from ffsm_mj.contact_models.impact.resolution import Impact
+from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact.second_rate import Proximity, SecondRate
+from ffsm_mj.contact_models.impact.laws import least_norm, project
+from ffsm_mj.contact_models.impact.resolution import (
+    ClosedPairs,
+    Contact,
+    Impact,
+    LimitContact,
+    contact_jacobian,
+    contact_points,
+    contact_rows,
+    resolve,
+)
 from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.tolerances import SOLVED
+
+
+def pressing_accelerations(
+    model: Any,
+    data: Any,
+    points: Sequence[tuple[UnilateralConstraint, Proximity, FloatArray]],
+    impact: Impact,
+    motion: Motion,
+) -> FloatArray:
+    """Acceleration b that presses each contact, m/s^2, (k,); zero for contacts that are not pressed.
+
+    Args:
+        model: MuJoCo model of the logged system.
+        data: Its data before the impact, with the current efforts.
+        points: All contact points, with their pairs.
+        impact: The impact; only its contacts count.
+        motion: The current motion.
+    """
+    contacts = impact.contacts
+    stopped = [replace(contact, restitution=0.0) for contact in contacts]
+    plastic = resolve(motion.model, motion.data, stopped, constrained=motion.constrained)
+    with _without_contacts(motion, plastic.after.qvel):
+        rates = [pair.second_rate(model, data, near, point) for pair, near, point in points]
+        rounding = np.array([rate.rounding for rate in rates])
+        pressing = _with_friction(motion, contacts, rates) if any(contact.mu > 0.0 for contact in contacts) else None
+        if pressing is None:
+            pressing = _frictionless(motion, contacts, rates)
+    return np.where(pressing > rounding, pressing, 0.0)
+
+
+def _frictionless(motion: Motion, contacts: Sequence[Contact | LimitContact], rates: Sequence[SecondRate]) -> FloatArray:
+    """G_ii lambda_i of normal forces alone, m/s^2, (k,)."""
+    J = motion.constrained(np.stack([contact_jacobian(motion.model, motion.data, contact) for contact in contacts]))
+    A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
+    # A plastic impact solves the same complementarity problem in velocities: any w with A w = gap'' gives its forces.
+    w = np.linalg.lstsq(A, np.array([rate.value for rate in rates]), rcond=None)[0]
+    return np.asarray(np.sum(A * A, axis=1) * least_norm(A, project(A, w)))
+
+
+def _with_friction(
+    motion: Motion, contacts: Sequence[Contact | LimitContact], rates: Sequence[SecondRate]
+) -> FloatArray | None:
+    """N . (G_ii lambda_i) of forces with friction, m/s^2, (k,); None if Coulomb's conditions have no solution."""
+    from ffsm_mj.contact_models.impact.friction import tangents  # its solvers take time to load
+    from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces
+
+    across = [np.zeros((2, 3)) if isinstance(each, LimitContact) else tangents(np.asarray(each.normal)) for each in contacts]
+    rows = [contact_rows(motion.model, motion.data, each, axes) for each, axes in zip(contacts, across, strict=True)]
+    J = motion.constrained(np.concatenate(rows))
+    A = np.linalg.solve(np.linalg.cholesky(mass_matrix(motion.model, motion.data)), J.T).T
+    G, qvel = A @ A.T, motion.data.qvel
+    b = np.concatenate([(rate.value, *(axes @ rate.acceleration)) for rate, axes in zip(rates, across, strict=True)])
+    u = (J @ qvel).reshape(-1, 3)[:, 1:]
+    # An impact leaves sticking contacts a slip of rounding.
+    slips = np.hypot(u[:, 0], u[:, 1]) > SOLVED * (1.0 + np.abs(J * qvel).max(axis=1).reshape(-1, 3).max(axis=1))
+    mu = np.array([contact.mu for contact in contacts])
+    # No force presses a contact whose gap no motion changes.
+    movable, forces = np.flatnonzero(J[::3].any(axis=1)), np.zeros((len(mu), 3))
+    which = (3 * movable[:, None] + np.arange(3)).ravel()
+    directions = np.where(slips[:, None], u, 0.0)[movable]
+    forces[movable], residual = coulomb_forces(G[np.ix_(which, which)], b[which], mu[movable], directions)
+    if residual > SOLVED:
+        return None
+    own = G.reshape(len(mu), 3, len(mu), 3)[np.arange(len(mu)), 0, np.arange(len(mu))]
+    return np.asarray(np.sum(own * forces, axis=1))
+
+
+@contextmanager
+def _without_contacts(motion: Motion, qvel: FloatArray) -> Iterator[None]:
+    """Context with the motion at other velocities, under all forces except those of contacts.
+
+    ``qfrc_applied`` holds forces of the last stage: contact forces, which answer the state before the impact, and forces of
+    contact models such as springs at the velocities before it. The latter are evaluated again, the former are left out.
+    """
+    data = motion.data
+    before, pushed = data.qvel.copy(), data.qfrc_applied.copy()
+    try:
+        data.qfrc_applied.fill(0.0)
+        _put(motion, qvel)
+        motion.push_without_contacts(data)
+        motion.path.on_event_located()
+        yield
+    finally:
+        data.qfrc_applied[:] = pushed
+        _put(motion, before)
+
+
+def _put(motion: Motion, qvel: FloatArray) -> None:
+    motion.data.qvel[:] = qvel
+    mujoco.mj_forward(motion.model, motion.data)
+    motion.path.on_event_located()
 
 
 @dataclass(frozen=True)

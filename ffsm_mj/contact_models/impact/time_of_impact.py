@@ -1,31 +1,345 @@
 """Event detection of impacts: the first time within a step at which a pair touches or a joint reaches its limit.
 
-Most steps evaluate no distance: a pair that was far apart is evaluated again only after a motion that could have closed it
-(:mod:`.clearances`). Otherwise the step is a smooth path that can be evaluated at
-any time of it. A bound on the closing speed excludes most intervals; the others are bisected until each gap has at most one
-extremum on them, and there the first root is bracketed. A fast body therefore cannot pass through a thin plate between two
-samples, and a graze is neither missed nor invented.
+Most steps evaluate no distance: a pair that was far apart is evaluated again only after a motion that could have closed it.
+Otherwise the step is a smooth path that can be evaluated at any time of it. A bound on the closing speed excludes most
+intervals; the others are bisected until each gap has at most one extremum on them, and there the first root is bracketed. A
+fast body therefore cannot pass through a thin plate between two samples, and a graze is neither missed nor invented.
+
+Clearances: how far each pair can certainly still close before it is near contact.
+
+A gap is evaluated only when the motion since its last evaluation may have closed it. Two bounds on that motion are used.
+The kinetic energy bounds the speed of every body; its integral is accumulated by the stepper. The bound is poor for a light
+link of a heavy system, which could be fast with all that energy. Once it is used up, the generalised velocities bound the
+motion of each pair by the joints between its geoms; their sums are accumulated step by step, too.
+
+Clearances of joint limits: which of them a joint may have reached in a step.
+
+Gaps and rates of joints cost next to nothing, at the start of a step as at its end: both are evaluated exactly. As for pairs
+the kinetic energy bounds how long this can be left out.
+
+First touch of one pair in an interval where its gap has at most one extremum.
+
+A touch is a time at which the gap is zero and the pair approaches. A root of the gap at which the pair separates is the end
+of an earlier contact, not a touch: a pair that starts in contact must first leave it, or is pressed from the start.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.normal_search import DISTANCE_LIMIT_M
-from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.impact.clearances import Clearances
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, PersistentContacts, closed_pairs
-from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
-from ffsm_mj.contact_models.impact.first_touch import first_touch
-from ffsm_mj.contact_models.impact.limit_clearances import LimitClearances
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from ffsm_mj._core.steppers import BOUND_MARGIN
+from ffsm_mj._core.travel import Travel
+from ffsm_mj.arrays import BoolArray, FloatArray
+from ffsm_mj.contact.broad_phase import FEW, BroadPhase
+from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
+from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
+from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact_models.impact.columns import DeepestOverlap
+from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.tolerances import DISTANCE_QUERY_M
+from ffsm_mj.tolerances import DISTANCE_QUERY_M, INSTANT_S, RATE
+
+Indices = npt.NDArray[np.intp]
+_STEPS_AHEAD = 16
+"""A pair that the present motion could bring near contact within so many steps is evaluated with the exhausted ones."""
+NO_PAIRS: Indices = np.zeros(0, dtype=np.intp)
+
+
+class Clearances:
+    """Certified clearances of some pairs, from step to step.
+
+    Attributes:
+        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
+            pair can be near contact.
+        travel: Motion of the coordinates, within whose reach none can be either.
+    """
+
+    def __init__(self, scene: Scene, pairs: Sequence[ContactPair]) -> None:
+        """Bind to the state of a scene; :meth:`restart` must follow."""
+        self._model, self._data, self._pairs = scene.system.mj, scene.data, pairs
+        self._spheres = BroadPhase(self._model, pairs)
+        self._per_root_energy = speeds_per_root_energy(self._model, self._data, [pair.ids for pair in pairs])
+        self._clearance, self._skipped = np.zeros(len(pairs)), np.zeros(len(pairs), dtype=bool)
+        self.travel, self._start, self.energy_reach = Travel(self._data.qvel), 0.0, 0.0
+        self._bind_travel()
+
+    def _bind_travel(self) -> None:
+        """Compute the bounds by joints for the present displacements of slide joints."""
+        self._by_joints = TravelBound(self._model, self._data.qpos, [pair.ids for pair in self._pairs])
+        rows = np.concatenate((self._by_joints.rows, np.eye(self._model.nv)[self._by_joints.slides]))
+        # One number accumulates the largest weighted motion of all degrees of freedom, instead of a sum for each pair.
+        self._weights = rows.max(axis=0, initial=0.0)
+        self._per_length = (rows / np.where(self._weights > 0.0, self._weights, 1.0)).sum(axis=1)
+
+    def restart(self, motion: Motion, is_skipped: Callable[[ContactPair], bool]) -> None:
+        """Start at the state in ``data``, which has changed discontinuously, or the pairs to be detected have.
+
+        Args:
+            motion: The motion that follows.
+            is_skipped: Whether a pair is not detected now.
+        """
+        self._motion = motion
+        self._skipped[:] = [is_skipped(pair) for pair in self._pairs]
+        self._measure(np.flatnonzero(~self._skipped))
+        self._begin(0.0)
+
+    def near(self) -> Indices:
+        """Indices of the pairs that may be in contact at the state in ``data``."""
+        if self._motion.flight.motion_bound < self.energy_reach or self.travel.is_within:
+            return NO_PAIRS
+        return np.flatnonzero(~(self._clearance > 0.0))
+
+    def after_step(self) -> Indices:
+        """Indices of the pairs that may have been in contact during the last step."""
+        flight = self._motion.flight
+        if flight.motion_bound < self.energy_reach or self.travel.is_within:
+            return NO_PAIRS
+        rows, parts = self._by_joints.rows, (flight.motion_bound - self._start, flight.last_increment)
+        moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
+        closed, last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
+        return self._exhausted(closed, last, flight.motion_bound)
+
+    def _by_energy(self, motion_bound: float) -> FloatArray:
+        """Largest closing of each pair in a motion, m."""
+        return self._per_root_energy * motion_bound if motion_bound > 0.0 else np.zeros(len(self._pairs))
+
+    def _exhausted(self, closed: FloatArray, last: FloatArray, motion_bound: float) -> Indices:
+        """Evaluate the pairs that may be near contact after closing by at most these lengths; return the suspects.
+
+        Args:
+            closed: Largest closing of each pair since its evaluation, m.
+            last: That of the last step, m.
+            motion_bound: Motion bound at the state in ``data``.
+        """
+        left = np.where(self._skipped, math.inf, self._clearance - closed)
+        before = left + last
+        if len(self._pairs) > FEW:
+            left = np.maximum(left, self._spheres.gaps(self._data) - DISTANCE_QUERY_M)
+        # Pairs that would be exhausted soon are evaluated with those that are: one by one they would spoil many steps.
+        spent = np.flatnonzero(~(left > _STEPS_AHEAD * last))
+        before = before[spent]
+        self._clearance = left
+        self._measure(spent)
+        # A pair is at least ``before`` apart at the start of the step and ``apart`` at its end: contact in between needs a
+        # motion of at least the sum of both.
+        apart = self._clearance[spent]
+        suspects = spent[~((apart > 0.0) & (before + apart > last[spent]))]
+        self._begin(motion_bound)
+        return suspects
+
+    def _measure(self, indices: Indices) -> None:
+        """Set the clearances of some pairs to those at the state in ``data``, m."""
+        model, data = self._model, self._data
+        if len(self._pairs) > FEW and len(indices):
+            spheres = self._spheres.gaps(data)[indices]
+            self._clearance[indices] = spheres - DISTANCE_QUERY_M
+            indices = indices[spheres < self._spheres.radii[indices]]
+        for i in indices.tolist():
+            self._clearance[i] = self._pairs[i].gap(model, data, DISTANCE_LIMIT_M) - DISTANCE_QUERY_M
+
+    def _begin(self, motion_bound: float) -> None:
+        """Begin new bounds on the motion at the state in ``data``, for which the clearances hold."""
+        data, slides = self._data, self._by_joints.slide_allowance(self._data.qpos)
+        if (slides <= 0.0).any():
+            self._bind_travel()
+            slides = self._by_joints.slide_allowance(data.qpos)
+        self._clearance[self._skipped] = math.inf
+        self._start = motion_bound
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.travel.begin(self._weights, _least(np.concatenate((self._clearance, slides)) / self._per_length))
+            self.energy_reach = motion_bound + _least(self._clearance / self._per_root_energy)
+
+
+def _least(lengths: FloatArray) -> float:
+    """Least of some lengths; infinite ones over infinite bounds, which are not numbers, do not count."""
+    return float(np.fmin.reduce(lengths, initial=math.inf))
+
+
+class LimitClearances:
+    """Distances of joints from their limits, from step to step.
+
+    Attributes:
+        energy_reach: Motion bound (``motion_bound`` of :class:`~ffsm_mj._core.steppers.FreeStepper`) below which no
+            joint can be near a limit.
+    """
+
+    def __init__(self, scene: Scene, limits: Sequence[JointLimit], first: int) -> None:
+        """Bind to the state of a scene; :meth:`restart` must follow.
+
+        Args:
+            scene: The logged system and its data.
+            limits: The limits.
+            first: Index of the first of them among all pairs and limits.
+        """
+        model, self._data, self._limits, self._first = scene.system.mj, scene.data, limits, first
+        self._coordinates = LimitCoordinates(limits)
+        self._dofs = np.array([limit.dof for limit in self._coordinates.joints], dtype=np.intp)
+        self._signs, self._values = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
+        self._per_root_energy = np.array([limit.speed_bound_per_root_energy(model, scene.data) for limit in limits])
+        self._watched, self.energy_reach = np.ones(len(limits), dtype=bool), 0.0
+        self._motion: Motion | None = None
+
+    def restart(self, motion: Motion, is_skipped: Callable[[JointLimit], bool]) -> None:
+        """Start at the state in ``data``, which has changed discontinuously, or the limits to be detected have.
+
+        Args:
+            motion: The motion that follows.
+            is_skipped: Whether a limit is not detected now.
+        """
+        if motion is not self._motion:
+            self._bind(motion)
+        self._watched[:] = [not is_skipped(limit) for limit in self._limits]
+        self._set_reach(self._gaps(self._coordinates.at(self._data)), 0.0)
+
+    def _bind(self, motion: Motion) -> None:
+        """Find the coordinates and rates of the joints in the state at the start of a step."""
+        self._motion, model = motion, motion.model
+        joints = [model.joint(limit.joint) for limit in self._coordinates.joints]
+        self._tendons = [model.tendon(limit.joint).id for limit in self._limits[len(joints) :]]
+        before = int(mujoco.mj_stateSize(model, int(mujoco.mjtState.mjSTATE_TIME)))
+        self._first_qpos = before
+        self._start_qpos = np.array([before + int(joint.qposadr[0]) for joint in joints], dtype=np.intp)
+        self._start_rates = np.array([before + model.nq + int(joint.dofadr[0]) for joint in joints], dtype=np.intp)
+
+    def near(self) -> Indices:
+        """Indices of the limits that joints may be at, at the state in ``data``."""
+        return self._indices(self._watched & (self._gaps(self._coordinates.at(self._data)) <= DISTANCE_QUERY_M))
+
+    def after_step(self) -> Indices:
+        """Indices of the limits that joints may have reached during the last step."""
+        motion: Any = self._motion
+        if motion.flight.motion_bound < self.energy_reach:
+            return NO_PAIRS
+        start, data = motion.path.start, self._data
+        after, values = self._gaps(self._coordinates.at(data)), start[self._start_qpos]
+        rates = np.maximum(np.abs(start[self._start_rates]), np.abs(data.qvel[self._dofs]))
+        if self._tendons:
+            # The state at the start of the step has no lengths: contact then needs no motion of a gap there.
+            values, first = np.concatenate((values, self._values[len(values) :])), motion.model.nq + self._first_qpos
+            rows = tendon_rows(motion.model, motion.data)[self._tendons]
+            both = rows @ start[first : first + motion.model.nv], rows @ motion.data.qvel
+            rates = np.concatenate((rates, np.abs(both).max(axis=0)))
+        before = self._gaps(values)
+        travel = BOUND_MARGIN * (motion.data.time - float(start[0])) * rates
+        # Contact in between needs a motion of at least the sum of both gaps.
+        clear = (after > DISTANCE_QUERY_M) & (before + after - 2.0 * DISTANCE_QUERY_M > travel)
+        self._set_reach(after, motion.flight.motion_bound)
+        return self._indices(self._watched & ~clear)
+
+    def _gaps(self, coordinates: FloatArray) -> FloatArray:
+        gaps: FloatArray = self._signs * (coordinates - self._values)
+        return gaps
+
+    def _set_reach(self, gaps: FloatArray, motion_bound: float) -> None:
+        """Begin a new motion bound with these gaps."""
+        reach = (gaps[self._watched] - DISTANCE_QUERY_M) / self._per_root_energy[self._watched]
+        self.energy_reach = motion_bound + float(reach.min(initial=np.inf))
+
+    def _indices(self, found: BoolArray) -> Indices:
+        return self._first + np.flatnonzero(found)
+
+
+At = Callable[[float], Proximity]
+
+_FALL = 100.0
+"""A pair that starts in contact touches again when its gap has fallen by this many times its rounding."""
+_ITERATIONS = 100
+_KINKED = 20
+"""Iterations after which every second one halves the interval: regula falsi has found the roots of smooth functions by then,
+but creeps along a gap that stays at rounding and then falls, as that of a cap that falls flat does."""
+
+
+def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
+    """First touch in an interval, s, or None.
+
+    Args:
+        at: Moves to a time in s and evaluates the pair there.
+        start: Start of the interval, s.
+        end: End of the interval, s.
+        pressed: Whether a closed pair at rest begins to overlap, at the time that ``at`` moved to last.
+    """
+    first, last = at(start), at(end)
+    if first.approaches:
+        return start if first.gap <= 0.0 else _falling(at, start, end, first, last)
+    level, fall = min(first.gap, 0.0), _FALL * last.rounding
+    if last.gap > level - (fall if first.gap <= 0.0 else 0.0):
+        return None
+    # The pair separates or is at rest at the start, and its gap is lower at the end: the touch is where the gap falls back
+    # to zero, or, for a pair that already overlaps by rounding, to its value at the start.
+    if first.rate > 0.0 and last.rate >= 0.0:
+        return _by_halves(at, start, end, pressed)
+    highest = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE) if first.rate > 0.0 else start
+    top = at(highest)
+    if top.gap <= level + top.rounding:
+        # The pair never leaves contact. If efforts press it, contact begins at the maximum; else it must fall by more than
+        # rounding, or every evaluation would report a touch.
+        if pressed(top):
+            return highest
+        level -= fall
+        if last.gap > level:
+            return None  # apart by rounding at the start, so that the fall to the end was not asked for above
+    return root(lambda t: at(t).gap - level, (highest, top.gap - level), (end, last.gap - level), last.rounding)
+
+
+def _by_halves(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
+    """First touch by bisection: a gap that rises at both ends and is lower at the second has more than one extremum."""
+    middle = 0.5 * (start + end)
+    # Within an instant the gap and its rate are rounding; from 0 s on a thousand halves lead to the least number.
+    if end - start <= INSTANT_S or not start < middle < end:
+        return None
+    early = first_touch(at, start, middle, pressed)
+    return early if early is not None else first_touch(at, middle, end, pressed)
+
+
+def _falling(at: At, start: float, end: float, first: Proximity, last: Proximity) -> float | None:
+    """First touch of a pair that is apart and approaches at the start."""
+    if last.gap > 0.0:
+        if last.rate <= 0.0:
+            return None
+        end = root(lambda t: at(t).rate, (start, first.rate), (end, last.rate), RATE)
+        last = at(end)  # the minimum of the gap: positive for a near miss, else a touch precedes it
+        if last.gap > 0.0:
+            return None
+    return root(lambda t: at(t).gap, (start, first.gap), (end, last.gap), last.rounding)
+
+
+def root(f: Callable[[float], float], left: tuple[float, float], right: tuple[float, float], tolerance: float) -> float:
+    """Root of a function between two points (t, f(t)) of different sign: regula falsi (Illinois), then bisection."""
+    (a, fa), (b, fb) = left, right
+    if fa == 0.0:
+        return a
+    side = 0
+    for count in range(_ITERATIONS):
+        halves = count >= _KINKED and count % 2 == 0
+        c = 0.5 * (a + b) if halves else (a * fb - b * fa) / (fb - fa)
+        if not min(a, b) < c < max(a, b):
+            break
+        fc = f(c)
+        if abs(fc) <= tolerance:
+            return c
+        if (fc > 0.0) == (fb > 0.0):
+            b, fb = c, fc
+            fa = 0.5 * fa if side < 0 else fa
+            side = -1
+        else:
+            a, fa = c, fc
+            fb = 0.5 * fb if side > 0 else fb
+            side = 1
+    return b
+
 
 _MAX_DEPTH = 48
 """Depth of bisection at which an interval is shorter than the rounding of time."""
@@ -54,7 +368,7 @@ class Detector(EventSource, Replayable):
     Attributes:
         pairs: Contact pairs, then joint limits.
         columns: Deepest overlap of any pair, and overrun of any joint limit; see
-            :class:`~ffsm_mj.contact_models.impact.deepest_overlap.DeepestOverlap`.
+            :class:`~ffsm_mj.contact_models.impact.columns.DeepestOverlap`.
     """
 
     kind = "impact"

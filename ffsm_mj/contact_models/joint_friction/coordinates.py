@@ -9,7 +9,7 @@ import numpy as np
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.dynamics.loops.couplings import RestingCombination, RestingJoint, TendonRow
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.dynamics.tendon_springs import tendon_rows
+from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.model.system import System, is_fixed_tendon, tendon_bodies, tendon_unit
 
 

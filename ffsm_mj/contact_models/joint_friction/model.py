@@ -8,7 +8,7 @@ that is held in the stages (:mod:`ffsm_mj.dynamics.loops.closed_loops`) after al
 What is said of joints here is true of tendons, whose coordinate is the length: its row may depend on the configuration.
 
 A step ends where a joint that slides comes to rest, or where the friction that holds one reaches its limit. There the
-accelerations of those at rest follow from a problem with one solution (:mod:`.box`), as they do where efforts change. Where
+accelerations of those at rest follow from a problem with one solution (:mod:`.decision`), as where efforts change. Where
 the limit is reached the acceleration is zero from both sides: a joint breaks away because the force that holds it is about
 to exceed the limit, not because it accelerates, and slides against that force.
 
@@ -28,16 +28,24 @@ import numpy as np
 from ffsm_mj._core.stages import Smooth
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
-from ffsm_mj.contact_models.event import event_fields, just_after
 from ffsm_mj.contact_models.grasp.loops import LoopForces
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
-from ffsm_mj.contact_models.joint_friction.box import least_use
+from ffsm_mj.contact_models.interface import (
+    EventEffect,
+    EventSource,
+    EventTime,
+    ForceSource,
+    LoggedEvent,
+    Replayable,
+    Scene,
+    event_fields,
+    just_after,
+)
 from ffsm_mj.contact_models.joint_friction.coordinates import CoordinatesOfMotion, FrictionCoordinates
-from ffsm_mj.contact_models.joint_friction.decision import RestRows, Senses, decided
+from ffsm_mj.contact_models.joint_friction.decision import RestRows, Senses, decided, least_use
 from ffsm_mj.contact_models.joint_friction.record import HEAT_SIGNALS, STICK_SLIP, StickSlipRecord, friction_signals
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.state_projection import sum_exchanges
-from ffsm_mj.dynamics.loops.mass_weighted import MassWeightedRows
+from ffsm_mj.dynamics.loops.closed_loops import MassWeightedRows
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.records.columns import Columns

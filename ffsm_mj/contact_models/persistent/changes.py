@@ -10,13 +10,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.event import event_fields
-from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.closure import points_at_rest, switched_rate_tolerance
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact_models.interface import EventTime, LoggedEvent, Scene, event_fields
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, points_at_rest, switched_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.modes import Mode

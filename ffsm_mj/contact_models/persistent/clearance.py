@@ -12,13 +12,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.body_motion import Vector, cross
 from ffsm_mj.contact.features.gap_function import Feature, GapFunction
 from ffsm_mj.contact.features.point_line_gaps import PointOnFace
 from ffsm_mj.contact.features.round_gaps import RoundOnFace
 from ffsm_mj.contact.features.search import features
-from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, over_one_face
 from ffsm_mj.tolerances import FLAT_M, LANDING_DEPTH_M, OTHER_POINT_M

@@ -16,10 +16,9 @@ from ffsm_mj._core.stages import Slide, StageSums
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, point_runs
-from ffsm_mj.contact_models.persistent.point_rows import PointRows
+from ffsm_mj.contact.pairs import UnilateralConstraint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows, point_runs
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 

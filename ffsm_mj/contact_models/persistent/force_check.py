@@ -38,19 +38,15 @@ import numpy as np
 from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.features.gap_function import FeatureState, tilt_rounding
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact.second_rate import SecondRate
-from ffsm_mj.contact_models.impact.closed_pairs import as_contact
-from ffsm_mj.contact_models.impact.contact import Contact, LimitContact, contact_jacobian, contact_rows
-from ffsm_mj.contact_models.impact.friction.tangents import tangents
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.second_rate import Proximity, SecondRate
+from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
+from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows
 from ffsm_mj.contact_models.interface import Scene
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
-from ffsm_mj.contact_models.persistent.closure import closed_and_still, held_rate_tolerance
+from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet, closed_and_still, held_rate_tolerance
 from ffsm_mj.contact_models.persistent.columns import force_key, state_key
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import depth

@@ -24,18 +24,31 @@ from ffsm_mj._core.steady import SteadyContacts
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.broad_phase import BroadPhase
-from ffsm_mj.contact.constraint import UnilateralConstraint
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact.proximity import Proximity
-from ffsm_mj.contact_models.event import just_after
-from ffsm_mj.contact_models.impact.closed_pairs import ClosedPairs, closed_pairs
-from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
-from ffsm_mj.contact_models.impact.friction.tangents import tangents
-from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
-from ffsm_mj.contact_models.interface import EventEffect, EventSource, EventTime, ForceSource, LoggedEvent, Replayable, Scene
-from ffsm_mj.contact_models.persistent.account import StepAccount
-from ffsm_mj.contact_models.persistent.active_set import ActiveContactSet
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
+from ffsm_mj.contact_models.impact.friction.result import tangents
+from ffsm_mj.contact_models.impact.resolution import ClosedPairs, closed_pairs
+from ffsm_mj.contact_models.interface import (
+    EventEffect,
+    EventSource,
+    EventTime,
+    ForceSource,
+    LoggedEvent,
+    Replayable,
+    Scene,
+    just_after,
+)
+from ffsm_mj.contact_models.persistent.active_set import (
+    ActiveContactSet,
+    closed_after_change,
+    closed_and_still,
+    closed_at,
+    held_rate_tolerance,
+    rate_tolerance,
+    refusal_in,
+)
 from ffsm_mj.contact_models.persistent.changes import (
     PAIR_KINDS,
     ChangeRecords,
@@ -44,15 +57,7 @@ from ffsm_mj.contact_models.persistent.changes import (
     listed_pairs,
     name_of,
 )
-from ffsm_mj.contact_models.persistent.closure import (
-    closed_after_change,
-    closed_and_still,
-    closed_at,
-    held_rate_tolerance,
-    rate_tolerance,
-    refusal_in,
-)
-from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport
+from ffsm_mj.contact_models.persistent.columns import ContactReport, LimitReport, StepAccount
 from ffsm_mj.contact_models.persistent.exchange import Shares
 from ffsm_mj.contact_models.persistent.force_check import ForceCheck, RecordAccuracy, varied_forces
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS

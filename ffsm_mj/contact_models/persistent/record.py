@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from ffsm_mj.contact_models.impact.limit_record import force_unit
+from ffsm_mj.contact_models.impact.records import force_unit
 from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import QVEL_BEFORE, STEP
 from ffsm_mj.records.kinds import Mark, RecordKind

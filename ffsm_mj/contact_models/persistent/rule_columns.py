@@ -9,10 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact.constraint import UnilateralConstraint
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
-from ffsm_mj.contact_models.persistent.point_rows import PointRows
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows
 from ffsm_mj.records.signals import Signal, identifier
 
 FREE, CLOSED, PRESSING, STICKING, SLIDING = 0.0, 1.0, 2.0, 3.0, 4.0

@@ -19,8 +19,8 @@ import numpy as np
 
 from ffsm_mj._core.loops import JointRow
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.dynamics.loops.rows import BoundRows
-from ffsm_mj.dynamics.tendon_springs import tendon_rows
+from ffsm_mj.dynamics.loops.closed_loops import BoundRows
+from ffsm_mj.dynamics.springs import tendon_rows
 
 _GEOMS = (int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER))
 _DIFFERENCE_S = (1e-3, 5e-4, 2.5e-4)
@@ -65,7 +65,7 @@ class JointCoupling:
     count = 1
 
     def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundRows:  # noqa: ARG002
-        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.closed_loops.RowSource`."""
         leader = -1 if self.leader is None else dofs[self.leader]
         follower, law = dofs[self.follower], self.law
         places = [-1 if dof < 0 else int(model.jnt_qposadr[model.dof_jntid[dof]]) for dof in (follower, leader)]
@@ -86,7 +86,7 @@ class RestingJoint:
     count = 1
 
     def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundRows:  # noqa: ARG002
-        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.closed_loops.RowSource`."""
         row: BoundRows = JointRow(data, (dofs[self.dof], -1), (-1, -1), (0.0, 0.0), Polynomial().coefficients)
         return row
 
@@ -109,7 +109,7 @@ class RestingCombination:
     count = 1
 
     def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundRows:  # noqa: ARG002
-        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.closed_loops.RowSource`."""
         row = np.zeros(model.nv)
         row[[dofs[dof] for dof in self.dofs]] = self.weights
         return _BoundCombination(row, [TendonRow(model, data, name) for name in self.tendons], self.tendon_weights)
@@ -152,7 +152,7 @@ class TendonCoupling:
     count = 1
 
     def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundRows:  # noqa: ARG002
-        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        """The row in a model; see :class:`~ffsm_mj.dynamics.loops.closed_loops.RowSource`."""
         return _BoundTendons(model, data, self)
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from ffsm_mj._core.loops import LoopStage
 from ffsm_mj.arrays import FloatArray, IntArray
+from ffsm_mj.dynamics.loops.closed_loops import RowSource
 from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial, TendonCoupling
 from ffsm_mj.dynamics.loops.latch import LatchedBodies, stopped_along_axes
-from ffsm_mj.dynamics.loops.rows import RowSource
 from ffsm_mj.tolerances import MECHANISM_RANK
 
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)

@@ -85,7 +85,7 @@ class LatchedBodies:
         return len(self.stopped)
 
     def bind(self, model: Any, data: Any, bodies: Sequence[int], dofs: Sequence[int]) -> BoundLatch:  # noqa: ARG002
-        """Its rows in a model; see :class:`~ffsm_mj.dynamics.loops.rows.RowSource`."""
+        """Its rows in a model; see :class:`~ffsm_mj.dynamics.loops.closed_loops.RowSource`."""
         return BoundLatch(model, data, self, bodies)
 
 
@@ -107,7 +107,7 @@ def axes_about(axis: Sequence[float]) -> FloatArray:
 
 
 class BoundLatch:
-    """Rows of one latch in a model; see :class:`~ffsm_mj.dynamics.loops.rows.BoundRows`.
+    """Rows of one latch in a model; see :class:`~ffsm_mj.dynamics.loops.closed_loops.BoundRows`.
 
     Attributes:
         latch: The latch.
@@ -144,7 +144,7 @@ class BoundLatch:
         self._outputs = [(rows[:3], rows[3:]) for rows in (self._own, self._other)]
 
     def evaluate(self, J: FloatArray, gamma: FloatArray) -> None:
-        """Write rows and rates; see :class:`~ffsm_mj.dynamics.loops.rows.BoundRows`."""
+        """Write rows and rates; see :class:`~ffsm_mj.dynamics.loops.closed_loops.BoundRows`."""
         point, rows = self._point(), self._rows()
         relative, omega = self._relative(mujoco.mj_jac, point)
         np.dot(rows, relative, out=J)

@@ -15,7 +15,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.grasp.record import GraspRecord
+from ffsm_mj.contact_models.grasp.records import GraspRecord
 from ffsm_mj.dynamics.rigid_body import skew
 from ffsm_mj.errors import InputError
 from ffsm_mj.impact import Contact

@@ -7,10 +7,9 @@ from itertools import count
 import mujoco
 import pytest
 
-from ffsm_mj.contact.features import nearest_on_circle, point_line_gaps, rim_gaps, round_gaps
+from ffsm_mj.contact.features import point_line_gaps, rim_gaps, round_gaps
 from ffsm_mj.contact.features.gap_function import GapFunction
-from ffsm_mj.contact.features.search import features
-from ffsm_mj.contact.features.stored import StoredFeatures
+from ffsm_mj.contact.features.search import StoredFeatures, features
 from ffsm_mj.state import from_bytes, to_bytes
 from tests.contact.features.test_gap_functions import in_contact, moved, pair_of
 from tests.contact.test_geometry import SHAPES, shape
@@ -20,7 +19,7 @@ PIN = shape("cylinder").replace(SHAPES["cylinder"], 'type="cylinder" size="0.12 
 CASES = {
     (GapFunction, "radius"): (shape("capsule"), shape("box")),
     (GapFunction, "first_radius"): (shape("capsule"), shape("box")),
-    (nearest_on_circle.NearestOnCircle, "angle"): (PIN, shape("box")),
+    (point_line_gaps.NearestOnCircle, "angle"): (PIN, shape("box")),
     (point_line_gaps.LineOnCurve, "nearest"): (PIN, shape("box")),
     (rim_gaps.RimOnRim, "angles"): (PIN, PIN),
     (rim_gaps.SideOnRim, "nearest"): (PIN, shape("capsule")),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from ffsm_mj.contact_models.grasp.closing_condition import Sites
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
-from ffsm_mj.contact_models.grasp.impulse import plastic_impulse, relative_twist_rows
-from ffsm_mj.contact_models.grasp.nearness import Sites
+from ffsm_mj.contact_models.grasp.latch_joints import plastic_impulse, relative_twist_rows
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import kinetic_energy, mass_matrix

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from tests.contact_models.grasp.test_runs import holds

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
-from ffsm_mj.contact_models.grasp.latch_joints import stopped_components
+from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows, stopped_components
 from ffsm_mj.log.scenario import compile_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
 from tests.contact_models.grasp.test_closing_while_pressing import pressed_until, pushing

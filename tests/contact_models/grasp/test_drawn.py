@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.contact_models.grasp.record_kinds import GRASP
+from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.log.markers import ARROW_M, marks_topic
 from ffsm_mj.log.rerun.sink import write_recording
 from tests.contact_models.grasp.scenes import grasping

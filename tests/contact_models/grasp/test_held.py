@@ -9,9 +9,9 @@ import pytest
 
 from ffsm_mj._core.loops import StateTransfer
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion, check_grasped_system
-from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
-from ffsm_mj.contact_models.impact import pressing
+from ffsm_mj.contact_models.impact import rest_rule
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.contact_models.grasp.scenes import ARM, FLAT_ARM, FLAT_TARGET, TARGET, Bench
 from tests.model.test_pinocchio import oracle, to_pinocchio
@@ -276,7 +276,7 @@ def test_forces_of_contacts_are_no_part_of_what_presses_after_an_impact(tmp_path
     found = []
     for pushed in (0.0, 3.0):
         moving.qfrc_applied[:] = pushed
-        with pressing._without_contacts(bench.held, rates):
+        with rest_rule._without_contacts(bench.held, rates):
             found.append(np.array(moving.qacc))
         assert (moving.qfrc_applied == pushed).all()
     np.testing.assert_array_equal(*found)

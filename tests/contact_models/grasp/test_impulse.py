@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.grasp.impulse import plastic_impulse, relative_twist_rows
+from ffsm_mj.contact_models.grasp.latch_joints import plastic_impulse, relative_twist_rows
 from tests.contact_models.grasp.scenes import FLAT_ARM, FLAT_TARGET, Bench
 
 GRASPS = 100

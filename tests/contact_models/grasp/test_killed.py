@@ -13,7 +13,7 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact_models.grasp.closed_grasps import ClosedGrasps
+from ffsm_mj.contact_models.grasp.closing import ClosedGrasps
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.log import recorder
 from ffsm_mj.replay import replay_log

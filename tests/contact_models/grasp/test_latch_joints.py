@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
-from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
-from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad
+from ffsm_mj.contact_models.grasp.latch_joints import axis_angle_rad, relative_twist_rows
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.model.grasp import LatchJoint

@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.grasp.impulse import relative_twist_rows
+from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.impact import linearize_grasp
 from tests.controllers.detumbling import spacecraft

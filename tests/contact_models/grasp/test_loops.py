@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
+from ffsm_mj.contact_models.grasp.loops import closing_pose, loop_latch
 from ffsm_mj.dynamics.rigid_body import mass_matrix, momentum_matrix
 from tests.contact_models.grasp.two_hands import PLANAR, SPATIAL, TwoHands
 

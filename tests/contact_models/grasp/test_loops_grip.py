@@ -12,10 +12,8 @@ import pytest
 
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
-from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
-from ffsm_mj.contact_models.grasp.loops import LoopForces
-from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
-from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
+from ffsm_mj.contact_models.grasp.loops import LoopForces, closing_pose, loop_latch
+from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import EventTime, ForceSource, Scene

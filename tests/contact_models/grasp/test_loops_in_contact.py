@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.contact import Contact, contact_jacobian, contact_rows
-from ffsm_mj.contact_models.impact.friction.tangents import tangents
+from ffsm_mj.contact_models.impact.friction.result import tangents
+from ffsm_mj.contact_models.impact.resolution import Contact, contact_jacobian, contact_rows
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from tests.contact_models.grasp.two_hands import PLANAR, SPATIAL, TwoHands, hand

@@ -6,14 +6,12 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.contact.pairs import ContactPair
+from ffsm_mj.contact_models.grasp.closing_condition import Sites
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion
-from ffsm_mj.contact_models.grasp.impulse import plastic_impulse
+from ffsm_mj.contact_models.grasp.latch_joints import plastic_impulse
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
-from ffsm_mj.contact_models.grasp.loop_latch import closing_pose, loop_latch
-from ffsm_mj.contact_models.grasp.loops import LoopForces
-from ffsm_mj.contact_models.grasp.nearness import Sites
-from ffsm_mj.contact_models.impact.deepest_overlap import DeepestOverlap
-from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
+from ffsm_mj.contact_models.grasp.loops import LoopForces, closing_pose, loop_latch
+from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import EventTime, Scene

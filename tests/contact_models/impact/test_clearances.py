@@ -8,8 +8,7 @@ import pytest
 
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.impact.clearances import Clearances
-from ffsm_mj.contact_models.impact.time_of_impact import Detector
+from ffsm_mj.contact_models.impact.time_of_impact import Clearances, Detector
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator

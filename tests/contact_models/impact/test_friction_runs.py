@@ -16,9 +16,9 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact_models.impact import model as contact_model
-from ffsm_mj.contact_models.impact import record as impact_record
+from ffsm_mj.contact_models.impact import model as impact_model
 from ffsm_mj.contact_models.impact import resolution
-from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.records import IMPACT
 from ffsm_mj.contact_models.impact.resolution import Impact
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.events import ImpactRecord
@@ -551,7 +551,7 @@ def test_friction_of_the_wrong_sign_fails_a_check(tmp_path, monkeypatch):
 
 def test_an_angular_impulse_about_the_wrong_point_fails_a_check(tmp_path, monkeypatch):
     with monkeypatch.context() as put:
-        put.setattr(impact_record, "_centre", lambda *_: np.zeros(3))
+        put.setattr(impact_model, "_centre", lambda *_: np.zeros(3))
         run = ffsm_mj.run(off_centre(tmp_path))
     assert replay_log(run.log).worst["impacts"].what == "impact 1 angular_impulse_N_m_s"
     between = contact_model.impulses_between

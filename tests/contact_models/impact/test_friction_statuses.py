@@ -9,7 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.cli.main import main
-from ffsm_mj.contact_models.impact.record_kind import IMPACT
+from ffsm_mj.contact_models.impact.records import IMPACT
 from tests.contact_models.impact.test_fixed import slab
 from tests.contact_models.impact.test_friction_runs import PUSH, good, impact_energy_check
 from tests.scenes import ball, scene

@@ -17,8 +17,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.contact_models.impact import installed_laws
-from ffsm_mj.contact_models.impact.builtin_laws import Blend
+from ffsm_mj.contact_models.impact import law as laws
+from ffsm_mj.contact_models.impact.law import Blend
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.impact import Contact, Coverage, ImpactLaw, ImpactSolution, register_law, resolve
 from ffsm_mj.replay import replay_log
@@ -36,7 +36,7 @@ SEPARATION = 0.8 * 0.1**0.25
 @pytest.fixture
 def registry(monkeypatch):
     """Registered laws are removed after the test."""
-    monkeypatch.setattr(installed_laws, "_REGISTERED", dict(installed_laws._REGISTERED))
+    monkeypatch.setattr(laws, "_REGISTERED", dict(laws._REGISTERED))
 
 
 @pytest.fixture
@@ -63,9 +63,9 @@ def test_one_contact_is_solved_recorded_replayed_and_checked(tmp_path):
     assert (again.obstacle, again.agrees) == ("", True)
     # Newton's restitution, which the built-in laws are checked by, is not what this law says.
     forged = replace(impact, law="blend")
-    assert installed_laws.law_of_record("blend").restitution_residual([forged]) == pytest.approx(0.8 - SEPARATION)
+    assert laws.law_of_record("blend").restitution_residual([forged]) == pytest.approx(0.8 - SEPARATION)
     faster = replace(impact, separation_speed_m_s=0.8)
-    assert installed_laws.law_of_record("yielding").restitution_residual([faster]) == pytest.approx(0.8 - SEPARATION)
+    assert laws.law_of_record("yielding").restitution_residual([faster]) == pytest.approx(0.8 - SEPARATION)
 
 
 @pytest.mark.usefixtures("registry")
@@ -157,7 +157,7 @@ def test_names_are_those_of_the_installed_laws(tmp_path):
     with pytest.raises(InputError, match=r"impact\.law: should be 'blend', 'poisson', 'newton' or 'yielding', got \"x\""):
         prepare(two_balls(tmp_path, impact={"law": "x"}))
     with pytest.raises(ValueError, match="another impact law has the name 'yielding'"):
-        register_law(type(installed_laws.impact_law("yielding"))())
+        register_law(type(laws.impact_law("yielding"))())
 
 
 def ffsm(*arguments, packages=""):

@@ -13,7 +13,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.impact import resolution
-from ffsm_mj.contact_models.impact.contact import contact_jacobian
+from ffsm_mj.contact_models.impact.resolution import contact_jacobian
 from ffsm_mj.errors import InputError
 from ffsm_mj.impact import Contact, LimitContact, resolve
 from ffsm_mj.replay import replay_log

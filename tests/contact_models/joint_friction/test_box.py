@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from ffsm_mj.contact_models.joint_friction.box import bounded_forces
+from ffsm_mj.contact_models.joint_friction.decision import bounded_forces
 
 
 def problem(rng):

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import ffsm_mj
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-from ffsm_mj.dynamics.tendon_springs import tendon_rows
+from ffsm_mj.dynamics.springs import tendon_rows
 from tests.balance.test_tendon_springs import REACH, cord
 from tests.contact_models.joint_friction.scenes import changes, heat, rubbing, run
 from tests.scenes import HEAD

@@ -8,8 +8,8 @@ from zlib import crc32
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.grasp import load, nearness
-from ffsm_mj.contact_models.impact.friction_heat import FrictionHeat
+from ffsm_mj.contact_models.grasp import closing_condition, load
+from ffsm_mj.contact_models.impact.columns import FrictionHeat
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.contacts import ContactsConfig
@@ -66,7 +66,7 @@ def test_a_load_one_tick_late(tmp_path, monkeypatch):
             self._between.append(self.between)
             self.between = load._NO_EVENT
 
-    monkeypatch.setattr("ffsm_mj.contact_models.grasp.load_report.LoadBuffer", Late)
+    monkeypatch.setattr("ffsm_mj.contact_models.grasp.model.LoadBuffer", Late)
     assert caught(holding(tmp_path)) == {"grasp load"}
 
 
@@ -103,8 +103,8 @@ def test_the_noise_of_another_channel(tmp_path, monkeypatch):
 @pytest.mark.parametrize("joint", ["rigid", "hinge"])
 def test_an_impulse_beside_the_site(tmp_path, monkeypatch, joint):
     """By 1e-6 m, a millionth of the arm."""
-    point = nearness.Sites.point
-    monkeypatch.setattr(nearness.Sites, "point", lambda self, data: point(self, data) + 1e-6)
+    point = closing_condition.Sites.point
+    monkeypatch.setattr(closing_condition.Sites, "point", lambda self, data: point(self, data) + 1e-6)
     axis = {} if joint == "rigid" else {"axis": [0.0, 0.6, 0.8]}
     grasp = {
         "robot_site": "grip",

@@ -7,8 +7,7 @@ friction and an energy guard.
 from __future__ import annotations
 
 from ffsm_mj.contact_models.impact.friction.laws import impact_with_friction
-from ffsm_mj.contact_models.impact.friction.result import FrictionResult
+from ffsm_mj.contact_models.impact.friction.result import FrictionResult, tangents
 from ffsm_mj.contact_models.impact.friction.routh import stronge
-from ffsm_mj.contact_models.impact.friction.tangents import tangents
 
 __all__ = ["FrictionResult", "impact_with_friction", "stronge", "tangents"]

@@ -16,9 +16,9 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.contact_models.impact.friction.coulomb import CoulombProblem, coulomb
+from ffsm_mj.contact_models.impact.friction.least_norm import shared
 from ffsm_mj.contact_models.impact.friction.result import FrictionResult, Status, clip_to_cone
 from ffsm_mj.contact_models.impact.friction.routh import stronge
-from ffsm_mj.contact_models.impact.friction.shares import shared
 from ffsm_mj.contact_models.impact.laws import IMMOVABLE
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.tolerances import APPROACHING, CANCELLED, ENERGY_GAIN, SOLVED

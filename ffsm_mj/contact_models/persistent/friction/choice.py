@@ -14,14 +14,12 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact_models.impact.friction.accelerations import coulomb_forces
-from ffsm_mj.contact_models.impact.friction.lemke import lemke
+from ffsm_mj.contact_models.impact.friction.coulomb import coulomb_forces, lemke
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.persistent.friction.cones import cone_margin, in_accelerations, own_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import internal_forces
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK, unit_slips
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution
-from ffsm_mj.contact_models.persistent.friction.stages import StageEquation
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, Solution, StageEquation
 from ffsm_mj.tolerances import RANK, SOLVED
 
 _SLIPS, _SATURATED = 1e-7, 1e-6

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.contact_models.impact.least_norm import least_norm_in, of_points, on_cones
+from ffsm_mj.contact_models.impact.friction.least_norm import least_norm_in, of_points, on_cones
 from ffsm_mj.contact_models.persistent.friction.cones import depth, largest_margin
 from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
 

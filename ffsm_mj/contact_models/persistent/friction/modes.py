@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
 from ffsm_mj.cached_property import cached_property
-from ffsm_mj.contact.constraint import UnilateralConstraint
+from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.state import entries
 from ffsm_mj.tolerances import CLOSED_RATE, RATE, SOLVED

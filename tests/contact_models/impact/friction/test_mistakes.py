@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.contact_models.impact.friction import impact_with_friction, laws, path, result, routh, stronge
+from ffsm_mj.contact_models.impact.friction import impact_with_friction, laws, result, routh, stronge
 from tests.contact_models.impact.friction.contacts import SPHERE, energy, rod, rows
 from tests.contact_models.impact.friction.problems import problem
 from tests.contact_models.impact.friction.test_several_contacts import box_on_edges, checked, gaining, spheres
@@ -26,7 +26,7 @@ def test_friction_of_one_contact_with_the_wrong_sign(monkeypatch):
     def forward(self, problem):
         return np.append(1.0, problem.mu * self.direction)
 
-    monkeypatch.setattr(path.Path, "force", forward)
+    monkeypatch.setattr(routh.Path, "force", forward)
     assert stronge(A, w, 0.2, 0.5).status == "unconverged"
 
 

@@ -7,8 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from ffsm_mj.contact_models.persistent.friction.modes import CLOSED, SLIDE, STICK
-from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem
-from ffsm_mj.contact_models.persistent.friction.stages import StageEquation
+from ffsm_mj.contact_models.persistent.friction.problem import FrictionProblem, StageEquation
 
 ONE, EVERY = np.array([0]), np.arange(4)
 

@@ -1,8 +1,13 @@
-"""Event record of an impact at a joint limit, and how logs, tables, reports and viewers present it."""
+"""Records of impacts, of contacts and at joint limits: how logs, tables, reports and viewers present them.
+
+Event record of an impact at a joint limit, and how logs, tables, reports and viewers present it.
+"""
 
 from __future__ import annotations
 
-from ffsm_mj.contact_models.impact.record_kind import summary_of
+import math
+from typing import Any
+
 from ffsm_mj.records.events import (
     ENERGY_AFTER,
     ENERGY_BEFORE,
@@ -12,9 +17,87 @@ from ffsm_mj.records.events import (
     QVEL_AFTER,
     QVEL_BEFORE,
     THETA,
+    ImpactRecord,
 )
-from ffsm_mj.records.kinds import Mark, RecordKind
-from ffsm_mj.records.record import ByName, Values, declared, record
+from ffsm_mj.records.kinds import Mark, RecordKind, all_fields, field_of
+from ffsm_mj.records.record import ByName, Values, columns_of, declared, record, table_order
+
+
+def _sentence(record: ImpactRecord) -> str:
+    rests = record.restitution_used == 0.0 < record.restitution
+    after = "comes to rest" if rests else f"separation {record.separation_speed_m_s:.4g} m/s"
+    speeds = f"e = {record.restitution:g}, approach {record.approach_speed_m_s:.4g} m/s, {after}"
+    return f"impact {record.pair}: impulse {record.impulse_N_s:.5g} N s, {speeds}{_friction(record)}{_status(record)}"
+
+
+def _friction(record: ImpactRecord) -> str:
+    """Impulse and slip of a contact with friction; empty without friction."""
+    if not record.mu:
+        return ""
+    size, before, after = map(_size, (record.tangential_impulse_N_s, record.slip_before_m_s, record.slip_after_m_s))
+    path = f" ({record.path})" if record.path else ""
+    return f", mu = {record.mu:g}, friction impulse {size:.4g} N s, slip {before:.4g} to {after:.4g} m/s{path}"
+
+
+def _status(record: ImpactRecord) -> str:
+    """Status of the solution; empty if it is ``ok``."""
+    if record.status == "ok":
+        return ""
+    theta = f", restitution times theta = {record.theta:.6g}" if record.theta < 1.0 else ""
+    return f", {record.status.replace('_', ' ')}{theta}"
+
+
+def _warns(record: ImpactRecord) -> bool:
+    return record.status in ("energy_guard", "jammed")
+
+
+def _size(vector: tuple[float, ...]) -> float:
+    return math.hypot(*vector)
+
+
+def _marks(record: ImpactRecord) -> list[Mark]:
+    normal = Mark(record.point_m, record.normal, record.impulse_N_s, f"{record.impulse_N_s:.4g} N s", record.pair)
+    size = _size(record.tangential_impulse_N_s)
+    if size == 0.0:
+        return [normal]
+    along = tuple(x / size for x in record.tangential_impulse_N_s)
+    return [normal, Mark(record.point_m, along, size, f"{size:.4g} N s friction", record.pair)]
+
+
+def summary_of(record: Any) -> dict[str, Any]:
+    """Entry of an impact in a summary: the columns of its table but the gap, and the velocities by joint."""
+    rates = {name: _by_joint(getattr(record, name)) for name in ("qvel_before", "qvel_after")}
+    cls: type = type(record)
+    values, shown = all_fields(record) | rates, {field_of(column)[0] for column in columns_of(cls)} - {"gap", "gap_m"}
+    return {name: values[name] for name in table_order(cls) if name in rates or name in shown}
+
+
+def _by_joint(qvel: ByName) -> dict[str, float | list[float]]:
+    """Generalised velocities by joint: a number for a joint with one degree of freedom."""
+    return {joint: v[0] if len(v) == 1 else list(v) for joint, v in qvel.items()}
+
+
+def _summary(record: ImpactRecord) -> dict[str, Any]:
+    """The place of the contact comes before the solution, the geoms of robot and object if there are such."""
+    found = summary_of(record)
+    first = ("event", "time_s", "pair", "rule", "geoms", "robot_geom", "object_geom", "point_m", "normal")
+    without = () if record.robot_geom else ("robot_geom", "object_geom")
+    return {name: found[name] for name in (*first, *found) if name not in without}
+
+
+IMPACT = RecordKind(
+    record=ImpactRecord,
+    name="impact",
+    plural="impacts",
+    when="at every impact, one per contact point",
+    sentence=_sentence,
+    summary=_summary,
+    marks=_marks,
+    warning=_warns,
+    in_every_run=True,
+    own_numbers=True,
+    event_group="impact",
+)
 
 
 @record
@@ -104,7 +187,7 @@ def _impulse(record: LimitImpactRecord) -> str:
     return f"{record.impulse:.5g} {force_unit(record.unit)} s"
 
 
-def _sentence(record: LimitImpactRecord) -> str:
+def _limit_sentence(record: LimitImpactRecord) -> str:
     rests = record.restitution_used == 0.0
     after = "comes to rest" if rests else f"separation {record.separation_rate:.4g} {record.unit}/s"
     status = "" if record.status == "ok" else f", {record.status.replace('_', ' ')}"
@@ -114,7 +197,7 @@ def _sentence(record: LimitImpactRecord) -> str:
     )
 
 
-def _marks(record: LimitImpactRecord) -> list[Mark]:
+def _limit_marks(record: LimitImpactRecord) -> list[Mark]:
     name = f"{record.joint} {record.side} limit"
     return [Mark(record.point_m, record.axis, record.impulse, _impulse(record), name)]
 
@@ -124,9 +207,9 @@ LIMIT_IMPACT = RecordKind(
     name="limit_impact",
     plural="limit_impacts",
     when="when a joint hits a limit",
-    sentence=_sentence,
+    sentence=_limit_sentence,
     summary=summary_of,
-    marks=_marks,
+    marks=_limit_marks,
     warning=lambda record: record.status in ("energy_guard", "jammed"),
     own_numbers=True,
     event_group="impact",

@@ -1,0 +1,370 @@
+"""Closing condition of an armed grasp: bounds on the relative motion of two sites, when they hold, how nearly they did.
+
+Closing time of an armed grasp: first time within a step at which its bounds hold, including dips between its ends.
+
+Closest approach of an armed grasp to its bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import cross
+from ffsm_mj.model.grasp import Grasp
+from ffsm_mj.model.system import System
+from ffsm_mj.state import entries
+from ffsm_mj.ties import FirstOfLeast, first_of_greatest
+from ffsm_mj.tolerances import CANCELLED, EVENT_TIME, EVENT_TIME_S
+
+Vectors = list[list[float]]
+"""Relative vectors: offset in m, rotation vector in rad, velocity in m/s and rad/s, world axes, (4, 3)."""
+
+
+class Nearness(NamedTuple):
+    """Relative pose and velocity of the object's site and the robot's at one state, as norms.
+
+    Attributes:
+        position_m: Distance of the sites.
+        angle_rad: Angle between their frames.
+        speed_m_s: Relative speed of their bodies at the object's site.
+        rate_rad_s: Relative angular speed.
+    """
+
+    position_m: float
+    angle_rad: float
+    speed_m_s: float
+    rate_rad_s: float
+
+    @classmethod
+    def of(cls, vectors: Vectors) -> Nearness:
+        """Norms of the relative vectors."""
+        return cls(*(math.hypot(*vector) for vector in vectors))
+
+    def ratio(self, bounds: Sequence[float | None]) -> float:
+        """Largest ratio of a value to its bound; all bounds hold if it is at most 1."""
+        return max(value / bound for value, bound in zip(self, bounds, strict=True) if bound is not None)
+
+
+class Sites:
+    """The two sites of a grasp in the logged system.
+
+    Attributes:
+        link: Id of the grasping link.
+        root: Id of the object's base.
+        robot: Id of the robot's site.
+        object: Id of the object's site.
+    """
+
+    def __init__(self, system: System, grasp: Grasp) -> None:
+        """Look up the sites and their bodies."""
+        self._model = system.mj
+        self.robot, self.object = system.index("site", grasp.robot_site), system.index("site", grasp.object_site)
+        self.link, self.root = system.index("body", grasp.link), system.index("body", grasp.root)
+        self._one, self._other = np.empty(6), np.empty(6)
+
+    def point(self, data: Any) -> FloatArray:
+        """Position of the object's site, world axes, m, (3,)."""
+        return np.array(data.site_xpos[self.object])
+
+    def vectors(self, data: Any) -> Vectors:
+        """Relative vectors of the sites at the state in ``data``; positions and velocities must be current."""
+        here, there = data.site_xmat[self.robot].reshape(3, 3), data.site_xmat[self.object].reshape(3, 3)
+        place, held = data.site_xpos[self.object], data.xpos[self.link]
+        for twist, body in ((self._one, self.link), (self._other, self.root)):
+            mujoco.mj_objectVelocity(self._model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+        one, other = self._one, self._other  # angular, then linear
+        velocity = other[3:] + cross(other[:3], place - data.xpos[self.root])
+        velocity -= one[3:] + cross(one[:3], place - held)
+        offset: list[float] = (place - data.site_xpos[self.robot]).tolist()
+        return [offset, _rotation(there @ here.T), velocity.tolist(), (other[:3] - one[:3]).tolist()]
+
+    def rounding(self, data: Any) -> Nearness:
+        """How far the norms of the vectors of the last evaluation may differ where they are equal in exact arithmetic.
+
+        Distances and velocities are differences, which are known as well as what cancels in them.
+        """
+        places = (*data.site_xpos[self.robot].tolist(), *data.site_xpos[self.object].tolist())
+        turning, moving = ((*self._one[part].tolist(), *self._other[part].tolist()) for part in (slice(3), slice(3, None)))
+        return Nearness(*(CANCELLED * (1.0 + max(map(abs, terms))) for terms in (places, (0.0,), moving, turning)))
+
+
+def _rotation(turn: FloatArray) -> list[float]:
+    """Rotation vector of a rotation matrix, rad; atan2 keeps its length accurate near zero, where acos is not."""
+    (_, d, g), (b, _, h), (c, f, _) = turn.T.tolist()
+    x, y, z = h - f, c - g, d - b
+    sine = math.hypot(x, y, z)
+    angle = math.atan2(sine, float(np.trace(turn)) - 1.0)
+    return [x * angle / sine, y * angle / sine, z * angle / sine] if sine else [angle, 0.0, 0.0]
+
+
+_MARGIN = 1.1
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_GOLDEN_TOLERANCE = 1e-6
+_SAMPLES = (0.25, 0.5, 0.75)
+
+At = Callable[[float], Vectors]
+"""Moves to a time of a step in s, and evaluates the relative vectors of the sites there."""
+
+
+class Bounds:
+    """Bounds of the closing condition of a grasp; None for a value without bound.
+
+    Attributes:
+        stated: The bounds by the name of the value in :class:`~ffsm_mj.contact_models.grasp.closing_condition.Nearness`.
+    """
+
+    def __init__(self, bounds: Sequence[float | None]) -> None:
+        """Store the bounds, in the order of :class:`~ffsm_mj.contact_models.grasp.closing_condition.Nearness`."""
+        self._bounds = tuple(bounds)
+        self.stated = {name: bound for name, bound in zip(Nearness._fields, bounds, strict=True) if bound is not None}
+
+    def ratio(self, near: Nearness) -> float:
+        """Largest ratio of a value to its bound."""
+        return near.ratio(self._bounds)
+
+    def rate(self, vectors: Vectors, accelerations: Sequence[Sequence[float]]) -> float:
+        """Rate of the largest ratio, 1/s.
+
+        Distance and angle change at the relative velocities along them, speeds at the relative accelerations along them.
+
+        Args:
+            vectors: Relative vectors of the sites.
+            accelerations: Rates of the relative velocities, (2, 3).
+        """
+        ratios = [
+            0.0 if bound is None else math.hypot(*one) / bound for one, bound in zip(vectors, self._bounds, strict=True)
+        ]
+        largest = ratios.index(max(ratios))
+        one, other, bound = vectors[largest], (*vectors[2:], *accelerations)[largest], self._bounds[largest]
+        size, along = math.hypot(*one), sum(a * b for a, b in zip(one, other, strict=True))
+        return (along / size if size else math.hypot(*other)) / (bound or math.inf)
+
+    def may_dip(self, start: Nearness, end: Nearness, duration_s: float) -> bool:
+        """Whether all bounds may hold inside a step although they hold at neither end.
+
+        Distance and angle change no faster than the relative speeds, which gives a lower bound on each; a speed is assumed
+        to fall below its smaller end value by at most the difference of the two.
+        """
+        for i, bound in enumerate(self._bounds):
+            if bound is None:
+                continue
+            if i < 2:
+                fastest = _MARGIN * max(start[i + 2], end[i + 2])
+                least = 0.5 * (start[i] + end[i] - fastest * duration_s)
+            else:
+                least = min(start[i], end[i]) - abs(start[i] - end[i])
+            if least > bound:
+                return False
+        return True
+
+    def first(self, at: At, duration_s: float) -> float | None:
+        """First time at which all bounds hold in a step, s; None if there is none.
+
+        The ratio is sampled at a few times; a local minimum among the samples is refined, in case it dips below 1.
+
+        Args:
+            at: Moves to a time of the step, and evaluates the vectors there.
+            duration_s: Length of the step.
+        """
+
+        def excess(time_s: float) -> float:
+            return self.ratio(Nearness.of(at(time_s))) - 1.0
+
+        return first_at_most_zero(excess, duration_s)
+
+
+def first_at_most_zero(f: Callable[[float], float], duration_s: float) -> float | None:
+    """First time in a step at which a function is not positive, s, also where it dips inside; None if there is none."""
+    times = [0.0, *(share * duration_s for share in _SAMPLES), duration_s]
+    values = [f(time) for time in times]
+    if values[0] <= 0.0:
+        return 0.0
+    for i in range(1, len(times)):
+        if values[i] <= 0.0:
+            return _root(f, times[i - 1], times[i])
+        if 0 < i < len(times) - 1 and values[i] <= values[i - 1] and values[i] <= values[i + 1]:
+            dip = lowest(f, times[i - 1], times[i + 1])
+            if f(dip) <= 0.0:
+                return _root(f, times[i - 1], dip)
+    return None
+
+
+def _root(f: Callable[[float], float], start_s: float, end_s: float) -> float:
+    """Root of a function that is positive at the start and not at the end, rounded up until it is not positive."""
+    from scipy.optimize import brentq  # takes a second to import: only runs with a grasp pay
+
+    if f(end_s) == 0.0:
+        return end_s
+    root, late = float(brentq(f, start_s, end_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME)), EVENT_TIME_S
+    while root < end_s and f(root) > 0.0:
+        root, late = min(root + late, end_s), 2.0 * late
+    return root
+
+
+def lowest_inside(bounds: Bounds, start: Vectors, end: Vectors, at: At, duration_s: float, enough: float) -> float | None:
+    """Time inside a step at which the largest ratio first falls and then rises, s; None if it does not.
+
+    The minimum is the root of the rate of the ratio, which is known to rounding there; the ratio itself is flat.
+
+    Args:
+        bounds: The bounds.
+        start: Relative vectors at the start of the step.
+        end: Those at its end.
+        at: Moves to a time of the step, and evaluates the vectors there.
+        duration_s: Length of the step.
+        enough: Minima that are certainly above this do not matter.
+    """
+    from scipy.optimize import brentq  # takes a second to import: only runs with a grasp pay
+
+    if not duration_s > 0.0:
+        return None
+    mean = [[(b - a) / duration_s for a, b in zip(*both, strict=True)] for both in zip(start[2:], end[2:], strict=True)]
+    falls, rises = bounds.rate(start, mean), bounds.rate(end, mean)
+    if not falls < 0.0 < rises:
+        return None
+    # The tangents at both ends meet at or below the minimum of a convex function. Of one that is not quite convex, the
+    # minimum is assumed to be at most twice as deep: a step at rest, where rates are rounding, is not searched.
+    before, after = (bounds.ratio(Nearness.of(vectors)) for vectors in (start, end))
+    lowest_m = (before * rises - after * falls + falls * rises * duration_s) / (rises - falls)
+    if 2.0 * lowest_m - min(before, after) > enough:
+        return None
+    middle = at(0.5 * duration_s)
+    bends = [
+        [2.0 * (a - 2.0 * m + b) / duration_s for a, m, b in zip(*three, strict=True)]
+        for three in zip(start[2:], middle[2:], end[2:], strict=True)
+    ]
+
+    def rate(time_s: float) -> float:
+        # Accelerations of the parabola through the velocities at the ends and in the middle.
+        part = 2.0 * time_s / duration_s - 1.0
+        now = [[a + part * b for a, b in zip(*both, strict=True)] for both in zip(mean, bends, strict=True)]
+        return bounds.rate(at(time_s), now)
+
+    if not rate(0.0) < 0.0 < rate(duration_s):
+        return None
+    return float(brentq(rate, 0.0, duration_s, xtol=EVENT_TIME_S, rtol=EVENT_TIME))
+
+
+def lowest(f: Callable[[float], float], start_s: float, end_s: float) -> float:
+    """Minimum of a unimodal function by golden-section search, to a millionth of the interval; stops at a value <= 0."""
+    stretch = _GOLDEN_TOLERANCE * (end_s - start_s)
+    a, b = end_s - _GOLDEN * (end_s - start_s), start_s + _GOLDEN * (end_s - start_s)
+    fa, fb = f(a), f(b)
+    while end_s - start_s > stretch:
+        if fa <= 0.0:
+            return a
+        if fa < fb:
+            end_s, b, fb = b, a, fa
+            a = end_s - _GOLDEN * (end_s - start_s)
+            fa = f(a)
+        else:
+            start_s, a, fa = a, b, fb
+            b = start_s + _GOLDEN * (end_s - start_s)
+            fb = f(b)
+    return a if fa < fb else b
+
+
+class _Approach(NamedTuple):
+    """Relative pose and velocity of the sites at a time in s."""
+
+    time_s: float
+    near: Nearness
+
+
+class ClosestApproach:
+    """Least ratio to the bounds of a grasp since it was armed, within steps too; of equal ones the first counts.
+
+    The time of a minimum follows from the rates of the vectors, not from their norms, which do not change there to first
+    order: it is known to rounding, and so are the speeds at it.
+
+    Attributes:
+        bounds: The bounds.
+    """
+
+    @dataclass
+    class State:
+        """Time up to which steps are added, s, rounding of the ratios, and the least ones, with time and norms of each."""
+
+        clock_s: float
+        rounding: float
+        least: list[Any]
+
+    def __init__(self, bounds: Bounds, time_s: float) -> None:
+        """Start when the grasp is armed."""
+        self.bounds, self._clock_s, self._rounding = bounds, time_s, 0.0
+        self._least = FirstOfLeast[_Approach]()
+
+    def add_step(self, start: Vectors, end: Vectors, at: At, duration_s: float, rounding: Nearness) -> None:
+        """Add a finished (sub-)step.
+
+        Args:
+            start: Relative vectors at its start.
+            end: Those at its end.
+            at: Moves to a time of the step, and evaluates the vectors there.
+            duration_s: Its length.
+            rounding: Rounding of the norms.
+        """
+        self._rounding = self.bounds.ratio(rounding)
+        self._add(Nearness.of(start), 0.0)
+        inside_s = lowest_inside(self.bounds, start, end, at, duration_s, self._least.least - self._rounding)
+        if inside_s is not None:
+            self._add(Nearness.of(at(inside_s)), inside_s)
+        self._add(Nearness.of(end), duration_s)
+        self._clock_s += duration_s
+
+    def add_end(self, vectors: Vectors) -> None:
+        """Add the state at which it is disarmed, which an event at the end of the last step may have changed."""
+        if self._least.first() is not None:
+            self._add(Nearness.of(vectors), 0.0)
+
+    def get_state(self) -> State:
+        """The approach so far."""
+        least = [(ratio, rounding, (at.time_s, tuple(at.near))) for ratio, rounding, at in self._least.get_state()]
+        return self.State(self._clock_s, self._rounding, least)
+
+    def set_state(self, state: Any) -> None:
+        """Go on from an approach so far."""
+        told = entries(state, ("clock_s", "rounding", "least"), "ClosestApproach")
+        self._clock_s, self._rounding = told["clock_s"], told["rounding"]
+        candidates = told["least"]
+        self._least.set_state(
+            (ratio, rounding, _Approach(time_s, Nearness(*near))) for ratio, rounding, (time_s, near) in candidates
+        )
+
+    def assume(self, near: Nearness, time_s: float) -> None:
+        """Take it from a log, whose part since the arming is lost."""
+        self._clock_s = time_s
+        self._add(near, 0.0)
+
+    def _add(self, near: Nearness, after_s: float) -> None:
+        self._least.add(self.bounds.ratio(near), self._rounding, _Approach(self._clock_s + after_s, near))
+
+    def first(self) -> tuple[Nearness, float, str] | None:
+        """Relative pose and velocity at it, its time in s, and which value has the largest ratio; None before a step."""
+        first, bounds = self._least.first(), self.bounds.stated
+        if first is None:
+            return None
+        ratios = [getattr(first.near, name) / bound for name, bound in bounds.items()]
+        # Where one ratio falls and another rises, the largest of both is least where they are equal.
+        return first.near, first.time_s, [*bounds][first_of_greatest(ratios, self._rounding)]
+
+    def accuracy(self) -> Mapping[str, float]:
+        """How well the fields of the record are determined, by name: how far they vary between equal approaches."""
+        first, equals = self._least.first(), self._least.equals()
+        if first is None:
+            return {}
+        spread = {
+            name: max(abs(getattr(each.near, name) - value) for each in equals)
+            for name, value in first.near._asdict().items()
+        }
+        return spread | {
+            "least_s": max(abs(each.time_s - first.time_s) for each in equals),
+            "failed_value": max(spread[name] for name in self.bounds.stated),
+        }
