@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.contact_models.grasp.records import KINDS
+from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.model.driven_joints import needs_motors
