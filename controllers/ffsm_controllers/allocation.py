@@ -35,15 +35,15 @@ def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArra
     Raises:
         ScenarioFaults: An unknown actuator, or one of another model.
     """
-    found, faults = [], []
+    actuators, faults = [], []
     for i, name in enumerate(names):
         try:
-            found.append(system.index("actuator", name))
+            actuators.append(system.index("actuator", name))
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), (key, i)))
             continue
-        if not any(body in system.robot.bodies for body in driven_bodies(system.mj, found[-1])):
-            full = system.names("actuator")[found[-1]]
+        if not any(body in system.robot.bodies for body in driven_bodies(system.mj, actuators[-1])):
+            full = system.names("actuator")[actuators[-1]]
             faults.append(
                 Fault(
                     f"{full} is no actuator of {system.robot.name!r}; a part that drives an object is a part of "
@@ -53,7 +53,7 @@ def actuators_by_name(system: System, names: Sequence[str], key: str) -> IntArra
             )
     if faults:
         raise ScenarioFaults(faults)
-    return np.array(found, dtype=np.intp)
+    return np.array(actuators, dtype=np.intp)
 
 
 class ThrusterAllocation:
@@ -164,11 +164,11 @@ class WheelAllocation:
         self._inverse: FloatArray | None = None
         # The axis of a body's first joint is fixed in the body that this one is mounted on.
         if np.all((model.body_parentid[bodies] == self._root) & (model.body_jntadr[bodies] == self._joints)):
-            own = [
+            columns = [
                 _rotated(model.body_quat[body], model.jnt_axis[joint])
                 for body, joint in zip(bodies, self._joints, strict=True)
             ]
-            self._inverse = np.asarray(np.linalg.lstsq(-np.array(own).reshape(-1, 3).T, np.eye(3), rcond=None)[0])
+            self._inverse = np.asarray(np.linalg.lstsq(-np.array(columns).reshape(-1, 3).T, np.eye(3), rcond=None)[0])
 
     def efforts(self, data: Any, torque: FloatArray) -> FloatArray:
         """Torque of each wheel's motor for a torque on the base in world axes; least effort where wheels are redundant."""

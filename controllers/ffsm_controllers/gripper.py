@@ -163,9 +163,9 @@ def _end(config: GripperConfig, system: System, names: Sequence[str]) -> FloatAr
         ScenarioFaults: The scenario does not state them and a joint has no range, or they are beyond it.
     """
     key = "closed_at" if config.action == "close" else "open_at"
-    given = config.closed_at if config.action == "close" else config.open_at
-    if given is not None:
-        positions = per_joint(given, len(names), key)
+    stated = config.closed_at if config.action == "close" else config.open_at
+    if stated is not None:
+        positions = per_joint(stated, len(names), key)
         refuse_outside_range(system, names, positions.tolist(), (key,))
         return positions
     low, high = np.array([joint_range(system, name) for name in names]).T

@@ -92,16 +92,16 @@ class Parts(Stateful):
             ControllerError: Two parts drive the same actuator.
         """
         for part in self._order:
-            self._current, own = part, part.command
-            own.clear()
-            np.copyto(own.others, command.effort)
-            part.law.control(observation, own)
-            if command.powered.dot(own.powered):
+            self._current, part_command = part, part.command
+            part_command.clear()
+            np.copyto(part_command.others, command.effort)
+            part.law.control(observation, part_command)
+            if command.powered.dot(part_command.powered):
                 raise ControllerError(self._clash(part))
-            np.copyto(command.effort, own.effort, where=own.powered)
-            np.logical_or(command.powered, own.powered, out=command.powered)
-            np.logical_or(command.setpoints, own.setpoints, out=command.setpoints)
-            command.requests.update(own.requests)
+            np.copyto(command.effort, part_command.effort, where=part_command.powered)
+            np.logical_or(command.powered, part_command.powered, out=command.powered)
+            np.logical_or(command.setpoints, part_command.setpoints, out=command.setpoints)
+            command.requests.update(part_command.requests)
         self._current = None
 
     def _clash(self, part: Part) -> str:

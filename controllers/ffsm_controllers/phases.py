@@ -11,9 +11,9 @@ from typing import Any, cast
 import numpy as np
 
 from ffsm_controllers.endings import Ending
-from ffsm_controllers.indices import compact
 from ffsm_controllers.parts import Parts
 from ffsm_mj._core.osdre import CommandingLaw
+from ffsm_mj.arrays import compact
 from ffsm_mj.controller_protocol import (
     Columns,
     Command,
@@ -154,23 +154,23 @@ class PhaseMachine:
             observation: What the controller sees at it.
             replaced: Phases, by position, whose control laws are of another kind: the state has nothing of them.
         """
-        told = entries(state, [each.name for each in fields(self.State)], "the phases")
-        self.phase_index, self._start_s, self._grasp = told["phase_index"], told["start_s"], told["grasp"]
+        saved = entries(state, [field.name for field in fields(self.State)], "the phases")
+        self.phase_index, self._start_s, self._grasp = saved["phase_index"], saved["start_s"], saved["grasp"]
         self._begun, self._requests = [], []
-        self._current = None if told["current"] is None else PhaseRecord(**told["current"])
-        self._begins_again = told["begins_again"]
+        self._current = None if saved["current"] is None else PhaseRecord(**saved["current"])
+        self._begins_again = saved["begins_again"]
         self._live_index[0] = self.phase_index
-        self.telemetry[:] = [told["telemetry"].get(key, math.nan) for key in self._keys]
-        self._asked = {(i, grasp): self.phases[i].law(grasp) for i, grasp in told["asked"] if i not in replaced}
+        self.telemetry[:] = [saved["telemetry"].get(key, math.nan) for key in self._keys]
+        self._asked = {(i, grasp): self.phases[i].law(grasp) for i, grasp in saved["asked"] if i not in replaced}
         in_charge = self.phase_index, self._grasp
         if in_charge in self._asked and observation.attached == self._grasp:  # otherwise another law takes over
             self._asked[in_charge].start(self._seen(observation)._replace(phase_start_s=self._start_s))
         for place, law in self._laws.items():
-            if place[0] not in replaced and place in told["laws"]:
-                law.set_state(told["laws"][place])
+            if place[0] not in replaced and place in saved["laws"]:
+                law.set_state(saved["laws"][place])
         for of_ending, trigger in self._endings.items():
-            if of_ending in told["endings"]:
-                trigger.set_state(told["endings"][of_ending])
+            if of_ending in saved["endings"]:
+                trigger.set_state(saved["endings"][of_ending])
 
     @property
     def in_charge(self) -> str:
@@ -214,7 +214,7 @@ class PhaseMachine:
             return None
         phase, places = self.phases[self.phase_index], self._columns[self.phase_index]
         law = phase.law(self._grasp)
-        until_s = min((each.trigger.rests_until_s(self._start_s, law) for each in phase.endings), default=math.inf)
+        until_s = min((ending.trigger.rests_until_s(self._start_s, law) for ending in phase.endings), default=math.inf)
         if until_s == -math.inf:
             return None
         # Asking for the method is fifty times faster than isinstance of a protocol.
@@ -241,7 +241,7 @@ class PhaseMachine:
         if not phase.endings:
             return None
         free, law = _of_free(observation), phase.law(self._grasp)
-        return next((each for each in phase.endings if each.trigger.is_due(free, self._start_s, law)), None)
+        return next((ending for ending in phase.endings if ending.trigger.is_due(free, self._start_s, law)), None)
 
     def _begin(self, index: int, observation: Observation, reason: str) -> None:
         phase, before = self.phases[index], self.phases[self.phase_index].arm if self.phase_index >= 0 else ()
@@ -296,17 +296,17 @@ class PhaseMachine:
         Raises:
             ControllerError: One says what is neither a finite number nor text.
         """
-        found: dict[str, ControllerReport] = {}
+        reports_by_phase: dict[str, ControllerReport] = {}
         for i in sorted({begun for begun, _ in self._asked}):
             phase = self.phases[i]
             report: dict[str, float | int | str] = {}
             for grasp in ("", *phase.held):
                 law = self._asked.get((i, grasp))
-                told: ControllerReport = law.summary() if isinstance(law, Summarises) else {}
+                summary: ControllerReport = law.summary() if isinstance(law, Summarises) else {}
                 before = f"{grasp}: " if grasp else ""
-                report |= {f"{before}{name}": _plain(phase, name, value) for name, value in told.items()}
-            found[phase.name] = report
-        return found
+                report |= {f"{before}{name}": _plain(phase, name, value) for name, value in summary.items()}
+            reports_by_phase[phase.name] = report
+        return reports_by_phase
 
 
 def _of_free(observation: Observation) -> Observation:

@@ -16,10 +16,10 @@ class Classes(UserDict[str, Any]):
 
     def __getitem__(self, kind: str) -> Any:
         """Class of a kind."""
-        found = super().__getitem__(kind)
-        if isinstance(found, EntryPoint):
-            self[kind] = found = found.load()
-        return found
+        entry = super().__getitem__(kind)
+        if isinstance(entry, EntryPoint):
+            self[kind] = entry = entry.load()
+        return entry
 
 
 @dataclass(frozen=True)
@@ -45,22 +45,22 @@ def installed(group: str, built_in: Iterable[tuple[type[StrictModel], str]], nou
         built_in: Configuration models of this package, and ``module:Class`` of the class that each is for.
         noun: What they are, for messages.
     """
-    found = Kinds({}, Classes(), {})
+    kinds = Kinds({}, Classes(), {})
     for config, place in built_in:
         kind = _kind_of(config)
-        found.configs[kind] = config
-        found.classes[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
-    own = set(found.configs)
+        kinds.configs[kind] = config
+        kinds.classes[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
+    shipped = set(kinds.configs)
     for entry_point in entry_points(group=group):
-        if entry_point.name in own:
-            found.broken[entry_point.name] = f"{entry_point.value} has the name of a built-in {noun}; rename it"
+        if entry_point.name in shipped:
+            kinds.broken[entry_point.name] = f"{entry_point.value} has the name of a built-in {noun}; rename it"
             continue
         try:
             cls = _load(entry_point)
-            found.configs[entry_point.name], found.classes[entry_point.name] = cls.Config, cls
+            kinds.configs[entry_point.name], kinds.classes[entry_point.name] = cls.Config, cls
         except Exception as error:  # noqa: BLE001 (a plugin may fail in any way)
-            found.broken[entry_point.name] = f"{type(error).__name__}: {error}"
-    return found
+            kinds.broken[entry_point.name] = f"{type(error).__name__}: {error}"
+    return kinds
 
 
 def _load(entry_point: EntryPoint) -> Any:

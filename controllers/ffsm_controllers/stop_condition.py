@@ -177,8 +177,8 @@ class StopMonitor(Stateful, Trigger):
 
     def _stack_momentum(self, observation: Observation) -> float:
         assert self._stack is not None
-        held = dict.fromkeys(self._grasped[name] for name in observation.grasps if name in self._grasped)
-        return math.hypot(*self._stack.parts(observation.data, tuple(held))[0].tolist())
+        trees = dict.fromkeys(self._grasped[name] for name in observation.grasps if name in self._grasped)
+        return math.hypot(*self._stack.parts(observation.data, tuple(trees))[0].tolist())
 
     def _tip_error(self, observation: Observation) -> float:
         assert self._task is not None

@@ -100,8 +100,8 @@ class Balance:
         self._of_trees = TreeAccounts(self._numbers[_OF_TREES:], trees, **kept)
         gravity = Gravity(system, data, self._of_trees.gravity) if falls else None
         self._springs = SpringBalance(system, data, joints, self._of_trees.springs) if springy else None
-        held = self._numbers[ACCOUNTS:_OF_TREES]
-        self._grasped_object = GraspedObjectBalance(system, data, momentum, held, self._of_trees)
+        totals = self._numbers[ACCOUNTS:_OF_TREES]
+        self._grasped_object = GraspedObjectBalance(system, data, momentum, totals, self._of_trees)
         always = [part for part in (gravity, self._springs) if part is not None]
         self.work = self._step_work(data, always, actuator_work, actuator_impulse)
         self.momentum = momentum
@@ -153,8 +153,8 @@ class Balance:
         terms = before.accounts
         self._of_trees.numbers.fill(0.0)
         work, impulse = terms.fallen[0], terms.gravity[0].reshape(2, 6)
-        for tree, own, pushed in zip(self._of_trees.gravity, work[1:], impulse, strict=False):
-            tree[0], tree[1:] = own, pushed
+        for tree, gravity_work, pushed in zip(self._of_trees.gravity, work[1:], impulse, strict=False):
+            tree[0], tree[1:] = gravity_work, pushed
         for sums in self._of_trees.actuators[1:2]:
             sums[0], sums[1:] = terms.objects_work[0, 0], terms.objects_external[0]
         for tree, *sums in zip(self._of_trees.springs, terms.heat[0, 1:], terms.truncation[0, 1:], strict=False):
@@ -265,10 +265,10 @@ class Balance:
 
     def set_state(self, state: Any) -> None:
         """Go on from a state; ``data`` is at it."""
-        told = entries(state, ("numbers", "grasped"), "Balance")
+        saved = entries(state, ("numbers", "grasped"), "Balance")
         self._buffer.empty()
-        self.set_grasped_object(None if told["grasped"] is None else self._system.objects[told["grasped"]])
-        self._numbers[:] = fitting(told["numbers"], self._numbers.shape, "Balance")
+        self.set_grasped_object(None if saved["grasped"] is None else self._system.objects[saved["grasped"]])
+        self._numbers[:] = fitting(saved["numbers"], self._numbers.shape, "Balance")
 
     def open(self) -> None:
         """Begin a (sub-)step: store what the efforts held during it need of the state."""

@@ -222,9 +222,9 @@ def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: 
     bodies = model.site_bodyid[model.actuator_trnid[ids, 0]]
     groups = []
     for body in [body for body in np.unique(bodies).tolist() if body in tree.bodies]:
-        own = ids[bodies == body]
-        wrenches = np.stack([site_wrench(model, i) for i in own], axis=1)
-        groups.append(Thrusters(model, data, body, own, wrenches, felt, work, impulse))
+        of_body = ids[bodies == body]
+        wrenches = np.stack([site_wrench(model, i) for i in of_body], axis=1)
+        groups.append(Thrusters(model, data, body, of_body, wrenches, felt, work, impulse))
     return groups
 
 
@@ -274,10 +274,10 @@ class BaseMotors:
 
     def open(self) -> None:
         """Begin a (sub-)step with the state and the efforts in ``data``."""
-        data, held = self._data, np.where(self._chosen, self._data.ctrl, 0.0)
-        self._pushing = bool(held.any())
+        data, efforts = self._data, np.where(self._chosen, self._data.ctrl, 0.0)
+        self._pushing = bool(efforts.any())
         if self._pushing:
-            self._qpos, self._qvel, self._scratch.ctrl[:] = data.qpos.copy(), data.qvel.copy(), held
+            self._qpos, self._qvel, self._scratch.ctrl[:] = data.qpos.copy(), data.qvel.copy(), efforts
 
     def close(self, duration_s: float) -> None:
         """End the step at the state in ``data``."""

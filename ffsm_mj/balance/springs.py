@@ -84,11 +84,11 @@ class SpringBalance:
         """End the step at the state in ``data``, derived quantities current."""
         springs, accounts = self._springs, self._accounts
         if springs.elastic:
-            taken = self._truncation(duration_s)
+            truncation = self._truncation(duration_s)
             if self.grasped:
-                taken[0], taken[self.grasped] = taken[0] + taken[self.grasped], 0.0
+                truncation[0], truncation[self.grasped] = truncation[0] + truncation[self.grasped], 0.0
             accounts[:, 0] += self._trees.dot(springs.energy(self._data.qpos) - self._elastic)
-            accounts[:, 2] += taken
+            accounts[:, 2] += truncation
         if springs.damped:
             accounts[:, 1] += self._trees.dot(self._heat(duration_s))
         if len(self._tendons.ids):
@@ -133,6 +133,6 @@ class SpringBalance:
         # The mean of w^2 over the modes that move; the formula is that of modes that RK4 resolves.
         if h * h * (moving.sum() + stretched.sum()) > MODE_STEP**2 * 0.5 * (first.sum() + second.sum()):
             return np.zeros(len(self._trees))
-        taken: FloatArray = self._trees.dot(h**6 / 144.0 * (moving + third))
-        taken += self._of_tendons.dot(h**6 / 144.0 * stretched)
-        return taken
+        truncation: FloatArray = self._trees.dot(h**6 / 144.0 * (moving + third))
+        truncation += self._of_tendons.dot(h**6 / 144.0 * stretched)
+        return truncation

@@ -43,7 +43,7 @@ class StepError:
         self._rates = data.qvel
         self._trees = [self._views(tree) for tree in system.trees]
         lengths = [[i for joint in tree.joints for i in _lengths(joint)] for tree in system.trees]
-        self._robot_lengths, self._lengths = lengths[0], [i for own in lengths for i in own]
+        self._robot_lengths, self._lengths = lengths[0], [i for tree_lengths in lengths for i in tree_lengths]
         roots = {tree.root for tree in system.trees}
         self._system, self._mass = system, float(system.mj.body_mass.sum())
         self._weights = np.hstack((_changes(balance.free), -balance.entered()))
@@ -129,10 +129,10 @@ class StepError:
 
     def scales(self) -> FloatArray:
         """1 + the scales of energy, P and L of (total, robot, objects) as in the checks, (3, 3), where a step starts."""
-        found = np.array([self._scales(subsystem) for subsystem in range(len(SUBSYSTEMS))])
+        by_subsystem = np.array([self._scales(subsystem) for subsystem in range(len(SUBSYSTEMS))])
         if self._balance.grasped_object is not None:  # what the robot gives to the object cancels in the robot's balance
-            found[_ROBOT] += found[_OBJECTS] - 1.0
-        return found
+            by_subsystem[_ROBOT] += by_subsystem[_OBJECTS] - 1.0
+        return by_subsystem
 
     def _size(self, left: list[float], subsystem: int) -> float:
         """Largest relative residual of one subsystem."""
@@ -144,27 +144,29 @@ class StepError:
         assert self._start is not None
         start, qpos = self._start, self._data.qpos
         robot, objects = start[:_NUMBERS], start[_NUMBERS : 2 * _NUMBERS]
-        own = {_TOTAL: [a + b for a, b in zip(robot, objects, strict=True)], _ROBOT: robot, _OBJECTS: objects}[subsystem]
+        accounts = {_TOTAL: [a + b for a, b in zip(robot, objects, strict=True)], _ROBOT: robot, _OBJECTS: objects}[
+            subsystem
+        ]
         members = {_TOTAL: (robot, objects), _ROBOT: (robot,), _OBJECTS: (objects,)}[subsystem]
-        linear = sum(math.hypot(*each[1:4]) for each in members)
+        linear = sum(math.hypot(*member[1:4]) for member in members)
         lever = math.hypot(*qpos[self._robot_lengths if subsystem == _ROBOT else self._lengths].tolist())
-        return 1.0 + abs(own[0]), 1.0 + linear, 1.0 + math.hypot(*own[4:]) + lever * linear
+        return 1.0 + abs(accounts[0]), 1.0 + linear, 1.0 + math.hypot(*accounts[4:]) + lever * linear
 
     def _now(self) -> list[float]:
         """Energy and momenta of the robot, of all objects, and of a grasped one alone, at the state in ``data``."""
         mujoco.mj_subtreeVel(self._model, self._data)
         momentum, rates = self._balance.momentum, self._rates
-        found, alone, grasped = [[0.0] * _NUMBERS, [0.0] * _NUMBERS], [], self._balance.grasped_object
+        accounts, alone, grasped = [[0.0] * _NUMBERS, [0.0] * _NUMBERS], [], self._balance.grasped_object
         for i, (mass, dofs, velocity, centre, spin) in enumerate(self._trees):
             (u, v, w), (x, y, z), (a, b, c) = velocity.tolist(), centre.tolist(), spin.tolist()
             p, q, r = mass * u, mass * v, mass * w
             energy = 0.5 * float(momentum[dofs].dot(rates[dofs]))
-            own = (energy, p, q, r, a + y * r - z * q, b + z * p - x * r, c + x * q - y * p)
-            subsystem = found[min(i, 1)]
-            subsystem[:] = [before + each for before, each in zip(subsystem, own, strict=True)]
+            about_origin = (energy, p, q, r, a + y * r - z * q, b + z * p - x * r, c + x * q - y * p)
+            subsystem = accounts[min(i, 1)]
+            subsystem[:] = [before + added for before, added in zip(subsystem, about_origin, strict=True)]
             if grasped is not None and dofs == grasped.dofs:
-                alone = list(own)
-        return found[0] + found[1] + alone
+                alone = list(about_origin)
+        return accounts[0] + accounts[1] + alone
 
 
 def _changes(free: FloatArray) -> FloatArray:

@@ -29,8 +29,8 @@ def subsystem_energies(powers: FloatArray, robot: slice) -> FloatArray:
         powers: Generalised momentum times rate by dof, (n, nv).
         robot: Degrees of freedom of the robot.
     """
-    total, own = 0.5 * powers.sum(axis=1), 0.5 * powers[:, robot].sum(axis=1)
-    return np.stack((total, own, total - own), axis=1)
+    total, of_robot = 0.5 * powers.sum(axis=1), 0.5 * powers[:, robot].sum(axis=1)
+    return np.stack((total, of_robot, total - of_robot), axis=1)
 
 
 def subsystem_momenta(robot: FloatArray, objects: FloatArray) -> FloatArray:
@@ -118,7 +118,7 @@ class TreeAccounts:
         if of_springs.size:
             terms.elastic[:], terms.heat[:], terms.truncation[:] = np.moveaxis(_springs_by_subsystem(of_springs), -2, 0)
 
-    def given(self, numbers: FloatArray, tree: int) -> FloatArray | None:
+    def entered(self, numbers: FloatArray, tree: int) -> FloatArray | None:
         """Energy and momentum that a tree has by what acts on it alone, (..., 7); None if nothing does.
 
         Args:
@@ -128,12 +128,12 @@ class TreeAccounts:
         of_gravity, of_springs, of_actuators = self._parts(numbers)
         if not numbers.size:
             return None
-        given = of_gravity[..., tree, :].copy() if of_gravity.size else np.zeros((*numbers.shape[:-1], Gravity.SIZE))
+        entered = of_gravity[..., tree, :].copy() if of_gravity.size else np.zeros((*numbers.shape[:-1], Gravity.SIZE))
         if of_springs.size:
-            given[..., 0] -= of_springs[..., tree, 0] + of_springs[..., tree, 1]
+            entered[..., 0] -= of_springs[..., tree, 0] + of_springs[..., tree, 1]
         if of_actuators.size:
-            given += of_actuators[..., tree, :]
-        return given
+            entered += of_actuators[..., tree, :]
+        return entered
 
 
 def _gravity_by_subsystem(of_trees: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -192,7 +192,7 @@ class GraspedObjectBalance:
             What the robot gave to the previous grasped object; None if there was none.
         """
         before = self._tree
-        exchange = _given(self._now(before) - self._start) if before is not None else None
+        exchange = _entered(self._now(before) - self._start) if before is not None else None
         if tree is not before:
             self.forget()
             self._tree = tree
@@ -212,8 +212,8 @@ class GraspedObjectBalance:
             change: Change of the object's kinetic energy in J, P and L about the origin, (7,).
         """
         assert self._tree is not None
-        own = self._accounts.given(self._accounts.numbers, 1 + self._system.objects.index(self._tree))
-        return _given(change if own is None else change - own)
+        numbers = self._accounts.entered(self._accounts.numbers, 1 + self._system.objects.index(self._tree))
+        return _entered(change if numbers is None else change - numbers)
 
     def _now(self, tree: Tree) -> FloatArray:
         data, root, h, rates = self._data, tree.root, self._momentum, self._data.qvel
@@ -221,8 +221,8 @@ class GraspedObjectBalance:
         mass = float(self._system.mj.body_subtreemass[root])
         momentum = subtree_momenta(mass, data.subtree_linvel[root], data.subtree_com[root], data.subtree_angmom[root])
         now = np.concatenate(((0.5 * float(h[tree.dofs] @ rates[tree.dofs]),), momentum))
-        own = self._accounts.given(self._accounts.numbers, 1 + self._system.objects.index(tree))
-        return now if own is None else now - own
+        numbers = self._accounts.entered(self._accounts.numbers, 1 + self._system.objects.index(tree))
+        return now if numbers is None else now - numbers
 
     def gained(self, buffer: SampleBuffer, used: slice) -> Iterator[tuple[Any, Exchange]]:
         """What the grasped object has gained since the grasp began: rows of the buffer, and the exchange for all of them."""
@@ -232,13 +232,13 @@ class GraspedObjectBalance:
             tree, rows = self._system.objects[number - 1], numbers[:, 0] == number
             energy = 0.5 * (buffer.h[used, tree.dofs] * buffer.rates[used, tree.dofs]).sum(axis=1, keepdims=True)
             states = np.concatenate((energy, buffer.momenta(tree.root, used)), axis=1)
-            own = self._accounts.given(others, number)
-            if own is not None:
-                states -= own
-            yield rows, _given(states[rows] - numbers[rows, 1:])
+            of_tree = self._accounts.entered(others, number)
+            if of_tree is not None:
+                states -= of_tree
+            yield rows, _entered(states[rows] - numbers[rows, 1:])
 
 
-def _given(change: FloatArray) -> Exchange:
+def _entered(change: FloatArray) -> Exchange:
     """Exchange between robot and object from the object's change of energy and momentum, (..., 7)."""
     energy = change[..., :1]
     return Exchange(np.concatenate((np.zeros_like(energy), -energy, energy), axis=-1), change[..., 1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
+from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.task import task_of

@@ -44,9 +44,9 @@ class SampleLayout:
         self.values, self.true = slice(0, width), slice(width, 2 * width)
         self.times = slice(self.true.stop, self.true.stop + count)
         self.valid = slice(self.times.stop, self.times.stop + count)
-        found = [k for k, sensor in enumerate(sensors) if sensor.sums]
-        self.cells = {k: i for i, k in enumerate(found)}
-        components = [component for k in found for component in range(self.parts[k].start, self.parts[k].stop)]
+        summing = [k for k, sensor in enumerate(sensors) if sensor.sums]
+        self.cells = {k: i for i, k in enumerate(summing)}
+        components = [component for k in summing for component in range(self.parts[k].start, self.parts[k].stop)]
         self.summed: IntArray = np.array(components, dtype=np.intp)
         self.impulses = slice(self.valid.stop, self.valid.stop + len(components))
         self.means = slice(self.impulses.stop, self.impulses.stop + len(components))
@@ -86,14 +86,14 @@ class GroupErrors:
         self._noisy: list[tuple[SensorErrors, slice]] = []
         self._others: list[tuple[SensorErrors, slice]] = []
         self._turned: list[tuple[SensorErrors, slice]] = []
-        for sensor, each, part in zip(sensors, errors, layout.parts, strict=True):
-            if not each.is_elementwise:
-                (self._turned if each.turns_by_noise else self._others).append((each, part))
+        for sensor, error, part in zip(sensors, errors, layout.parts, strict=True):
+            if not error.is_elementwise:
+                (self._turned if error.turns_by_noise else self._others).append((error, part))
                 continue
             self._scale[part], self._bias[part], self._sigma[part] = sensor.scale, sensor.bias, sensor.noise
             self._low[part], self._high[part], self._quantum[part] = sensor.low, sensor.high, sensor.quantum
             if sensor.noise > 0.0:
-                self._noisy.append((each, part))
+                self._noisy.append((error, part))
         self._scales = bool((self._scale != 1.0).any())
         self._clips = bool(np.isfinite(self._low).any() or np.isfinite(self._high).any())
         self._rounds = self._quantum > 0.0
@@ -122,30 +122,30 @@ class GroupErrors:
             exact = sample[self._layout.true]
             for part, turns in self._turns:
                 mujoco.mju_mulQuat(sample[part], exact[part], turns[line])
-            for each, part in self._others:
-                sample[part] = each.measured(exact[part], number)
+            for error, part in self._others:
+                sample[part] = error.measured(exact[part], number)
         return sample
 
-    def _limited(self, found: FloatArray) -> FloatArray:
+    def _limited(self, values: FloatArray) -> FloatArray:
         """Values within the ranges, rounded."""
         if self._clips:
-            np.clip(found, self._low, self._high, out=found)
+            np.clip(values, self._low, self._high, out=values)
         if self._coarse:
-            found = np.where(self._rounds, self._resolution * np.round(found / self._resolution), found)
-        return found
+            values = np.where(self._rounds, self._resolution * np.round(values / self._resolution), values)
+        return values
 
     def _prepare(self, block: int) -> None:
         """Prepare a block of samples: what is added to their true values."""
         layout, noise = self._layout, np.zeros((BLOCK, len(self._scale)))
-        for each, part in self._noisy:
-            noise[:, part] = each.noise.block(block)
+        for error, part in self._noisy:
+            noise[:, part] = error.noise.block(block)
         self._block, self._prepared = block, np.zeros((BLOCK, layout.size))
         self._prepared[:, layout.values] = self._bias + self._sigma * noise
         self._prepared[:, layout.true] = -0.0  # the number that changes no other, not even the sign of 0
         numbers = np.arange(BLOCK * block, BLOCK * (block + 1))
         self._prepared[:, layout.times] = (self._first_s + numbers * self._interval_s)[:, None]
         self._prepared[:, layout.valid] = 1.0
-        self._turns = [(part, each.turns(block)) for each, part in self._turned]
+        self._turns = [(part, error.turns(block)) for error, part in self._turned]
 
 
 class SensorGroup(Stateful):
@@ -224,20 +224,20 @@ class SensorGroup(Stateful):
             hidden: Sensors, by their place in the group, whose target is not in view.
         """
         layout, number, time_s = self.layout, self.number, self.next_s
-        given = self._given
-        given[layout.values] = given[layout.true] = true
+        values = self._given
+        values[layout.values] = values[layout.true] = true
         if layout.cells:
             forces = true[layout.summed]
-            given[layout.means] = 0.5 * (self._last + forces)
+            values[layout.means] = 0.5 * (self._last + forces)
             self._last = forces
-        sample = self._errors.sample(given, number)
+        sample = self._errors.sample(values, number)
         if math.isnan(true.dot(true)):
             sample[layout.valid] = [not np.isnan(true[part]).any() for part in layout.parts]
         for k in hidden:
             sample[layout.valid.start + k] = 0.0
         if self._impulses is not None:
             sample[layout.impulses] = self._impulses
-            sample[layout.means] = given[layout.means] + self._impulses / self._interval_s
+            sample[layout.means] = values[layout.means] + self._impulses / self._interval_s
             self._impulses = None
         sample.setflags(write=False)  # control laws see parts of it
         if (after_s := self._errors.arrival_s(number)) < math.inf:
@@ -270,9 +270,9 @@ class SensorGroup(Stateful):
 
 def groups_of(sensors: Iterable[Sensor], seed: int) -> tuple[SensorGroup, ...]:
     """Groups of sensors whose samples are taken and arrive at the same times."""
-    found: dict[tuple[float, float, float, str], list[Sensor]] = {}
+    groups: dict[tuple[float, float, float, str], list[Sensor]] = {}
     for sensor in sensors:
         at_random = sensor.dropout > 0.0 or sensor.delay_jitter_s > 0.0
         key = sensor.first_s, sensor.interval_s, sensor.delay_s, sensor.name if at_random else ""
-        found.setdefault(key, []).append(sensor)
-    return tuple(SensorGroup(each, seed) for each in found.values())
+        groups.setdefault(key, []).append(sensor)
+    return tuple(SensorGroup(group, seed) for group in groups.values())

@@ -62,13 +62,13 @@ class Place(NamedTuple):
 
 def places_of(groups: Sequence[SensorGroup]) -> dict[str, Place]:
     """Place of each sensor by its full name."""
-    found = {}
+    places = {}
     for g, group in enumerate(groups):
         layout = group.layout
         for k, sensor in enumerate(group.sensors):
-            own = layout.times.start + k, layout.valid.start + k
-            found[sensor.name] = Place(g, layout.parts[k], *own, *layout.sums(k))
-    return found
+            validity = layout.times.start + k, layout.valid.start + k
+            places[sensor.name] = Place(g, layout.parts[k], *validity, *layout.sums(k))
+    return places
 
 
 class Measured(Mapping[str, Measurement]):

@@ -94,14 +94,14 @@ class SensorReader:
             wrenches: Forces of contact models on bodies, ids in the logged system.
             contacts: Closed contacts.
         """
-        found = self._evaluations.get(due)
-        if found is None:
-            found = self._evaluations[due] = self._evaluation(due)
+        evaluation = self._evaluations.get(due)
+        if evaluation is None:
+            evaluation = self._evaluations[due] = self._evaluation(due)
         # Sensors are off while steps are integrated.
         options = self._model.opt
         options.disableflags &= ~_DISABLED
         try:
-            self._evaluate(found, wrenches() if found.forces else ())
+            self._evaluate(evaluation, wrenches() if evaluation.forces else ())
         finally:
             options.disableflags |= _DISABLED
         values: FloatArray = self._values[self._order]
@@ -109,16 +109,16 @@ class SensorReader:
             whole = self._missing.copy()
             whole[self._there] = values
             values = whole
-        if found.touch:
+        if evaluation.touch:
             closed = contacts()
-            for part, site in found.touch:
+            for part, site in evaluation.touch:
                 values[part] = sum(self._normal_force(contact, site) for contact in closed)
         return values
 
     def _evaluation(self, due: tuple[int, ...]) -> _Evaluation:
         """What the values of some groups take."""
-        found = [(sensor, self._id(sensor)) for g in due for sensor in self._groups[g]]
-        there = [(sensor, number) for sensor, number in found if number >= 0]
+        readings = [(sensor, self._id(sensor)) for g in due for sensor in self._groups[g]]
+        there = [(sensor, number) for sensor, number in readings if number >= 0]
         needed = {int(self._model.sensor_needstage[number]) for _, number in there}
         touch = [
             (self._own[sensor.name], int(self._model.sensor_objid[number]))
@@ -131,7 +131,7 @@ class SensorReader:
             tuple(touch),
         )
 
-    def _evaluate(self, found: _Evaluation, wrenches: Sequence[Wrench]) -> None:
+    def _evaluate(self, evaluation: _Evaluation, wrenches: Sequence[Wrench]) -> None:
         """Evaluate sensors with wrenches as external forces, where forces between bodies are computed from."""
         model, data = self._model, self._data
         external = data.xfrc_applied.copy() if wrenches else None
@@ -141,7 +141,7 @@ class SensorReader:
             data.flg_rnepost = (
                 False  # MuJoCo then evaluates accelerations and forces between bodies where a sensor needs them
             )
-            for evaluate in found.stages:
+            for evaluate in evaluation.stages:
                 evaluate(model, data)
         finally:
             if external is not None:
@@ -151,7 +151,7 @@ class SensorReader:
         """Normal force of a contact if it acts inside a site on the body of the site, N."""
         body = int(self._model.site_bodyid[site])
         bodies = self._bodies_of.get(contact.pair, ())
-        if body not in [self._motion.bodies[each] for each in bodies] or not self._is_inside(contact.point_m, site):
+        if body not in [self._motion.bodies[k] for k in bodies] or not self._is_inside(contact.point_m, site):
             return 0.0
         return max(0.0, float(contact.force_N.dot(contact.normal)))
 
@@ -176,9 +176,9 @@ class SensorReader:
 def apply_wrenches(motion: Motion, data: Any, wrenches: Sequence[Wrench]) -> None:
     """Add wrenches on bodies of the logged system to the external forces in data of a motion's model."""
     for body, point, force, torque in wrenches:
-        here = motion.bodies[body]
-        data.xfrc_applied[here, :3] += force
-        data.xfrc_applied[here, 3:] += torque + cross(point - data.xipos[here], force)
+        motion_body = motion.bodies[body]
+        data.xfrc_applied[motion_body, :3] += force
+        data.xfrc_applied[motion_body, 3:] += torque + cross(point - data.xipos[motion_body], force)
 
 
 class ImpulseReader:

@@ -198,13 +198,15 @@ class SensorSampler(Stateful):
             jump: Change of the velocities of the logged system, (nv,).
             wrenches: Impulses on its bodies, N s.
         """
-        found = [(group, cells) for group in self._groups if (cells := [each.name for each in group.sensors if each.sums])]
-        if not found:
+        cells_by_group = [
+            (group, cells) for group in self._groups if (cells := [sensor.name for sensor in group.sensors if sensor.sums])
+        ]
+        if not cells_by_group:
             return
         if self._impulses is None or self._impulses.motion is not motion:
             self._impulses = ImpulseReader(motion)
         values = self._impulses.read(jump, wrenches)
-        for group, cells in found:
+        for group, cells in cells_by_group:
             starts = [int(motion.model.sensor(name).adr[0]) for name in cells]
             group.add_impulses(np.concatenate([values[start : start + 3] for start in starts]))
 

@@ -101,30 +101,32 @@ def sensors_of(
     Raises:
         ScenarioFaults: There is no such sensor or site, or a value does not fit the sensor; paths in the scenario.
     """
-    found: dict[str, tuple[str, SensorConfig]] = {}
+    declared_sensors: dict[str, tuple[str, SensorConfig]] = {}
     faults: list[Fault] = []
     for key, config in configs.items():
         try:
-            found[system.resolve("sensor", key)] = key, config
+            declared_sensors[system.resolve("sensor", key)] = key, config
             if config.field_of_view is not None:
                 system.index("site", config.field_of_view.site)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("sensors", key)))
-    made = []
+    sensors = []
     for name, model in system.sensors.items():
-        key, config = found.get(name, (name, SensorConfig()))
+        key, config = declared_sensors.get(name, (name, SensorConfig()))
         size = int(system.mj.sensor_dim[system.mj.sensor(name).id])
         reasons = list(_faults(model, size, config))
         faults += [Fault(text, ("sensors", key, of)) for of, text in reasons]
         if not reasons:
-            made.append(_sensor(model, size, config, control_period_s))
+            sensors.append(_sensor(model, size, config, control_period_s))
             late = [of for of in ("delay_s", "first_s") if getattr(config, of) is not None]
-            if late and made[-1].earliest_s >= duration_s:
-                text = f"the first sample would arrive at {made[-1].earliest_s:g} s, not before the end ({duration_s:g} s)"
+            if late and sensors[-1].earliest_s >= duration_s:
+                text = (
+                    f"the first sample would arrive at {sensors[-1].earliest_s:g} s, not before the end ({duration_s:g} s)"
+                )
                 faults.append(Fault(text, ("sensors", key, late[0])))
     if faults:
         raise ScenarioFaults(faults)
-    return tuple(made)
+    return tuple(sensors)
 
 
 def _faults(model: ModelSensor, size: int, config: SensorConfig) -> list[tuple[str, str]]:
@@ -176,8 +178,8 @@ def _sensor(model: ModelSensor, size: int, config: SensorConfig, control_period_
     )
 
 
-def _first(given: float | None, model: float) -> float:
-    return model if given is None else given
+def _first(stated: float | None, model: float) -> float:
+    return model if stated is None else stated
 
 
 def _each(value: Components, count: int) -> FloatArray:

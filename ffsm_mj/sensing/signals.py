@@ -37,12 +37,12 @@ class SensorColumns:
             sensors: The sensors, in the order of the columns.
             groups: The same in groups.
         """
-        found = [tuple(_signals(sensor)) for sensor in sensors]
-        ends = np.cumsum([len(each) for each in found]).tolist()
-        pairs = zip(sensors, ends, found, strict=True)
-        self._parts = {sensor.name: slice(end - len(each), end) for sensor, end, each in pairs}
+        by_sensor = [tuple(_signals(sensor)) for sensor in sensors]
+        ends = np.cumsum([len(of_sensor) for of_sensor in by_sensor]).tolist()
+        pairs = zip(sensors, ends, by_sensor, strict=True)
+        self._parts = {sensor.name: slice(end - len(of_sensor), end) for sensor, end, of_sensor in pairs}
         self._places = [self._columns_of(group) for group in groups]
-        self.signals = tuple(signal for each in found for signal in each)
+        self.signals = tuple(signal for of_sensor in by_sensor for signal in of_sensor)
         self.values = np.full(len(self.signals), np.nan)
 
     def _columns_of(self, group: SensorGroup) -> IntArray:
@@ -50,13 +50,13 @@ class SensorColumns:
         layout, columns = group.layout, np.empty(group.layout.size, dtype=np.intp)
         for k, sensor in enumerate(group.sensors):
             part, size = self._parts[sensor.name], sensor.size
-            own = np.arange(part.start, part.stop)
-            columns[layout.values][layout.parts[k]] = own[:size]
-            columns[layout.true][layout.parts[k]] = own[size : 2 * size]
-            columns[layout.times.start + k], columns[layout.valid.start + k] = own[2 * size : 2 * size + 2]
+            of_sensor = np.arange(part.start, part.stop)
+            columns[layout.values][layout.parts[k]] = of_sensor[:size]
+            columns[layout.true][layout.parts[k]] = of_sensor[size : 2 * size]
+            columns[layout.times.start + k], columns[layout.valid.start + k] = of_sensor[2 * size : 2 * size + 2]
             if k in layout.cells:
                 impulse, mean = layout.sums(k)
-                columns[impulse], columns[mean] = own[-6:-3], own[-3:]
+                columns[impulse], columns[mean] = of_sensor[-6:-3], of_sensor[-3:]
         return columns
 
     def show(self, group: int, sample: FloatArray) -> None:
@@ -89,17 +89,19 @@ def _signals(sensor: Sensor) -> Iterator[Signal]:
     name, unit = sensor.name, sensor.model.unit
     for key in column_names(sensor):
         yield Signal("sensor", key, unit, f"newest sample of {name} that has arrived", name)
-    own, suffix = identifier(name), _SUFFIXES.get(unit, unit)
+    sensor_name, suffix = identifier(name), _SUFFIXES.get(unit, unit)
     for part in component_names(sensor):
-        key = "_".join(filter(None, (own, "true", part, suffix)))
+        key = "_".join(filter(None, (sensor_name, "true", part, suffix)))
         yield Signal("sensor", key, unit, f"true value of {name} at the time of this sample", name)
-    yield Signal("sensor", f"{own}_sampled_s", "s", f"time of this sample of {name}", name)
-    yield Signal("sensor", f"{own}_valid", "", f"1 if what {name} measures was in view", name)
+    yield Signal("sensor", f"{sensor_name}_sampled_s", "s", f"time of this sample of {name}", name)
+    yield Signal("sensor", f"{sensor_name}_valid", "", f"1 if what {name} measures was in view", name)
     if sensor.model.kind in _IMPULSES:
         ending, of = _IMPULSES[sensor.model.kind]
         for part in "xyz":
             yield Signal(
-                "sensor", f"{own}_impulse_{part}_{ending}", of, f"impulse through {name} since its last sample", name
+                "sensor", f"{sensor_name}_impulse_{part}_{ending}", of, f"impulse through {name} since its last sample", name
             )
         for part in "xyz":
-            yield Signal("sensor", f"{own}_mean_{part}_{suffix}", unit, f"mean of {name} since its last sample", name)
+            yield Signal(
+                "sensor", f"{sensor_name}_mean_{part}_{suffix}", unit, f"mean of {name} since its last sample", name
+            )

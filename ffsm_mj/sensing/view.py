@@ -49,12 +49,12 @@ class FieldOfView:
 
     def _hidden(self, data: Any, apex: FloatArray, direction: FloatArray, length: float) -> bool:
         """Whether a geom of a body other than the target's and the sensor's own is on the line of sight."""
-        own, start, found = int(self._model.site_bodyid[self._site]), apex.copy(), np.zeros(1, dtype=np.int32)
+        site_body, start, hit_geom = int(self._model.site_bodyid[self._site]), apex.copy(), np.zeros(1, dtype=np.int32)
         while length > 0.0:
-            at = mujoco.mj_ray(self._model, data, start, direction, None, 1, own, found, None)
+            at = mujoco.mj_ray(self._model, data, start, direction, None, 1, site_body, hit_geom, None)
             if at < 0.0 or at >= length:
                 return False
-            if int(self._model.geom_bodyid[found[0]]) != self._body:
+            if int(self._model.geom_bodyid[hit_geom[0]]) != self._body:
                 return True
             # The target's own surface does not hide it: look on behind.
             step = at + 1e-9 * (1.0 + at)

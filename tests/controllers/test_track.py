@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
+from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import ControllerContext, SiteMotion

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from ffsm_controllers.estimators.mekf.belief import Belief, right_jacobian
 from ffsm_controllers.estimators.mekf.config import MekfConfig
+from ffsm_controllers.estimators.mekf.estimate import Estimate, right_jacobian
 from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, measurement_of
 from ffsm_controllers.estimators.mekf.joints import encoder_errors
 from ffsm_controllers.estimators.mekf.layout import Layout, floating_bodies
@@ -69,7 +69,7 @@ def believed(system, data, covariance=None):
     covariance = np.zeros((layout.size, layout.size)) if covariance is None else covariance
     made = mujoco.MjData(system.mj)
     made.qpos[:], made.qvel[:], made.ctrl[:] = data.qpos, data.qvel, data.ctrl
-    return Belief(layout, made, covariance)
+    return Estimate(layout, made, covariance)
 
 
 def rated(value, time_s=0.0, valid=True):

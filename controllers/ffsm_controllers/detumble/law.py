@@ -79,9 +79,9 @@ class Detumble(Stateful):
         """
         self._config, self._context, self._mj = config, context, context.system.mj
         self._stack, self._constrained = StackMomentum(context.system), ConstrainedModel(context.system.mj)
-        found = detumble_joints(config, context, self._stack)
-        self._n, self._wheel = len(found.wheels), found.wheels
-        self._model = JointModel(context, found.names) if found.names else None
+        resolved = detumble_joints(config, context, self._stack)
+        self._n, self._wheel = len(resolved.wheels), resolved.wheels
+        self._model = JointModel(context, resolved.names) if resolved.names else None
         self._gear = self._mj.actuator_gear[:, 0]
         limits = context.limits
         self._saturation = np.full(self._mj.nu, np.inf) if limits is None else limits.saturation
@@ -91,7 +91,7 @@ class Detumble(Stateful):
         self._thrusters = MomentumThrusters(context.system, thrusters, limits) if len(thrusters) else None
         self._latch = GraspLoad(config.latch, context.system)
         self._unit, self._turning = unit_moments(self._mj), np.empty((3, self._mj.nv))
-        self._outcome = DetumbleOutcome(config, found.wheel_names)
+        self._outcome = DetumbleOutcome(config, resolved.wheel_names)
         self._dumping = False
 
     def start_faults(self, data: Any) -> Sequence[Fault]:
@@ -101,8 +101,8 @@ class Detumble(Stateful):
     @property
     def driven_actuators(self) -> IntArray:
         """Wheels, motors of the arm, and thrusters."""
-        own = self._model.joints.actuators if self._model is not None else np.zeros(0, dtype=np.intp)
-        return own if self._thrusters is None else np.concatenate((own, self._thrusters.actuators))
+        joint_actuators = self._model.joints.actuators if self._model is not None else np.zeros(0, dtype=np.intp)
+        return joint_actuators if self._thrusters is None else np.concatenate((joint_actuators, self._thrusters.actuators))
 
     def start(self, observation: Observation) -> None:
         """Take the reference of the arm."""
@@ -117,19 +117,19 @@ class Detumble(Stateful):
         rest, h = self._stack.parts(data)
         columns = self._stack.wheel_columns(data)[:, self._wheel]
         demand = self._config.rate_1_s * rest
-        carried = self._carried(data, columns)
-        rates = self._rates(data) + self._context.control_period_s * carried
+        coupling = self._carried(data, columns)
+        rates = self._rates(data) + self._context.control_period_s * coupling
         share = self._wheel_share(columns, demand, rates)
         asked = self._impulse(data, rest, columns, share)
         pushed = moments(self._mj, data, self._unit).T @ command.others if command.others.any() else None
-        s, thrust = self._drive(observation, command, carried, share, asked, pushed)
+        s, thrust = self._drive(observation, command, coupling, share, asked, pushed)
         self._outcome.look(observation.time_s, rest, h, s, share, thrust)
 
     def _drive(
         self,
         observation: Observation,
         command: Command,
-        carried: FloatArray,
+        coupling: FloatArray,
         share: WheelShare,
         impulse: FloatArray | None,
         pushed: FloatArray | None,
@@ -143,7 +143,7 @@ class Detumble(Stateful):
             if thrust is not None and self._thrusters is not None:
                 command.drive(self._thrusters.actuators, thrust)
             return 1.0, thrust
-        wanted = np.concatenate((carried, self._arm_accelerations(observation)))
+        wanted = np.concatenate((coupling, self._arm_accelerations(observation)))
         u0 = model.M_c @ wanted + model.c_c
         u1 = model.M_c @ np.concatenate((share.accelerations, np.zeros(len(wanted) - self._n)))
         q0, q1 = model.coasting + u0 @ model.mobility, u1 @ model.mobility
@@ -218,7 +218,7 @@ class Detumble(Stateful):
             return 1.0
         velocity = np.zeros(self._mj.nu)
         velocity[model.joints.actuators] = self._gear[model.joints.actuators] * data.qvel[model.joints.dofs]
-        low, high = (each[model.joints.actuators] for each in limits.bounds(velocity))
+        low, high = (bound[model.joints.actuators] for bound in limits.bounds(velocity))
         counts = (u0 > low) & (u0 < high) & (u1 != 0.0)
         ends = np.where(u1 > 0.0, high, low)
         return min(1.0, float(((ends - u0)[counts] / u1[counts]).min(initial=1.0)))

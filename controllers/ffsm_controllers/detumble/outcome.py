@@ -74,18 +74,18 @@ class DetumbleOutcome(Stateful):
         """Numbers, and a note on what could not be done."""
         if self._first is None:
             return {}
-        found: dict[str, float | str] = {
+        values: dict[str, float | str] = {
             "initial_stack_momentum_N_m_s": self._first,
             "stack_momentum_N_m_s": self.values[0],
             "wheel_momentum_N_m_s": self.values[1],
             "least_share": self._least_share,
         }
         if self._saturated_s is not None:
-            found["saturated_s"] = self._saturated_s
+            values["saturated_s"] = self._saturated_s
         if latch.is_bounded:
-            found["largest_load_ratio"] = self._alone
+            values["largest_load_ratio"] = self._alone
         notes = self._notes()
-        return {**found, "note": "; ".join(notes)} if notes else found
+        return {**values, "note": "; ".join(notes)} if notes else values
 
     def _notes(self) -> list[str]:
         left, config = self.values[0], self._config

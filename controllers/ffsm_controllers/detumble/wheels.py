@@ -40,15 +40,15 @@ def wheel_share(
         saturation: Maximum speed of each, infinite without one, (n,).
         period_s: Time for which the accelerations last, s.
     """
-    found, free = np.zeros(len(rates)), np.ones(len(rates), dtype=np.bool_)
+    share, free = np.zeros(len(rates)), np.ones(len(rates), dtype=np.bool_)
     while free.any():
-        rest = demand - columns[:, ~free] @ found[~free]
-        found[free] = np.linalg.lstsq(columns[:, free], rest, rcond=_RANK)[0]
-        beyond = free & (np.abs(rates + period_s * found) > saturation) & (found * rates > 0.0)
+        rest = demand - columns[:, ~free] @ share[~free]
+        share[free] = np.linalg.lstsq(columns[:, free], rest, rcond=_RANK)[0]
+        beyond = free & (np.abs(rates + period_s * share) > saturation) & (share * rates > 0.0)
         if not beyond.any():
             break
         room = np.maximum(saturation - np.abs(rates), 0.0)
-        found[beyond] = np.copysign(room[beyond] / period_s, rates[beyond])
+        share[beyond] = np.copysign(room[beyond] / period_s, rates[beyond])
         free &= ~beyond
     full = ~free & (np.abs(rates) >= (1.0 - _FULL) * saturation)
-    return WheelShare(found, full, demand - columns @ found)
+    return WheelShare(share, full, demand - columns @ share)

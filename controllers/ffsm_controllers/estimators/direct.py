@@ -52,7 +52,7 @@ class Direct(Stateful):
         self._readings = readings_of(context.system, context.sensors, config.rate_filter_s)
         self._past = mujoco.MjData(self._model)
         used = [context.sensors[reading.sensor] for reading in self._readings]
-        self._longest_s = max(each.delay_s + each.delay_jitter_s + each.interval_s for each in used)
+        self._longest_s = max(sensor.delay_s + sensor.delay_jitter_s + sensor.interval_s for sensor in used)
         self._history: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def start(self, data: Any) -> None:

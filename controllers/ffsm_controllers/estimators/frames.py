@@ -41,10 +41,10 @@ class Frame:
         """Velocity of the origin in m/s, and angular velocity in rad/s, world axes; ``cvel`` in ``data`` is current."""
         if not self.body:
             return np.zeros(3), np.zeros(3)
-        found = np.zeros(6)
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, self.body, found, 0)
+        relative = np.zeros(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, self.body, relative, 0)
         lever = data.xmat[self.body].reshape(3, 3) @ self.offset
-        return found[3:] + skew(found[:3]) @ lever, found[:3]
+        return relative[3:] + skew(relative[:3]) @ lever, relative[:3]
 
 
 def frame_of(model: Any, kind: int, number: int) -> Frame:

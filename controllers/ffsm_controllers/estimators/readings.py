@@ -113,10 +113,10 @@ def readings_of(system: System, sensors: Mapping[str, Sensor], rate_filter_s: fl
     Raises:
         ScenarioFaults: There are none.
     """
-    found = _found(system, sensors, rate_filter_s)
-    if not found:
+    readings = _found(system, sensors, rate_filter_s)
+    if not readings:
         raise ScenarioFaults([Fault("no sensor measures a joint or a floating body: the models need <sensor> elements")])
-    return found
+    return readings
 
 
 def readings_of_joints(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
@@ -126,13 +126,13 @@ def readings_of_joints(system: System, sensors: Mapping[str, Sensor], rate_filte
 
 
 def _found(system: System, sensors: Mapping[str, Sensor], rate_filter_s: float) -> list[Reading]:
-    found = [reading for name in sensors if (reading := _reading(system, name)) is not None]
-    rated = {(reading.order, dof) for reading in found for dof in range(reading.dofs.start, reading.dofs.stop)}
-    for reading in found:
+    readings = [reading for name in sensors if (reading := _reading(system, name)) is not None]
+    rated = {(reading.order, dof) for reading in readings for dof in range(reading.dofs.start, reading.dofs.stop)}
+    for reading in readings:
         if reading.order != "twist" and ("twist", reading.dofs.start) not in rated:
             turns = reading.qpos.stop - reading.qpos.start == 4
             reading.differentiate(rate_filter_s, _turn if turns else _difference)
-    return sorted(found, key=lambda reading: ORDER.index(reading.order))
+    return sorted(readings, key=lambda reading: ORDER.index(reading.order))
 
 
 def _difference(before: FloatArray, after: FloatArray) -> FloatArray:

@@ -166,8 +166,8 @@ def _bounds(config: JointPathConfig, context: ControllerContext, names: Sequence
     """
     low, high = np.array([joint_range(context.system, name) for name in names]).T
 
-    def most(given: tuple[float, ...] | float | None, key: str) -> FloatArray:
-        return np.full(len(names), np.inf) if given is None else per_joint(given, len(names), key)
+    def most(bound: tuple[float, ...] | float | None, key: str) -> FloatArray:
+        return np.full(len(names), np.inf) if bound is None else per_joint(bound, len(names), key)
 
     return Bounds(low, high, most(config.max_speed, "max_speed"), most(config.max_effort, "max_effort"))
 

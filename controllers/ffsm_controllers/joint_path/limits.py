@@ -64,21 +64,21 @@ class PathLimits:
         self, model: JointModel, path: MinimumJerk, data: Any
     ) -> Iterator[tuple[float, FloatArray, FloatArray, FloatArray]]:
         """Time, efforts that the path needs, and their bounds, along the predicted motion with all other motors off."""
-        mj, own, joints = self._mj, self._data, self._joints
-        own.qpos[:], own.qvel[:] = data.qpos, data.qvel
-        each = max(_SAMPLES_EACH, _SAMPLES // (len(path.times) - 1))
-        times = np.interp(np.arange(each * (len(path.times) - 1) + 1) / each, np.arange(len(path.times)), path.times)
+        mj, scratch, joints = self._mj, self._data, self._joints
+        scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+        samples = max(_SAMPLES_EACH, _SAMPLES // (len(path.times) - 1))
+        times = np.interp(np.arange(samples * (len(path.times) - 1) + 1) / samples, np.arange(len(path.times)), path.times)
         for time_s, step_s in zip(times.tolist(), np.diff(times, append=times[-1]).tolist(), strict=True):
             positions, rates, accelerations = path.at(time_s)
-            own.qpos[joints.qpos], own.qvel[joints.dofs] = positions, rates
-            model.close(own)
-            mujoco.mj_fwdVelocity(mj, own)
-            model.update(own)
+            scratch.qpos[joints.qpos], scratch.qvel[joints.dofs] = positions, rates
+            model.close(scratch)
+            mujoco.mj_fwdVelocity(mj, scratch)
+            model.update(scratch)
             effort = model.M_c.dot(accelerations) + model.c_c
             yield time_s, effort, *self._effort_bounds(rates)
             # Base and all else that floats: the joints follow the path, so a step of the first order shows what they need.
-            own.qvel += step_s * (model.coasting + effort.dot(model.mobility))
-            mujoco.mj_integratePos(mj, own.qpos, own.qvel, step_s)
+            scratch.qvel += step_s * (model.coasting + effort.dot(model.mobility))
+            mujoco.mj_integratePos(mj, scratch.qpos, scratch.qvel, step_s)
 
     def _effort_bounds(self, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         most = self._bounds.effort

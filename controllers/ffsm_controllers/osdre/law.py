@@ -14,12 +14,12 @@ import mujoco
 import numpy as np
 from pydantic import Field
 
-from ffsm_controllers.indices import compact
 from ffsm_controllers.osdre.moving_law import MovingLaw
 from ffsm_controllers.osdre.riccati import planar_riccati
 from ffsm_controllers.osdre.weights import Weight, input_weight, state_weight
 from ffsm_mj._core.osdre import BlockLaw, OutputLaw, PlanarLaw, TipKinematics
 from ffsm_mj._core.riccati_doubling import Doubling, RiccatiError
+from ffsm_mj.arrays import compact
 from ffsm_mj.controller_protocol import (
     Command,
     ConstrainedModel,

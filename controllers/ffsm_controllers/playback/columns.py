@@ -53,14 +53,14 @@ def effort_record(config: PlaybackConfig, table: RecordedTable, system: System) 
     times, efforts = np.zeros(0), list[FloatArray]()
     with _collected(faults, ("time",)):
         times = _times(config, table)
-    for each in driven:
-        with _collected(faults, each.path):
-            efforts.append(_efforts(config, table, system, each))
+    for channel in driven:
+        with _collected(faults, channel.path):
+            efforts.append(_efforts(config, table, system, channel))
     with _collected(faults, ("interpolation",) if config.interpolation == "linear" else ("file",)):
         _refuse_single(config, table)
     if faults:
         raise ScenarioFaults(faults)
-    actuators = np.array([each.actuator for each in driven], dtype=np.intp)
+    actuators = np.array([channel.actuator for channel in driven], dtype=np.intp)
     record = EffortRecord(
         times,
         np.column_stack(efforts),
@@ -89,19 +89,19 @@ def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> lis
     """
     names = system.names("actuator")
     if config.columns is None:
-        found = [
+        channels = [
             _Driven(i, column, EffortColumnConfig(), ("file",))
             for i, name in enumerate(names)
             if (column := _column_of(name, names, table.columns)) is not None
         ]
-        if not found:
+        if not channels:
             message = f"{table.place} has no column of an actuator; write 'columns', the column of each actuator to drive"
             has, known = ", ".join(table.columns), ", ".join(names)
             raise ScenarioFaults([Fault(f"{message}; its columns: {has}; actuators: {known}", ("file",))])
-        return found
+        return channels
     driven: dict[int, _Driven] = {}
     faults = []
-    for name, given in config.columns.items():
+    for name, stated in config.columns.items():
         path = ("columns", name)
         try:
             i = system.index("actuator", name)
@@ -110,7 +110,7 @@ def _driven(config: PlaybackConfig, table: RecordedTable, system: System) -> lis
             continue
         if i in driven:
             faults.append(Fault(f"names the actuator {names[i]} a second time; each has one column", path))
-        said = given if isinstance(given, EffortColumnConfig) else EffortColumnConfig(column=given)
+        said = stated if isinstance(stated, EffortColumnConfig) else EffortColumnConfig(column=stated)
         source = said.column if said.column is not None else _column_of(names[i], names, table.columns)
         if source is None:
             faults.append(Fault(f"{table.place} has no column of this name; write 'column'", path))
@@ -160,11 +160,13 @@ def _setpoints(table: RecordedTable, system: System, driven: _Driven, column: st
     Raises:
         TableError: The column is in another unit by its name, or one is stated.
     """
-    own = control_unit(system.mj, driven.actuator)
-    by_name = next((unit for unit in sorted(_SETPOINTS, key=len, reverse=True) if _ends_in(column, unit)), own)
-    if driven.config.unit is not None or by_name != own:
+    unit_of_control = control_unit(system.mj, driven.actuator)
+    by_name = next((unit for unit in sorted(_SETPOINTS, key=len, reverse=True) if _ends_in(column, unit)), unit_of_control)
+    if driven.config.unit is not None or by_name != unit_of_control:
         actuator = system.names("actuator")[driven.actuator]
-        raise TableError(f"{actuator} is a servo: column {column!r} must have its setpoints, in {own or 'its own unit'}")
+        raise TableError(
+            f"{actuator} is a servo: column {column!r} must have its setpoints, in {unit_of_control or 'its own unit'}"
+        )
     return np.asarray(table.numbers(column) * driven.config.scale)
 
 
@@ -195,20 +197,20 @@ def _times(config: PlaybackConfig, table: RecordedTable) -> FloatArray:
     time = config.time
     if time.step_s is not None:
         return np.asarray(np.arange(len(table)) * time.step_s + time.offset_s)
-    given = time.column if time.column is not None else next((name for name in _TIMES if name in table.columns), None)
-    if given is None:
+    of_times = time.column if time.column is not None else next((name for name in _TIMES if name in table.columns), None)
+    if of_times is None:
         known = ", ".join(table.columns)
         raise TableError(
             f"{table.place} has no column time_s; write 'column', or 'step_s' of samples without times; columns: {known}"
         )
-    name = table.name_of(given)
+    name = table.name_of(of_times)
     factor = _TIME_FACTORS[_unit(name, time.unit, _TIME_FACTORS, "unit: s")]
     times = (table.since_first(name) if time.zero == "first_sample" else table.numbers(name)) * factor
     backward = np.flatnonzero(np.diff(times) <= 0.0)
     if len(backward):
         k = int(backward[0]) + 1
-        here, before = (table.columns[name][i] for i in (k, k - 1))
-        raise TableError(f"{table.row_place(k)}: time {here} follows {before} in column {name!r}; times must ascend")
+        after, before = (table.columns[name][i] for i in (k, k - 1))
+        raise TableError(f"{table.row_place(k)}: time {after} follows {before} in column {name!r}; times must ascend")
     return np.asarray(times + time.offset_s)
 
 

@@ -68,8 +68,8 @@ class EffortRecord:
         begin, end = (bisect_right(self._times, time_s + after_s) for after_s in (from_s, to_s))
         knots = np.concatenate(([from_s], np.clip(self.times_s[begin:end] - time_s, from_s, to_s), [to_s]))
         if self.interpolation == "mean":
-            held = np.maximum(np.arange(begin - 1, end), 0)
-            return np.asarray(np.diff(knots).dot(self.efforts[held]))
+            samples = np.maximum(np.arange(begin - 1, end), 0)
+            return np.asarray(np.diff(knots).dot(self.efforts[samples]))
         near = slice(max(begin - 1, 0), end + 1)
         times = self.times_s[near] - time_s
         values = np.array([np.interp(knots, times, column) for column in self.efforts[near].T])

@@ -47,14 +47,14 @@ class BaseRotation(Stateful):
     def _turns(self, base: list[int]) -> list[int]:
         """World axes that the base can turn about, found in a few configurations."""
         model, data = self._mj, mujoco.MjData(self._mj)
-        found = np.zeros(3)
+        turns = np.zeros(3)
         for k in range(1, _TRIALS + 1):
             mujoco.mj_integratePos(model, data.qpos, np.sin(k * math.e * np.arange(1.0, model.nv + 1.0)), 1.0)
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             mujoco.mj_jacBody(model, data, None, self._jacobian, self._root)
-            found = np.maximum(found, np.abs(self._jacobian[:, base]).max(axis=1, initial=0.0))
-        return [int(i) for i in np.flatnonzero(found > 1e-9)]
+            turns = np.maximum(turns, np.abs(self._jacobian[:, base]).max(axis=1, initial=0.0))
+        return [int(i) for i in np.flatnonzero(turns > 1e-9)]
 
     def start(self, data: Any) -> None:
         """Take the attitude as the reference."""

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field, PositiveFloat, field_validator
 
 from ffsm_controllers.pd import Gain
-from ffsm_mj.controller_protocol import StrictModel
+from ffsm_mj.controller_protocol import Fault, ScenarioFaults, StrictModel, System
 
 _Name = Annotated[str, Field(min_length=1)]
 
@@ -62,3 +62,20 @@ class DampedConfig(TaskLawConfig):
     singular_mass_kg: PositiveFloat = 1000.0
     """Effective inertia of the tip, kg for pushes and kg m^2 for turns, above which a direction is near a singularity: its
     torques fade out, to nothing where the arm cannot move the tip that way at all."""
+
+
+def object_site(system: System, name: str) -> int:
+    """Id of a site that is of an object.
+
+    Raises:
+        ScenarioFaults: There is none of that name, or it is of the robot; path ``object_site``.
+    """
+    try:
+        full = system.resolve("site", name)
+    except LookupError as error:
+        raise ScenarioFaults([Fault(str(error.args[0]), ("object_site",))]) from error
+    if full.startswith("robot/"):
+        sites = [candidate for candidate in system.names("site") if not candidate.startswith("robot/")]
+        allowed = f"write one of {', '.join(sites)}" if sites else "add one to an object's model"
+        raise ScenarioFaults([Fault(f"{full} is a site of the robot; {allowed}", ("object_site",))])
+    return system.index("site", full)

@@ -30,6 +30,6 @@ def joint_damping(model: TaskModel, gain: float, unseen: FloatArray) -> Damping:
     return Damping("joint_damping_N_m_s_rad", dofs, np.full(len(dofs), gain), gain * unseen)
 
 
-def most_unstable(model: TaskModel, found: Iterable[Damping]) -> Damping:
+def most_unstable(model: TaskModel, dampings: Iterable[Damping]) -> Damping:
     """The damping that is first to be unstable as the control period grows."""
-    return max(found, key=lambda each: np.linalg.eigvals(np.linalg.solve(model.M_c, each.matrix)).real.max())
+    return max(dampings, key=lambda damping: np.linalg.eigvals(np.linalg.solve(model.M_c, damping.matrix)).real.max())

@@ -3,7 +3,7 @@
 The rates of the joints are to be qd_c = alpha^# (v_c - v_h), v_c = yd_d - k e with its length bounded as a whole; a servo
 brings them there: u = M_c k_v (qd_c - qd) + c_c. v_h is what the momentum gives the tip: without it an error of |v_h|/k
 would stay wherever the robot has momentum. alpha^# = alpha^T (alpha alpha^T)^-1, the inverse damped near singularities as
-in :func:`~ffsm_controllers.task_space.damped_inverse.damped_inverse`: exact where all singular values of alpha are above a
+in :func:`~ffsm_controllers.task_space.singularity.damped_inverse`: exact where all singular values of alpha are above a
 bound, and towards zero for one that vanishes. The tip lags behind v_c by 1/k_v.
 
 Source: Umetani & Yoshida 1989, Resolved motion rate control of space manipulators with generalized Jacobian matrix, IEEE

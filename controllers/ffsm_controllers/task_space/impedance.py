@@ -5,7 +5,7 @@ that of the free-floating robot at its tip, so no force has to be measured; base
 (Lambda (ydd_d - drift) - D ed - K e) + (1 - alpha^T Lambda B) u_0, u_0 = -D_q qd. D follows from a damping ratio zeta: with
 Lambda = Q Q^T and K = Q V diag(k) V^T Q^T it is Q V diag(2 zeta sqrt(k)) V^T Q^T, so that every mode at the present state
 has this damping ratio. The wrench of spring and damper is bounded as a whole, in its direction. Lambda is damped near
-singularities, see :func:`~ffsm_controllers.task_space.damped_inverse.damped_inverse`.
+singularities, see :func:`~ffsm_controllers.task_space.singularity.damped_inverse`.
 
 The spring tells what a lasting contact feels. At a rigid impact the law has no part: forces of springs and dampers do
 nothing in no time, and the impulse is that of M alone.
@@ -24,10 +24,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, PositiveFloat, model_validator
 
-from ffsm_controllers.task_space.config import AttitudeTarget, DampedConfig
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
+from ffsm_controllers.task_space.config import AttitudeTarget, DampedConfig, object_site
 from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
-from ffsm_controllers.task_space.object_site import object_site
+from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_controllers.task_space.task_law import TaskLaw
 from ffsm_mj.controller_protocol import (
     ControllerContext,
@@ -116,10 +115,10 @@ class Impedance(TaskLaw):
         self._moving: MovingFrame | None = None
         self._holds = False
         if config.object_site is not None:
-            site, held = object_site(context.system, config.object_site), context.system.grasp
+            site, grasp = object_site(context.system, config.object_site), context.system.grasp
             self.model.motion = None
             self._moving = MovingFrame(context.system.mj, site, np.array(config.offset_m))
-            self._holds = held is not None and context.system.mj.site(site).name.startswith(f"{held.tree}/")
+            self._holds = grasp is not None and context.system.mj.site(site).name.startswith(f"{grasp.tree}/")
 
     def _observe(self, data: Any, pushed: FloatArray | None) -> None:
         """Bring the task model up to date, with the target where the site of the object is."""
@@ -146,8 +145,8 @@ class Impedance(TaskLaw):
             return np.asarray(damped)
         inertia = self.damped(model.B.dot(model.alpha.T), self._largest)
         wrench = self._bounded(-self._stiffness.dot(model.e) - self._damper(inertia).dot(model.ed))
-        carried = inertia.dot(model.target_accelerations - model.drift - model.B.dot(damped))
-        return np.asarray(damped + (carried + wrench).dot(model.alpha))
+        feedforward = inertia.dot(model.target_accelerations - model.drift - model.B.dot(damped))
+        return np.asarray(damped + (feedforward + wrench).dot(model.alpha))
 
     def _damper(self, inertia: FloatArray) -> FloatArray:
         """D for an inertia, (p, p)."""
@@ -174,10 +173,10 @@ class Impedance(TaskLaw):
 
     def summary(self) -> ControllerReport:
         """How near to a singularity it came, and how often the wrench was at its bound."""
-        found = {**super().summary()}
+        values = {**super().summary()}
         if any(most is not None for most in self._most):
-            found["share_of_ticks_at_the_bound"] = self._limited / max(self._ticks, 1)
-        return found
+            values["share_of_ticks_at_the_bound"] = self._limited / max(self._ticks, 1)
+        return values
 
     def damping_at(self, data: Any) -> Damping:
         """The damper's, or that of what the output does not feel."""

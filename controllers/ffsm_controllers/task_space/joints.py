@@ -30,10 +30,10 @@ def joints_that_move(context: ControllerContext, site: str) -> tuple[str, ...]:
     moved = [dof for dof in range(model.nv) if int(model.dof_bodyid[dof]) in above]
     data = _configuration(model, 1)
     moves = np.any(np.abs(ConstrainedModel(model).follow(data, driven.dofs)[moved]) > _MOVES, axis=0)
-    found = tuple(name for name, there in zip(driven.names, moves.tolist(), strict=True) if there)
-    if not found:
+    names = tuple(name for name, there in zip(driven.names, moves.tolist(), strict=True) if there)
+    if not names:
         raise ScenarioFaults([Fault(f"no motor-driven joint that is left moves {site}; driven: {', '.join(driven.names)}")])
-    return found
+    return names
 
 
 def controllable_directions(model: Any, site: int, dofs: Any, rows: Sequence[int]) -> int:
@@ -49,8 +49,8 @@ def controllable_directions(model: Any, site: int, dofs: Any, rows: Sequence[int
     for k in range(1, _TRIALS + 1):
         data = _configuration(model, k)
         mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], site)
-        own = jacobian[list(rows)] @ constrained.follow(data, dofs)
-        rank = max(rank, int(np.linalg.matrix_rank(own, tol=1e-9)))
+        reach = jacobian[list(rows)] @ constrained.follow(data, dofs)
+        rank = max(rank, int(np.linalg.matrix_rank(reach, tol=1e-9)))
     return rank
 
 
@@ -64,8 +64,8 @@ def _configuration(model: Any, k: int) -> Any:
 
 def _bodies_above(model: Any, body: int) -> list[int]:
     """A body and all that it is mounted on, without the world."""
-    found = []
+    bodies = []
     while body:
-        found.append(body)
+        bodies.append(body)
         body = int(model.body_parentid[body])
-    return found
+    return bodies

@@ -125,8 +125,8 @@ class Lqr(TaskLaw):
         model.update(data)
         rates = self._gain_here()[:, p:]
         size = float(np.abs(rates).max())
-        found = [
+        dampings = [
             output_damping(model, rates, "Q", size, slice(None)),
             joint_damping(model, self._damping, self._unseen()),
         ]
-        return most_unstable(model, found)
+        return most_unstable(model, dampings)

@@ -10,7 +10,7 @@ pseudoinverses: both inverses are then effective inertias.
 
 It takes more joints than the base has axes to turn about, and as many more as the output has rows for the tip to follow
 exactly. Where B N alpha^T loses rank (an algorithmic singularity, far more common than a dynamic one) Gamma is damped as in
-:func:`~ffsm_controllers.task_space.damped_inverse.damped_inverse`: the tip stays behind, the base does not.
+:func:`~ffsm_controllers.task_space.singularity.damped_inverse`: the tip stays behind, the base does not.
 
 Source: Nenchev, Umetani & Yoshida 1992, Analysis of a redundant free-flying spacecraft/manipulator system, IEEE Trans.
 Robot. Autom. 8(1); Nenchev & Yoshida 1999, Impact analysis and post-impact motion control issues of a free-floating space
@@ -28,8 +28,8 @@ from pydantic import PositiveFloat
 from ffsm_controllers.pd import Gain
 from ffsm_controllers.task_space.base_rotation import BaseRotation
 from ffsm_controllers.task_space.config import AttitudeAccelerations, DampedConfig, PositionAccelerations
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
 from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
+from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_controllers.task_space.task_law import TaskLaw
 from ffsm_mj.controller_protocol import (
     ControllerContext,
@@ -146,11 +146,11 @@ class Rns(TaskLaw):
         inverse, _ = damped_inverse(model.B.dot(reach), self._largest)
         pushes = reach.dot(inverse)
         dofs, kd = model.joints.dofs, self._gains.kd_1_s
-        found = [
+        dampings = [
             output_damping(model, pushes * self._kd, "position.kd_1_s", self._kd[0], slice(0, k)),
             joint_damping(model, self._damping, N - pushes.dot(model.B).dot(N)),
             Damping("base.kd_1_s", dofs, np.full(len(dofs), kd), kd * holds.dot(base.W)),
         ]
         if len(self._kd) > k:
-            found.append(output_damping(model, pushes * self._kd, "attitude.kd_1_s", self._kd[k], slice(k, None)))
-        return most_unstable(model, found)
+            dampings.append(output_damping(model, pushes * self._kd, "attitude.kd_1_s", self._kd[k], slice(k, None)))
+        return most_unstable(model, dampings)

@@ -3,7 +3,7 @@
 u = alpha^T Lambda (ydd_d - Kd ed - Kp e - drift) + (1 - alpha^T Lambda B) u_0 with Lambda the inverse of
 alpha M_c^-1 alpha^T, so that edd = -Kd ed - Kp e whatever base and momentum do, and u_0 = -D qd, which the output does not
 feel. That needs alpha of full rank: near a dynamic singularity (Papadopoulos & Dubowsky 1993) Lambda is damped, see
-:func:`~ffsm_controllers.task_space.damped_inverse.damped_inverse`, and the output does not follow along that direction.
+:func:`~ffsm_controllers.task_space.singularity.damped_inverse`, and the output does not follow along that direction.
 
 Source: Khatib 1987, A unified approach for motion and force control of robot manipulators, IEEE J. Robot. Autom. 3(1),
 on the reduced dynamics of the free-floating robot.
@@ -16,8 +16,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ffsm_controllers.task_space.config import AttitudeAccelerations, DampedConfig, PositionAccelerations
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
 from ffsm_controllers.task_space.damping import joint_damping, most_unstable, output_damping
+from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_controllers.task_space.task_law import TaskLaw
 from ffsm_mj.controller_protocol import ControllerContext, Damping, FloatArray
 
@@ -64,10 +64,10 @@ class TaskCt(TaskLaw):
         model.update(data)
         inertia, _ = damped_inverse(model.B.dot(model.alpha.T), self._largest)
         pushes = inertia.dot(model.alpha).T
-        found = [
+        dampings = [
             output_damping(model, pushes * self._kd, "position.kd_1_s", self._kd[0], slice(0, k)),
             joint_damping(model, self._damping, np.eye(len(model.qd)) - pushes.dot(model.B)),
         ]
         if len(self._kd) > k:
-            found.append(output_damping(model, pushes * self._kd, "attitude.kd_1_s", self._kd[k], slice(k, None)))
-        return most_unstable(model, found)
+            dampings.append(output_damping(model, pushes * self._kd, "attitude.kd_1_s", self._kd[k], slice(k, None)))
+        return most_unstable(model, dampings)

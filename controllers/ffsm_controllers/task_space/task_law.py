@@ -12,9 +12,8 @@ import numpy as np
 
 from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.task_space.config import AttitudeTarget, TaskLawConfig
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
 from ffsm_controllers.task_space.joints import controllable_directions, joints_that_move
-from ffsm_controllers.task_space.singularity import SingularityMonitor
+from ffsm_controllers.task_space.singularity import SingularityMonitor, damped_inverse
 from ffsm_mj.controller_protocol import (
     Command,
     ControllerContext,
@@ -87,10 +86,10 @@ class TaskLaw(Stateful):
         rows = (*context.task.axes, *((3, 4, 5) if attitude is not None else ()))
         robot = range(system.robot.dofs.start, system.robot.dofs.stop)
         self.directions = controllable_directions(self._mj, site, list(robot), rows)
-        own = controllable_directions(self._mj, site, self.model.joints.dofs, rows)
-        if own < self.directions:
+        directions = controllable_directions(self._mj, site, self.model.joints.dofs, rows)
+        if directions < self.directions:
             message = (
-                f"{len(self.model.joints.dofs)} joints ({', '.join(self.model.joints.names)}) control {own} of the "
+                f"{len(self.model.joints.dofs)} joints ({', '.join(self.model.joints.names)}) control {directions} of the "
                 f"{self.directions} components of the output"
             )
             raise ScenarioFaults([Fault(message, ("joints",))])
@@ -103,8 +102,8 @@ class TaskLaw(Stateful):
 
     def watch(self, largest: float, describe: Callable[[float, float], str] | None = None) -> None:
         """Keep account of the time near singularities: where an inverse of :meth:`damped` is above a bound."""
-        given = (self.directions, largest, self._context.control_period_s)
-        self._monitor = SingularityMonitor(*given) if describe is None else SingularityMonitor(*given, describe)
+        bounds = (self.directions, largest, self._context.control_period_s)
+        self._monitor = SingularityMonitor(*bounds) if describe is None else SingularityMonitor(*bounds, describe)
 
     @property
     def driven_actuators(self) -> IntArray:

@@ -80,10 +80,10 @@ class TaskTj(TaskLaw):
         model, k = self.model, self.positions
         model.update(data)
         pushes = model.alpha.T * self._kd
-        found = [
+        dampings = [
             output_damping(model, pushes, "position.kd_N_s_m", self._kd[0], slice(0, k)),
             joint_damping(model, self._damping, np.eye(len(model.qd))),
         ]
         if len(self._kd) > k:
-            found.append(output_damping(model, pushes, "attitude.kd_N_m_s_rad", self._kd[k], slice(k, None)))
-        return most_unstable(model, found)
+            dampings.append(output_damping(model, pushes, "attitude.kd_N_m_s_rad", self._kd[k], slice(k, None)))
+        return most_unstable(model, dampings)

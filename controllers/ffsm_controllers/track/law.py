@@ -18,11 +18,10 @@ import numpy as np
 from ffsm_controllers.allocation import moments, unit_moments
 from ffsm_controllers.base_control import BaseControl, Stiffness
 from ffsm_controllers.pd import per_joint
-from ffsm_controllers.task_space.damped_inverse import damped_inverse
+from ffsm_controllers.task_space.config import object_site
 from ffsm_controllers.task_space.damping import most_unstable
 from ffsm_controllers.task_space.joints import controllable_directions, joints_that_move
-from ffsm_controllers.task_space.object_site import object_site
-from ffsm_controllers.task_space.singularity import SingularityMonitor
+from ffsm_controllers.task_space.singularity import SingularityMonitor, damped_inverse
 from ffsm_controllers.track.config import BaseConfig, TrackConfig
 from ffsm_mj.controller_protocol import (
     Command,
@@ -91,8 +90,8 @@ class Track(Stateful):
         controllable = controllable_directions(self._model, system.index("site", site), dofs, range(6 if turns else 3))
         self._singularity = SingularityMonitor(controllable, config.singular_mass_kg, context.control_period_s)
         self._target = MovingFrame(self._model, target, np.array(config.offset_m))
-        held = system.grasp.tree if system.grasp is not None else ""
-        self._holds = bool(held) and self._model.site(target).name.startswith(f"{held}/")
+        grasped_tree = system.grasp.tree if system.grasp is not None else ""
+        self._holds = bool(grasped_tree) and self._model.site(target).name.startswith(f"{grasped_tree}/")
         bound = config.max_torque_N_m
         self._bound = None if bound is None else per_joint(bound, count, "max_torque_N_m")
         self._base = None if config.base is None else _base_control(config.base, system)
@@ -127,14 +126,14 @@ class Track(Stateful):
                 task.joints.actuators, damped if self._bound is None else np.clip(damped, -self._bound, self._bound)
             )
             return
-        carried, feedback = self._wanted(data)
-        carried -= task.drift
+        feedforward, feedback = self._wanted(data)
+        feedforward -= task.drift
         known = command.effort + command.others
         if known.any():
-            carried -= task.response(data, moments(self._model, data, self._unit).T.dot(known))
+            feedforward -= task.response(data, moments(self._model, data, self._unit).T.dot(known))
         inertia, mobilities = damped_inverse(task.B.dot(task.alpha.T), self._config.singular_mass_kg)
         damped = -self._config.joint_damping_N_m_s_rad * task.qd
-        needed = damped + inertia.dot(carried - task.B.dot(damped)).dot(task.alpha)
+        needed = damped + inertia.dot(feedforward - task.B.dot(damped)).dot(task.alpha)
         torque, share = self._bounded(needed, inertia.dot(feedback).dot(task.alpha))
         command.drive(task.joints.actuators, torque)
         largest = 1.0 / float(mobilities[0]) if mobilities[0] > 0.0 else math.inf
@@ -149,18 +148,20 @@ class Track(Stateful):
         target.update(data)
         task.target_m, task.target_frame, task.target_rates = target.point, target.frame, target.rates[: task.site.size]
         task.update(data)
-        carried = target.accelerations(task.coasting)
+        feedforward = target.accelerations(task.coasting)
         error, relative = task.e, task.ed
         gains = config.position
         feedback = _feedback(error[:3], relative[:3], gains.kp_1_s2, gains.kd_1_s, gains.max_speed_m_s)
         self._errors: tuple[float, ...] = (_length(error[:3]), _length(relative[:3]))
         if config.attitude is None:
-            return carried[:3], feedback
+            return feedforward[:3], feedback
         turns = config.attitude
         turning = _feedback(error[3:], relative[3:], turns.kp_1_s2, turns.kd_1_s, turns.max_rate_rad_s)
-        carried[3:] += target.relative_turn(relative[3:])  # what is relative is to fall in the object's frame, which turns
+        feedforward[3:] += target.relative_turn(
+            relative[3:]
+        )  # what is relative is to fall in the object's frame, which turns
         self._errors = (*self._errors, _length(error[3:]), _length(relative[3:]))
-        return carried, np.concatenate((feedback, turning))
+        return feedforward, np.concatenate((feedback, turning))
 
     def _bounded(self, needed: FloatArray, feedback: FloatArray) -> tuple[FloatArray, float]:
         """Torques within their bound: as much of the feedback as fits beside what is needed anyway, and that share."""
@@ -176,7 +177,7 @@ class Track(Stateful):
         task, config = self._task, self._config
         task.update(data)
         dofs, count = task.joints.dofs, len(task.joints.dofs)
-        unseen, found = np.eye(count), []
+        unseen, dampings = np.eye(count), []
         if not self._holds:
             inertia, _ = damped_inverse(task.B.dot(task.alpha.T), config.singular_mass_kg)
             pushes = inertia.dot(task.alpha).T
@@ -184,10 +185,10 @@ class Track(Stateful):
             for key, gains, rows in (("position", config.position, slice(0, 3)), ("attitude", config.attitude, slice(3, 6))):
                 if gains is not None:
                     matrix = gains.kd_1_s * pushes[:, rows].dot(task.alpha[rows])
-                    found.append(Damping(f"{key}.kd_1_s", dofs, np.full(count, gains.kd_1_s), matrix))
+                    dampings.append(Damping(f"{key}.kd_1_s", dofs, np.full(count, gains.kd_1_s), matrix))
         gain = config.joint_damping_N_m_s_rad
-        found.append(Damping("joint_damping_N_m_s_rad", dofs, np.full(count, gain), gain * unseen))
-        return most_unstable(task, found)
+        dampings.append(Damping("joint_damping_N_m_s_rad", dofs, np.full(count, gain), gain * unseen))
+        return most_unstable(task, dampings)
 
     def telemetry(self) -> Sequence[float]:
         """Errors, relative rates, the largest effective inertia and the share of the feedback at the last tick."""
@@ -225,7 +226,7 @@ def _robot_site(config: TrackConfig, context: ControllerContext) -> str:
         if context.task is None:
             raise ScenarioFaults([Fault("track needs 'robot_site', or a 'task' whose tip it takes", ("kind",))])
         return str(system.mj.site(context.task.tip_site).name)
-    sites = [each for each in system.names("site") if each.startswith("robot/")]
+    sites = [name for name in system.names("site") if name.startswith("robot/")]
     try:
         full = system.resolve("site", config.robot_site)
     except LookupError as error:

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators.frames import Frame
-from ffsm_controllers.estimators.mekf.belief import Belief, Held, symmetric
 from ffsm_controllers.estimators.mekf.config import FloorConfig
+from ffsm_controllers.estimators.mekf.estimate import Estimate, Held, symmetric
 from ffsm_controllers.estimators.mekf.frame_measurement import FrameMeasurement
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.joints import EncoderErrors
@@ -35,56 +35,56 @@ class GraspClosing:
         self._model, self._scene, self._encoders = free.mj, scene, encoders
         self._data = mujoco.MjData(free.mj)
         root, link = (Frame(free.index("body", name), np.zeros(3), np.eye(3)) for name in (grasp.root, grasp.link))
-        robot = next((each for each in layout.bodies if each.tree is free.robot), None)
+        robot = next((body for body in layout.bodies if body.tree is free.robot), None)
         self._measured = [
             (FrameMeasurement("", kind, root, link, scene.object, robot), deviation)
             for kind, deviation in (("framequat", floor.attitude_rad), ("framepos", floor.position_m))
         ]
 
-    def apply(self, belief: Belief, held: Held) -> None:
+    def apply(self, estimate: Estimate, pose: Held) -> None:
         """Close the grasp."""
         if self._scene.object is not None:
-            self._place(belief, held)
-        belief.held = held
+            self._place(estimate, pose)
+        estimate.held = pose
         if self._scene.object is not None:
-            self._join(belief)
-        self._scene.enter(belief)
-        self._scene.leave(belief)
+            self._join(estimate)
+        self._scene.enter(estimate)
+        self._scene.leave(estimate)
 
-    def _place(self, belief: Belief, held: Held) -> None:
+    def _place(self, estimate: Estimate, pose: Held) -> None:
         """Use what is known of the pose of the object in the hand."""
-        size, encoders = belief.layout.size, self._encoders
-        for (measurement, deviation), value in zip(self._measured, (held.quaternion, held.position_m), strict=True):
-            innovation, slope = measurement.innovation(self._model, belief, value, encoders.dofs)
+        size, encoders = estimate.layout.size, self._encoders
+        for (measurement, deviation), value in zip(self._measured, (pose.quaternion, pose.position_m), strict=True):
+            innovation, slope = measurement.innovation(self._model, estimate, value, encoders.dofs)
             across = slope[:, size:]
             noise = deviation**2 * np.eye(3) + (across * encoders.variances) @ across.T
-            update(belief, innovation, slope[:, :size], noise)
+            update(estimate, innovation, slope[:, :size], noise)
 
-    def _join(self, belief: Belief) -> None:
+    def _join(self, estimate: Estimate) -> None:
         """End the relative motion."""
-        rates, carrier, size = self._rates_after(belief), self._scene.carrier, belief.layout.size
+        rates, carrier, size = self._rates_after(estimate), self._scene.carrier, estimate.layout.size
         if carrier is not None:
             derivative, rated = np.eye(size), slice(carrier.velocity.start, carrier.rate.stop)
             for k, error in enumerate(_DIFFERENCE * np.eye(size)):
-                apart = self._moved(belief, error, carrier) - self._moved(belief, -error, carrier)
+                apart = self._moved(estimate, error, carrier) - self._moved(estimate, -error, carrier)
                 derivative[rated, k] = apart / (2.0 * _DIFFERENCE)
-            belief.covariance = symmetric(derivative @ belief.covariance @ derivative.T)
+            estimate.covariance = symmetric(derivative @ estimate.covariance @ derivative.T)
         ours, theirs = self._scene.shared.dofs
-        belief.data.qvel[ours] = rates[theirs]
+        estimate.data.qvel[ours] = rates[theirs]
 
-    def _moved(self, belief: Belief, error: FloatArray, carrier: FloatingBody) -> FloatArray:
+    def _moved(self, estimate: Estimate, error: FloatArray, carrier: FloatingBody) -> FloatArray:
         """Velocity and angular velocity of the base after the impulse, with an estimate moved by an error, (6,)."""
-        qpos, qvel = belief.data.qpos.copy(), belief.data.qvel.copy()
-        belief.move(error)
-        found = self._rates_after(belief)[carrier.dofs]
-        belief.data.qpos[:], belief.data.qvel[:] = qpos, qvel
-        return found
+        qpos, qvel = estimate.data.qpos.copy(), estimate.data.qvel.copy()
+        estimate.move(error)
+        rates = self._rates_after(estimate)[carrier.dofs]
+        estimate.data.qpos[:], estimate.data.qvel[:] = qpos, qvel
+        return rates
 
-    def _rates_after(self, belief: Belief) -> FloatArray:
+    def _rates_after(self, estimate: Estimate) -> FloatArray:
         """Rates of the grasped system after the impulse, (nv,): those of the least change in kinetic energy."""
         scene, free = self._scene, self._data
         assert scene.object is not None
-        model, data = scene.model, scene.enter(belief)
+        model, data = scene.model, scene.enter(estimate)
         mujoco.mj_fwdPosition(model, data)
         jacobians = np.empty((2, 3, model.nv))
         mujoco.mj_jacBody(model, data, *jacobians, scene.root)
@@ -92,9 +92,9 @@ class GraspClosing:
         rates = np.zeros((self._model.nv, model.nv))
         rates[ours, theirs] = 1.0
         rates[scene.object.dofs] = np.vstack((jacobians[0], data.xmat[scene.root].reshape(3, 3).T @ jacobians[1]))
-        free.qpos[:] = belief.data.qpos
+        free.qpos[:] = estimate.data.qpos
         free.qpos[scene.object.qpos] = np.concatenate((data.xpos[scene.root], data.xquat[scene.root]))
         mujoco.mj_fwdPosition(self._model, free)
         shares = rates.T @ mass_matrix(self._model, free)
-        found: FloatArray = np.linalg.solve(shares @ rates, shares @ belief.data.qvel)
-        return found
+        common_rates: FloatArray = np.linalg.solve(shares @ rates, shares @ estimate.data.qvel)
+        return common_rates

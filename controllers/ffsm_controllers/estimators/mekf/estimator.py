@@ -10,16 +10,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_controllers.estimators.mekf.belief import Belief, Held
 from ffsm_controllers.estimators.mekf.closing import GraspClosing
 from ffsm_controllers.estimators.mekf.config import InitialConfig, MekfConfig
-from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of
+from ffsm_controllers.estimators.mekf.estimate import Estimate, Held
+from ffsm_controllers.estimators.mekf.frame_measurement import KINDS, FrameMeasurement, measurement_of, missing_measurements
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.history import Entry, History
 from ffsm_controllers.estimators.mekf.impacts import inflate, involved, is_jump
 from ffsm_controllers.estimators.mekf.joints import encoder_errors, joint_values, white_noise, write_joint
 from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout, floating_bodies
-from ffsm_controllers.estimators.mekf.missing import missing_measurements
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.report import report_signals, report_values
 from ffsm_controllers.estimators.mekf.update import Innovation, update
@@ -84,28 +83,28 @@ class Mekf(Stateful):
         system, model = context.system, context.system.mj
         bodies = floating_bodies(system)
         kinds = {name: sensor.model.kind for name, sensor in context.sensors.items()}
-        found = [measurement_of(model, bodies, name, kind) for name, kind in kinds.items()]
-        self._frames = [each for each in found if each is not None]
+        measurements = [measurement_of(model, bodies, name, kind) for name, kind in kinds.items()]
+        self._frames = [measurement for measurement in measurements if measurement is not None]
         joints = readings_of_joints(system, context.sensors, config.rate_filter_s)
-        used = [each.sensor for each in self._frames] + [each.sensor for each in joints if each.measures_coordinates]
+        used = [frame.sensor for frame in self._frames] + [joint.sensor for joint in joints if joint.measures_coordinates]
         believed, faults = _believed_noise(system, used, config)
         if faults := [*faults, *_faults(bodies, self._frames, config)]:
             raise ScenarioFaults(faults)
         self._system, self._config, sensors = system, config, context.sensors
-        biased = [each.sensor for each in self._frames if each.kind == "gyro" and config.gyro_bias_rad_s is not None]
+        biased = [frame.sensor for frame in self._frames if frame.kind == "gyro" and config.gyro_bias_rad_s is not None]
         self._layout = Layout(bodies, biased)
         self._deviations = {
-            each.sensor: _deviation(sensors[each.sensor], believed.get(each.sensor), config) for each in self._frames
+            frame.sensor: _deviation(sensors[frame.sensor], believed.get(frame.sensor), config) for frame in self._frames
         }
         self._joints = joints
         self._encoders = encoder_errors(joints, sensors, believed)
         self._largest_nis = math.inf if config.gate is None else _chi_square_quantile(config.gate)
-        self._belief = Belief(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
+        self._estimate = Estimate(self._layout, mujoco.MjData(model), np.zeros((self._layout.size, self._layout.size)))
         shown = [sensors[name] for name in (*self._deviations, *(reading.sensor for reading in self._joints))]
-        longest_s = max(each.delay_s + each.delay_jitter_s for each in shown) + context.control_period_s
+        longest_s = max(configured.delay_s + configured.delay_jitter_s for configured in shown) + context.control_period_s
         self._grasped, self._closings = self._of_grasps(context.grasped)
         propagation = Propagation(model, self._layout, config, sensors, self._grasped)
-        self._history = History(self._belief, propagation, longest_s, self._apply)
+        self._history = History(self._estimate, propagation, longest_s, self._apply)
         self._scratch = mujoco.MjData(model)
         self._used_s: dict[str, float] = {}
         self._innovations: list[Innovation] = []
@@ -113,13 +112,13 @@ class Mekf(Stateful):
 
     def start(self, data: Any) -> None:
         """Begin at the initial state, with the initial covariance."""
-        belief, config = self._belief, self._config
+        estimate, config = self._estimate, self._config
         deviations = np.full(self._layout.size, config.gyro_bias_rad_s or 0.0)
         for body in self._layout.bodies:
             deviations[body.error] = np.repeat(_initial(config, body), 3)
-        belief.covariance, belief.biases = np.diag(deviations**2), np.zeros_like(belief.biases)
-        belief.held = None
-        belief.data.qpos[:], belief.data.qvel[:], belief.data.ctrl[:] = data.qpos, data.qvel, data.ctrl
+        estimate.covariance, estimate.biases = np.diag(deviations**2), np.zeros_like(estimate.biases)
+        estimate.held = None
+        estimate.data.qpos[:], estimate.data.qvel[:], estimate.data.ctrl[:] = data.qpos, data.qvel, data.ctrl
         self._used_s.clear()
         for reading in self._joints:
             reading.forget()
@@ -128,18 +127,18 @@ class Mekf(Stateful):
     def set_state(self, state: Any) -> None:
         """Go on from a state."""
         super().set_state(state)
-        self._innovations = [Innovation(*each) for each in self._innovations]
+        self._innovations = [Innovation(*innovation) for innovation in self._innovations]
 
     def update(self, time_s: float, measured: Mapping[str, Measurement], events: Sequence[Any], data: Any) -> None:
         """See :class:`~ffsm_mj.controller_protocol.Estimator`."""
         new = [*self._given(data), *self._of_joints(measured), *self._of_frames(measured)]
         new += [entry for event in events if (entry := self._of_event(event)) is not None]
         self._innovations = self._history.advance(time_s, data.ctrl, new)
-        data.qpos[:], data.qvel[:] = self._belief.data.qpos, self._belief.data.qvel
+        data.qpos[:], data.qvel[:] = self._estimate.data.qpos, self._estimate.data.qvel
 
     def telemetry(self) -> FloatArray:
         """Values of ``telemetry_signals`` after the last call."""
-        return report_values(self._belief, self._innovations)
+        return report_values(self._estimate, self._innovations)
 
     def covariance(self, body: str) -> FloatArray:
         """Covariance of the error of a body, (12, 12): position, rotation vector, velocity, angular velocity.
@@ -148,7 +147,7 @@ class Mekf(Stateful):
             body: ``robot``, or the name of an object; see :class:`~.layout.FloatingBody` for frames and units.
         """
         part = self._layout.named(body).error
-        return self._belief.covariance[part, part].copy()
+        return self._estimate.covariance[part, part].copy()
 
     def _of_grasps(self, systems: Mapping[str, System]) -> tuple[dict[str, GraspedScene], dict[str, GraspClosing]]:
         """Systems with a grasped object, and what the closing of their grasps does to an estimate, by name."""
@@ -172,30 +171,30 @@ class Mekf(Stateful):
         if kind == "grasp" and event.place > 1:
             raise ControllerError(f"the grasp {event.grasp!r} closes while another is closed: kind mekf knows one at a time")
         if kind == "grasp" and event.grasp in self._closings:
-            held = np.array(event.held_position_m), np.array(event.held_quaternion)
-            return Entry(event.time_s, _JUMP, "grasp", (event.grasp,), held)
+            relative_pose = np.array(event.held_position_m), np.array(event.held_quaternion)
+            return Entry(event.time_s, _JUMP, "grasp", (event.grasp,), relative_pose)
         if kind == "release":
             return Entry(event.time_s, _JUMP, "release", (event.grasp,))
         if is_jump(event):
             return Entry(event.time_s, _JUMP, "impact", involved(event, self._system, self._layout))
         return None
 
-    def _apply(self, entry: Entry, belief: Belief) -> Innovation | None:
+    def _apply(self, entry: Entry, estimate: Estimate) -> Innovation | None:
         """Do to an estimate what an entry says; returns the innovation of a measurement of a floating body."""
         names, values = entry.names, entry.values
         match entry.kind:
             case "frame":
-                return self._measure(names[0], values[0], belief)
+                return self._measure(names[0], values[0], estimate)
             case "joint":
-                write_joint(belief, next(each for each in self._joints if each.sensor == names[0]), *values)
+                write_joint(estimate, next(joint for joint in self._joints if joint.sensor == names[0]), *values)
             case "given":
-                self._begin_anew(belief, self._layout.named(names[0]), *values)
+                self._begin_anew(estimate, self._layout.named(names[0]), *values)
             case "grasp":
-                self._closings[names[0]].apply(belief, Held(names[0], *values))
+                self._closings[names[0]].apply(estimate, Held(names[0], *values))
             case "release":
-                _release(belief, names[0])
+                _release(estimate, names[0])
             case "impact":
-                inflate(belief, names, self._config, self._grasped)
+                inflate(estimate, names, self._config, self._grasped)
         return None
 
     def _of_joints(self, measured: Mapping[str, Measurement]) -> list[Entry]:
@@ -207,28 +206,30 @@ class Mekf(Stateful):
         ]
 
     def _of_frames(self, measured: Mapping[str, Measurement]) -> list[Entry]:
-        ranks, found = list(KINDS), []
+        ranks, entries = list(KINDS), []
         for frame in self._frames:
             sample = measured[frame.sensor]
             if sample.valid and sample.time_s != self._used_s.get(frame.sensor):
                 self._used_s[frame.sensor] = sample.time_s
                 rank = _FIRST_FRAME + ranks.index(frame.kind)
-                found.append(Entry(sample.time_s, rank, "frame", (frame.sensor,), (sample.value,)))
-        return found
+                entries.append(Entry(sample.time_s, rank, "frame", (frame.sensor,), (sample.value,)))
+        return entries
 
-    def _measure(self, sensor: str, value: FloatArray, belief: Belief) -> Innovation:
+    def _measure(self, sensor: str, value: FloatArray, estimate: Estimate) -> Innovation:
         size, noise = self._layout.size, self._deviations[sensor] ** 2 * np.eye(3)
-        frame = next(each for each in self._frames if each.sensor == sensor)
+        frame = next(candidate for candidate in self._frames if candidate.sensor == sensor)
         dofs = self._encoders.dofs if frame.by_joints else ()
-        innovation, slope = frame.innovation(self._system.mj, belief, value, dofs)
+        innovation, slope = frame.innovation(self._system.mj, estimate, value, dofs)
         if len(dofs):
             noise += (slope[:, size:] * self._encoders.variances) @ slope[:, size:].T
-        return update(belief, innovation, slope[:, :size], noise, self._largest_nis)
+        return update(estimate, innovation, slope[:, :size], noise, self._largest_nis)
 
     def _given(self, data: Any) -> list[Entry]:
         """What others have set in the estimate since the last call."""
-        held = self._belief.held
-        following = self._grasped[held.grasp].object if held is not None else None  # it is known to rounding
+        relative_pose = self._estimate.held
+        following = (
+            self._grasped[relative_pose.grasp].object if relative_pose is not None else None
+        )  # it is known to rounding
         return [
             Entry(
                 self._history.time_s,
@@ -243,23 +244,23 @@ class Mekf(Stateful):
 
     def _is_set(self, data: Any, body: FloatingBody) -> bool:
         """Whether the state of a body is not that which the filter has left."""
-        left = self._belief.data
+        left = self._estimate.data
         coordinates, rates = data.qpos[body.qpos] - left.qpos[body.qpos], data.qvel[body.dofs] - left.qvel[body.dofs]
         return bool(max(np.abs(coordinates).max(), np.abs(rates).max()) > _GIVEN_BEYOND)
 
-    def _begin_anew(self, belief: Belief, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> None:
+    def _begin_anew(self, estimate: Estimate, body: FloatingBody, pose: FloatArray, twist: FloatArray) -> None:
         """Let a body begin anew at a given state."""
-        belief.data.qpos[body.qpos], belief.data.qvel[body.dofs] = pose, twist
-        covariance = belief.covariance.copy()
+        estimate.data.qpos[body.qpos], estimate.data.qvel[body.dofs] = pose, twist
+        covariance = estimate.covariance.copy()
         covariance[body.error, :] = covariance[:, body.error] = 0.0
         covariance[body.error, body.error] = np.diag(np.repeat(_initial(self._config, body), 3) ** 2)
-        belief.covariance = covariance
+        estimate.covariance = covariance
 
 
-def _release(belief: Belief, grasp: str) -> None:
+def _release(estimate: Estimate, grasp: str) -> None:
     """Let go of what a grasp holds: it begins with the errors that it had in the hand."""
-    if belief.held is not None and belief.held.grasp == grasp:
-        belief.held = None
+    if estimate.held is not None and estimate.held.grasp == grasp:
+        estimate.held = None
 
 
 def _initial(config: MekfConfig, body: FloatingBody) -> tuple[float, float, float, float]:
@@ -280,14 +281,14 @@ def _faults(bodies: Sequence[FloatingBody], frames: Sequence[FrameMeasurement], 
 
 def _believed_noise(system: System, used: Collection[str], config: MekfConfig) -> tuple[dict[str, float], list[Fault]]:
     """Standard deviations that the configuration states, by full name of the sensor, and what is wrong with them."""
-    found, faults = {}, []
+    variances, faults = {}, []
     for name, value in config.noise.items():
         try:
             full = system.resolve("sensor", name)
         except LookupError as error:
             faults.append(Fault(str(error.args[0]), ("noise", name)))
             continue
-        found[full] = value
+        variances[full] = value
         if full not in used:
             faults.append(
                 Fault(
@@ -295,7 +296,7 @@ def _believed_noise(system: System, used: Collection[str], config: MekfConfig) -
                     ("noise", name),
                 )
             )
-    return found, faults
+    return variances, faults
 
 
 def _deviation(sensor: Sensor, believed: float | None, config: MekfConfig) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +10,10 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators.frames import Frame, frame_of
-from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.estimate import Estimate
 from ffsm_controllers.estimators.mekf.frame_motion import FrameMotion, frame_motion
 from ffsm_controllers.estimators.mekf.layout import FloatingBody
-from ffsm_mj.controller_protocol import FloatArray, skew
+from ffsm_mj.controller_protocol import Fault, FloatArray, skew
 
 KINDS = {
     "framequat": "attitude_rad",
@@ -52,30 +52,30 @@ class FrameMeasurement:
         return self.kind in ("framepos", "framequat")
 
     def innovation(
-        self, model: Any, belief: Belief, value: FloatArray, dofs: Sequence[int] = ()
+        self, model: Any, estimate: Estimate, value: FloatArray, dofs: Sequence[int] = ()
     ) -> tuple[FloatArray, FloatArray]:
         """Measured less expected, (3,), for rotations the vector between; and the derivative of the expected value.
 
         Args:
             model: MuJoCo model.
-            belief: The estimate.
+            estimate: The estimate.
             value: What was measured.
             dofs: Degrees of freedom of joints whose coordinates have errors, (n,).
 
         Returns:
             The innovation, and its derivative by the error state, then by these coordinates, (3, size + n).
         """
-        data, size = belief.data, belief.layout.size
+        data, size = estimate.data, estimate.layout.size
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        here = frame_motion(model, data, self.frame, self.body, size, dofs)
-        there = frame_motion(model, data, self.reference, self.other, size, dofs)
-        expected, slope = _EXPECTED[self.kind](here, there)
+        frame = frame_motion(model, data, self.frame, self.body, size, dofs)
+        reference = frame_motion(model, data, self.reference, self.other, size, dofs)
+        expected, slope = _EXPECTED[self.kind](frame, reference)
         if self.kind == "framequat":
             return _turn(expected, value), slope
-        if (bias := belief.layout.bias_of(self.sensor)) is not None:
-            expected = expected + belief.biases[bias.value]
+        if (bias := estimate.layout.bias_of(self.sensor)) is not None:
+            expected = expected + estimate.biases[bias.value]
             slope[:, bias.error] = np.eye(3)
         return value - expected, slope
 
@@ -87,41 +87,47 @@ def measurement_of(model: Any, bodies: Sequence[FloatingBody], sensor: str, kind
     number = int(model.sensor(sensor).id)
     frame = frame_of(model, int(model.sensor_objtype[number]), int(model.sensor_objid[number]))
     reference = frame_of(model, int(model.sensor_reftype[number]), int(model.sensor_refid[number]))
-    body, other = (next((each for each in bodies if one.body in each.tree.bodies), None) for one in (frame, reference))
+    body, other = (
+        next((candidate for candidate in bodies if one.body in candidate.tree.bodies), None) for one in (frame, reference)
+    )
     if body is other or (frame.body and model.body_rootid[frame.body] == model.body_rootid[reference.body]):
         return None
     return FrameMeasurement(sensor, kind, frame, reference, body, other)
 
 
-def _position(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:
-    apart = here.origin - there.origin
-    return there.axes.T @ apart, there.axes.T @ (here.d_origin - there.d_origin + skew(apart) @ there.d_axes)
+def _position(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:
+    apart = frame.origin - reference.origin
+    return reference.axes.T @ apart, reference.axes.T @ (
+        frame.d_origin - reference.d_origin + skew(apart) @ reference.d_axes
+    )
 
 
-def _attitude(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:
+def _attitude(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:
     """Rotation matrix of the frame in the reference; derivative of the rotation vector in axes of the frame."""
-    return there.axes.T @ here.axes, here.axes.T @ (here.d_axes - there.d_axes)
+    return reference.axes.T @ frame.axes, frame.axes.T @ (frame.d_axes - reference.d_axes)
 
 
-def _velocity(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:
+def _velocity(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:
     """Velocity of the frame's origin as seen in the reference, which turns."""
-    apart, d_apart = here.origin - there.origin, here.d_origin - there.d_origin
-    seen = here.velocity - there.velocity - skew(there.turning) @ apart
-    change = here.d_velocity - there.d_velocity + skew(apart) @ there.d_turning - skew(there.turning) @ d_apart
-    return there.axes.T @ seen, there.axes.T @ (change + skew(seen) @ there.d_axes)
+    apart, d_apart = frame.origin - reference.origin, frame.d_origin - reference.d_origin
+    seen = frame.velocity - reference.velocity - skew(reference.turning) @ apart
+    change = frame.d_velocity - reference.d_velocity + skew(apart) @ reference.d_turning - skew(reference.turning) @ d_apart
+    return reference.axes.T @ seen, reference.axes.T @ (change + skew(seen) @ reference.d_axes)
 
 
-def _turning(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:
-    seen = here.turning - there.turning
-    return there.axes.T @ seen, there.axes.T @ (here.d_turning - there.d_turning + skew(seen) @ there.d_axes)
+def _turning(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:
+    seen = frame.turning - reference.turning
+    return reference.axes.T @ seen, reference.axes.T @ (
+        frame.d_turning - reference.d_turning + skew(seen) @ reference.d_axes
+    )
 
 
-def _own_velocity(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
-    return here.axes.T @ here.velocity, here.axes.T @ (here.d_velocity + skew(here.velocity) @ here.d_axes)
+def _own_velocity(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
+    return frame.axes.T @ frame.velocity, frame.axes.T @ (frame.d_velocity + skew(frame.velocity) @ frame.d_axes)
 
 
-def _own_turning(here: FrameMotion, there: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
-    return here.axes.T @ here.turning, here.axes.T @ (here.d_turning + skew(here.turning) @ here.d_axes)
+def _own_turning(frame: FrameMotion, reference: FrameMotion) -> tuple[FloatArray, FloatArray]:  # noqa: ARG001
+    return frame.axes.T @ frame.turning, frame.axes.T @ (frame.d_turning + skew(frame.turning) @ frame.d_axes)
 
 
 _EXPECTED: dict[str, Callable[[FrameMotion, FrameMotion], tuple[FloatArray, FloatArray]]] = {
@@ -140,3 +146,28 @@ def _turn(expected: FloatArray, measured: FloatArray) -> FloatArray:
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(expected).ravel())
     mujoco.mju_subQuat(turn, measured, quaternion)
     return turn
+
+
+_NEEDED = {"framepos": "position", "framequat": "attitude"}
+
+
+def missing_measurements(bodies: Sequence[FloatingBody], measurements: Iterable[FrameMeasurement]) -> list[Fault]:
+    """Bodies whose position or attitude is measured neither relative to the world nor to a body of which it is."""
+    measured, faults = list(measurements), []
+    for kind, what in _NEEDED.items():
+        links = [{_name(measurement.body), _name(measurement.other)} for measurement in measured if measurement.kind == kind]
+        known = {""}
+        while grown := [link for link in links if link & known and not link <= known]:
+            known = known.union(*grown)
+        for body in bodies:
+            if body.name not in known:
+                text = (
+                    f"no sensor measures the {what} of {body.name!r}: a filter needs a <{kind}> of it relative to the world"
+                )
+                faults.append(Fault(f"{text}, or to a body whose {what} is measured", ("kind",)))
+    return faults
+
+
+def _name(body: object) -> str:
+    """Name of a floating body; empty for the world."""
+    return str(getattr(body, "name", ""))

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from ffsm_controllers.estimators.frames import Frame
-from ffsm_controllers.estimators.mekf.belief import Belief, symmetric
+from ffsm_controllers.estimators.mekf.estimate import Estimate, symmetric
 from ffsm_controllers.estimators.mekf.frame_motion import frame_motion
 from ffsm_controllers.estimators.mekf.joints import EncoderErrors
 from ffsm_controllers.estimators.mekf.layout import FloatingBody, Layout
@@ -37,50 +37,54 @@ class GraspedScene:
         self.model = grasped.copy().mj
         self.data = mujoco.MjData(self.model)
         trees = {tree.name: tree for tree in grasped.trees}
-        self.bodies = tuple(FloatingBody(trees[each.name], each.first) for each in layout.bodies if each.name in trees)
-        self.carrier = next((each for each in self.bodies if each.tree is grasped.robot), None)
-        self.object = next((each for each in layout.bodies if each.name == grasped.grasp.tree), None)
+        self.bodies = tuple(FloatingBody(trees[body.name], body.first) for body in layout.bodies if body.name in trees)
+        self.carrier = next((body for body in self.bodies if body.tree is grasped.robot), None)
+        self.object = next((body for body in layout.bodies if body.name == grasped.grasp.tree), None)
         self.root = int(self.model.body(grasped.grasp.root).id)
         self.shared = shared_joints(free, grasped)
-        own = dict(zip(*(dofs.tolist() for dofs in self.shared.dofs), strict=True))
-        known = [(own[dof], variance) for dof, variance in zip(encoders.dofs, encoders.variances, strict=True) if dof in own]
-        self._encoder_dofs, self._encoder_variances = [dof for dof, _ in known], np.array([each for _, each in known])
+        dof_in_shared = dict(zip(*(dofs.tolist() for dofs in self.shared.dofs), strict=True))
+        known = [
+            (dof_in_shared[dof], variance)
+            for dof, variance in zip(encoders.dofs, encoders.variances, strict=True)
+            if dof in dof_in_shared
+        ]
+        self._encoder_dofs, self._encoder_variances = [dof for dof, _ in known], np.array([error for _, error in known])
 
-    def enter(self, belief: Belief) -> Any:
+    def enter(self, estimate: Estimate) -> Any:
         """Data of this system at an estimate; derived quantities are not updated."""
-        assert belief.held is not None
+        assert estimate.held is not None
         (ours, theirs), (our_rates, their_rates) = self.shared
-        self.model.body_pos[self.root], self.model.body_quat[self.root] = belief.held.position_m, belief.held.quaternion
-        self.data.qpos[theirs], self.data.qvel[their_rates] = belief.data.qpos[ours], belief.data.qvel[our_rates]
-        self.data.ctrl[:] = belief.data.ctrl
+        self.model.body_pos[self.root], self.model.body_quat[self.root] = estimate.held.position_m, estimate.held.quaternion
+        self.data.qpos[theirs], self.data.qvel[their_rates] = estimate.data.qpos[ours], estimate.data.qvel[our_rates]
+        self.data.ctrl[:] = estimate.data.ctrl
         return self.data
 
-    def leave(self, belief: Belief) -> None:
+    def leave(self, estimate: Estimate) -> None:
         """Set an estimate to the state in the data of this system; the object and its errors follow."""
         (ours, theirs), (our_rates, their_rates) = self.shared
-        belief.data.qpos[ours], belief.data.qvel[our_rates] = self.data.qpos[theirs], self.data.qvel[their_rates]
+        estimate.data.qpos[ours], estimate.data.qvel[our_rates] = self.data.qpos[theirs], self.data.qvel[their_rates]
         if self.object is None:
             return
-        model, data, size = self.model, self.data, belief.layout.size
+        model, data, size = self.model, self.data, estimate.layout.size
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         frame = Frame(self.root, np.zeros(3), np.eye(3))
         motion = frame_motion(model, data, frame, self.carrier, size, self._encoder_dofs)
         axes = motion.axes.T
-        belief.data.qpos[self.object.qpos] = np.concatenate((motion.origin, data.xquat[self.root]))
-        belief.data.qvel[self.object.dofs] = np.concatenate((motion.velocity, axes @ motion.turning))
+        estimate.data.qpos[self.object.qpos] = np.concatenate((motion.origin, data.xquat[self.root]))
+        estimate.data.qvel[self.object.dofs] = np.concatenate((motion.velocity, axes @ motion.turning))
         d_rate = axes @ (motion.d_turning + skew(motion.turning) @ motion.d_axes)
         slope = np.vstack((motion.d_origin, axes @ motion.d_axes, motion.d_velocity, d_rate))
         slope[6:, size:] = 0.0  # errors of the rates of joints are not known
-        self._follow(belief, self.object, slope)
+        self._follow(estimate, self.object, slope)
 
-    def _follow(self, belief: Belief, body: FloatingBody, slope: FloatArray) -> None:
+    def _follow(self, estimate: Estimate, body: FloatingBody, slope: FloatArray) -> None:
         """Let the errors of the object follow, by their derivatives by the error state and by joints, (12, size + n)."""
-        size = belief.layout.size
+        size = estimate.layout.size
         errors, joints = slope[:, :size], slope[:, size:]
         expansion = np.eye(size)
         expansion[body.error] = errors
-        covariance = expansion @ belief.covariance @ expansion.T
+        covariance = expansion @ estimate.covariance @ expansion.T
         covariance[body.error, body.error] += (joints * self._encoder_variances) @ joints.T
-        belief.covariance = symmetric(covariance)
+        estimate.covariance = symmetric(covariance)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ffsm_controllers.estimators.mekf.belief import Belief, Held
+from ffsm_controllers.estimators.mekf.estimate import Estimate, Held
 from ffsm_controllers.estimators.mekf.propagation import Propagation
 from ffsm_controllers.estimators.mekf.update import Innovation
 from ffsm_mj.controller_protocol import FloatArray, StateError, Stateful
@@ -73,20 +73,20 @@ class History(Stateful):
 
     def __init__(
         self,
-        belief: Belief,
+        estimate: Estimate,
         propagation: Propagation,
         longest_s: float,
-        apply: Callable[[Entry, Belief], Innovation | None],
+        apply: Callable[[Entry, Estimate], Innovation | None],
     ) -> None:
         """Keep entries for as long as samples may be under way.
 
         Args:
-            belief: The estimate.
+            estimate: The estimate.
             propagation: Its prediction.
             longest_s: Longest time for which samples may be under way, s.
             apply: Does to an estimate what an entry says; returns the innovation of a measurement of a floating body.
         """
-        self._belief, self._propagation, self._longest_s, self._apply = belief, propagation, longest_s, apply
+        self._estimate, self._propagation, self._longest_s, self._apply = estimate, propagation, longest_s, apply
         self._knots: list[Knot] = []
         self._entries: list[Entry] = []
 
@@ -99,9 +99,9 @@ class History(Stateful):
         """Go on from a state, with the estimate that it ends with."""
         super().set_state(state)
         try:
-            self._entries = [Entry(*each) for each in self._entries]
-            self._knots = [Knot(*each) for each in self._knots]
-            self._knots = [each._replace(held=Held(*each.held)) if each.held is not None else each for each in self._knots]
+            self._entries = [Entry(*entry) for entry in self._entries]
+            self._knots = [Knot(*knot) for knot in self._knots]
+            self._knots = [knot._replace(held=Held(*knot.held)) if knot.held is not None else knot for knot in self._knots]
             if self._knots:
                 self._return_to(self._knots[-1])
         except (TypeError, ValueError) as error:
@@ -110,7 +110,7 @@ class History(Stateful):
     def begin(self, time_s: float) -> None:
         """Begin with the present estimate, which nothing has been done to."""
         self._entries.clear()
-        self._knots[:] = [self._knot(time_s, -math.inf, self._belief.data.ctrl.copy())]
+        self._knots[:] = [self._knot(time_s, -math.inf, self._estimate.data.ctrl.copy())]
 
     def advance(self, time_s: float, ctrl: FloatArray, new: Sequence[Entry]) -> list[Innovation]:
         """Bring the estimate to a time, with new entries; returns the innovations of those.
@@ -122,45 +122,45 @@ class History(Stateful):
         """
         known = [entry for entry in new if entry.time_s > self._knots[0].through_s + SCHEDULED_S]
         for entry in known:
-            insort(self._entries, entry, key=lambda each: (each.time_s, each.rank))
+            insort(self._entries, entry, key=lambda other: (other.time_s, other.rank))
         first_s = min((entry.time_s for entry in known), default=math.inf)
         calls = [(time_s, ctrl.copy())]
         while self._knots[-1].through_s > first_s - SCHEDULED_S:
             undone = self._knots.pop()
             calls.insert(0, (undone.time_s, undone.ctrl))
         self._return_to(self._knots[-1])
-        found = []
-        for call_s, held in calls:
-            for entry, innovation in self._replay(call_s, held):
-                if any(entry is each for each in known):
-                    found.append(innovation)
+        innovations = []
+        for call_s, command in calls:
+            for entry, innovation in self._replay(call_s, command):
+                if any(entry is known_entry for known_entry in known):
+                    innovations.append(innovation)
         self._forget(time_s)
-        return found
+        return innovations
 
     def _replay(self, call_s: float, ctrl: FloatArray) -> list[tuple[Entry, Innovation]]:
         """From the last knot to the next call."""
-        last, found = self._knots[-1], []
+        last, innovations = self._knots[-1], []
         now_s = last.time_s
         for entry in self._entries[self._after(last.through_s) : self._after(call_s)]:
-            self._propagation.advance(self._belief, entry.time_s - now_s, ctrl)
+            self._propagation.advance(self._estimate, entry.time_s - now_s, ctrl)
             now_s = max(now_s, entry.time_s)
-            innovation = self._apply(entry, self._belief)
-            self._propagation.follow(self._belief)
+            innovation = self._apply(entry, self._estimate)
+            self._propagation.follow(self._estimate)
             if innovation is not None:
-                found.append((entry, innovation))
-        self._propagation.advance(self._belief, call_s - now_s, ctrl)
+                innovations.append((entry, innovation))
+        self._propagation.advance(self._estimate, call_s - now_s, ctrl)
         self._knots.append(self._knot(call_s, call_s, ctrl))
-        return found
+        return innovations
 
     def _knot(self, time_s: float, through_s: float, ctrl: FloatArray) -> Knot:
-        belief = self._belief
-        qpos, qvel = belief.data.qpos.copy(), belief.data.qvel.copy()
-        return Knot(time_s, through_s, ctrl, qpos, qvel, belief.biases.copy(), belief.covariance, belief.held)
+        estimate = self._estimate
+        qpos, qvel = estimate.data.qpos.copy(), estimate.data.qvel.copy()
+        return Knot(time_s, through_s, ctrl, qpos, qvel, estimate.biases.copy(), estimate.covariance, estimate.held)
 
     def _return_to(self, knot: Knot) -> None:
-        belief = self._belief
-        belief.data.qpos[:], belief.data.qvel[:] = knot.qpos, knot.qvel
-        belief.biases, belief.covariance, belief.held = knot.biases.copy(), knot.covariance, knot.held
+        estimate = self._estimate
+        estimate.data.qpos[:], estimate.data.qvel[:] = knot.qpos, knot.qvel
+        estimate.biases, estimate.covariance, estimate.held = knot.biases.copy(), knot.covariance, knot.held
 
     def _forget(self, time_s: float) -> None:
         """Drop what no sample under way can change."""

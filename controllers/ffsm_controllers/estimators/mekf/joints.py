@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.estimate import Estimate
 from ffsm_controllers.estimators.readings import Reading
 from ffsm_mj.controller_protocol import FloatArray, Measurement, Sensor
 
@@ -41,12 +41,12 @@ def encoder_errors(
         sensors: The sensors by name.
         believed: Standard deviations that the configuration states, by name.
     """
-    found: dict[int, float] = {}
+    variances: dict[int, float] = {}
     for reading in readings:
         if reading.measures_coordinates:
             deviation = believed.get(reading.sensor, white_noise(sensors[reading.sensor]))
-            found |= dict.fromkeys(range(reading.dofs.start, reading.dofs.stop), deviation**2)
-    uncertain = {dof: variance for dof, variance in found.items() if variance > 0.0}
+            variances |= dict.fromkeys(range(reading.dofs.start, reading.dofs.stop), deviation**2)
+    uncertain = {dof: variance for dof, variance in variances.items() if variance > 0.0}
     return EncoderErrors(tuple(uncertain), np.array(tuple(uncertain.values())))
 
 
@@ -68,8 +68,8 @@ def joint_values(reading: Reading, sample: Measurement, scratch: Any) -> tuple[F
     return scratch.qpos[reading.qpos].copy(), scratch.qvel[reading.dofs].copy()
 
 
-def write_joint(belief: Belief, reading: Reading, coordinates: FloatArray, rates: FloatArray) -> None:
+def write_joint(estimate: Estimate, reading: Reading, coordinates: FloatArray, rates: FloatArray) -> None:
     """Write coordinates and rates by a sample of a joint into an estimate of its time; rates that are NaN stay."""
-    belief.data.qpos[reading.qpos] = coordinates
+    estimate.data.qpos[reading.qpos] = coordinates
     if np.isfinite(rates).all():
-        belief.data.qvel[reading.dofs] = rates
+        estimate.data.qvel[reading.dofs] = rates

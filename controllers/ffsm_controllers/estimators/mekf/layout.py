@@ -127,7 +127,7 @@ class Layout:
 
     def bias_of(self, sensor: str) -> GyroBias | None:
         """Bias of a gyro, by its full name; None if it is not estimated."""
-        return next((each for each in self.biases if each.sensor == sensor), None)
+        return next((bias for bias in self.biases if bias.sensor == sensor), None)
 
     def named(self, name: str) -> FloatingBody:
         """Floating body by the name of its tree.

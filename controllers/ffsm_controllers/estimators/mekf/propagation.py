@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ffsm_controllers.estimators.mekf.belief import Belief, symmetric
 from ffsm_controllers.estimators.mekf.config import MekfConfig
+from ffsm_controllers.estimators.mekf.estimate import Estimate, symmetric
 from ffsm_controllers.estimators.mekf.grasped import GraspedScene
 from ffsm_controllers.estimators.mekf.layout import SIZE, FloatingBody, Layout
 from ffsm_mj.controller_protocol import FloatArray, Sensor, predict, skew
@@ -60,32 +60,32 @@ class Propagation:
         self._model, self._layout, self._grasped = model, layout, grasped
         self._cubic, self._square, self._linear = _noise_of_a_step(layout, config, sensors)
 
-    def advance(self, belief: Belief, duration_s: float, ctrl: FloatArray) -> None:
+    def advance(self, estimate: Estimate, duration_s: float, ctrl: FloatArray) -> None:
         """Move an estimate on under given efforts, (nu,); nothing is done unless the duration is positive."""
         if not duration_s > 0.0:
             return
-        belief.data.ctrl[:] = ctrl
-        if belief.held is None:
-            self._advance(belief, Moving(self._model, belief.data, self._layout.bodies), duration_s)
+        estimate.data.ctrl[:] = ctrl
+        if estimate.held is None:
+            self._advance(estimate, Moving(self._model, estimate.data, self._layout.bodies), duration_s)
             return
-        scene = self._grasped[belief.held.grasp]
-        self._advance(belief, Moving(scene.model, scene.enter(belief), scene.bodies), duration_s)
-        scene.leave(belief)
+        scene = self._grasped[estimate.held.grasp]
+        self._advance(estimate, Moving(scene.model, scene.enter(estimate), scene.bodies), duration_s)
+        scene.leave(estimate)
 
-    def follow(self, belief: Belief) -> None:
+    def follow(self, estimate: Estimate) -> None:
         """Let a grasped object follow the hand in an estimate that was changed."""
-        if belief.held is not None:
-            scene = self._grasped[belief.held.grasp]
-            scene.enter(belief)
-            scene.leave(belief)
+        if estimate.held is not None:
+            scene = self._grasped[estimate.held.grasp]
+            scene.enter(estimate)
+            scene.leave(estimate)
 
-    def _advance(self, belief: Belief, moving: Moving, duration_s: float) -> None:
+    def _advance(self, estimate: Estimate, moving: Moving, duration_s: float) -> None:
         rates = [math.hypot(*moving.data.qvel[body.turning].tolist()) for body in moving.bodies]
         steps = max(1, math.ceil(duration_s * max(rates, default=0.0) / _TURN_RAD))
         for _ in range(steps):
-            self._step(belief, moving, duration_s / steps)
+            self._step(estimate, moving, duration_s / steps)
 
-    def _step(self, belief: Belief, moving: Moving, h: float) -> None:
+    def _step(self, estimate: Estimate, moving: Moving, h: float) -> None:
         predict(moving.model, moving.data, 0.5 * h)
         dynamics = _dynamics(moving)
         predict(moving.model, moving.data, 0.5 * h)
@@ -94,8 +94,8 @@ class Propagation:
             scaled = h * matrix
             square = scaled @ scaled
             transition[body.error, body.error] += scaled + square / 2.0 + square @ scaled / 6.0
-        moved = symmetric(transition @ belief.covariance @ transition.T)
-        belief.covariance = moved + (h**3 / 3.0 * self._cubic + h**2 / 2.0 * self._square + h * self._linear)
+        moved = symmetric(transition @ estimate.covariance @ transition.T)
+        estimate.covariance = moved + (h**3 / 3.0 * self._cubic + h**2 / 2.0 * self._square + h * self._linear)
 
 
 def _dynamics(moving: Moving) -> list[FloatArray]:
@@ -130,14 +130,14 @@ def _slopes(moving: Moving) -> FloatArray:
 def _matrix(body: FloatingBody, data: Any, gravity: FloatArray, qacc: FloatArray, slopes: FloatArray) -> FloatArray:
     axes = data.xmat[body.tree.root].reshape(3, 3)
     linear, turning = slice(body.dofs.start, body.dofs.start + 3), body.turning
-    found = np.zeros((SIZE, SIZE))
-    found[0:3, 6:9] = np.eye(3)
-    found[3:6, 3:6] = -skew(data.qvel[turning])
-    found[3:6, 9:12] = np.eye(3)
-    found[6:9, 3:6] = -skew(qacc[linear] - gravity) @ axes
-    found[6:9, 9:12] = slopes[linear]
-    found[9:12, 9:12] = slopes[turning]
-    return found
+    matrix = np.zeros((SIZE, SIZE))
+    matrix[0:3, 6:9] = np.eye(3)
+    matrix[3:6, 3:6] = -skew(data.qvel[turning])
+    matrix[3:6, 9:12] = np.eye(3)
+    matrix[6:9, 3:6] = -skew(qacc[linear] - gravity) @ axes
+    matrix[6:9, 9:12] = slopes[linear]
+    matrix[9:12, 9:12] = slopes[turning]
+    return matrix
 
 
 def _noise_of_a_step(
@@ -145,14 +145,14 @@ def _noise_of_a_step(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Factors of h^3 / 3, h^2 / 2 and h in the noise of a step h: a random walk of rates, and its integral; (size, size)."""
     cubic, square, linear = np.zeros((3, layout.size, layout.size))
-    here = np.arange(3)
+    diagonal = np.arange(3)
     for body in layout.bodies:
         pairs = ((body.position, body.velocity), (body.attitude, body.rate))
         for (coordinate, rate), density in zip(pairs, _densities(config, body), strict=True):
-            q, v = coordinate.start + here, rate.start + here
+            q, v = coordinate.start + diagonal, rate.start + diagonal
             cubic[q, q] = square[q, v] = square[v, q] = linear[v, v] = density**2
     for bias in layout.biases:
-        linear[bias.first + here, bias.first + here] = _walk(sensors[bias.sensor]) ** 2
+        linear[bias.first + diagonal, bias.first + diagonal] = _walk(sensors[bias.sensor]) ** 2
     return cubic, square, linear
 
 

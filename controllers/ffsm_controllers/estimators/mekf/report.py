@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.estimate import Estimate
 from ffsm_controllers.estimators.mekf.layout import Layout
 from ffsm_controllers.estimators.mekf.update import Innovation
 from ffsm_mj.controller_protocol import FloatArray, Signal, identifier
@@ -39,10 +39,10 @@ def report_signals(layout: Layout) -> tuple[Signal, ...]:
     )
 
 
-def report_values(belief: Belief, innovations: Sequence[Innovation]) -> FloatArray:
+def report_values(estimate: Estimate, innovations: Sequence[Innovation]) -> FloatArray:
     """Values of the signals."""
-    sigmas = np.sqrt(np.maximum(np.diagonal(belief.covariance), 0.0))
+    sigmas = np.sqrt(np.maximum(np.diagonal(estimate.covariance), 0.0))
     used = [innovation.nis for innovation in innovations if innovation.used]
-    bodies = 12 * len(belief.layout.bodies)
+    bodies = 12 * len(estimate.layout.bodies)
     counts = (sum(used) if used else np.nan, 3.0 * len(used), float(len(innovations) - len(used)))
-    return np.concatenate((counts, sigmas[:bodies], belief.biases, sigmas[bodies:]))
+    return np.concatenate((counts, sigmas[:bodies], estimate.biases, sigmas[bodies:]))

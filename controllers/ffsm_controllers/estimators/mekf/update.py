@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsm_controllers.estimators.mekf.belief import Belief
+from ffsm_controllers.estimators.mekf.estimate import Estimate
 from ffsm_mj.controller_protocol import FloatArray
 
 
@@ -24,18 +24,18 @@ class Innovation(NamedTuple):
 
 
 def update(
-    belief: Belief, innovation: FloatArray, slope: FloatArray, noise: FloatArray, largest_nis: float = math.inf
+    estimate: Estimate, innovation: FloatArray, slope: FloatArray, noise: FloatArray, largest_nis: float = math.inf
 ) -> Innovation:
     """Update an estimate, in Joseph's form, which keeps a covariance positive whatever rounding does to the gain.
 
     Args:
-        belief: The estimate.
+        estimate: The estimate.
         innovation: Measured less expected, (3,).
         slope: Derivative of the expected value by the error state, (3, size).
         noise: Covariance of the measurement, positive definite, (3, 3).
         largest_nis: The measurement is left out beyond this normalised innovation squared.
     """
-    P = belief.covariance
+    P = estimate.covariance
     shared = P @ slope.T
     S = slope @ shared + noise
     nis = float(innovation @ np.linalg.solve(S, innovation))
@@ -43,6 +43,6 @@ def update(
         return Innovation(nis, False)
     gain = np.linalg.solve(S, shared.T).T
     rest = np.eye(len(P)) - gain @ slope
-    belief.covariance = rest @ P @ rest.T + gain @ noise @ gain.T
-    belief.correct(gain @ innovation)
+    estimate.covariance = rest @ P @ rest.T + gain @ noise @ gain.T
+    estimate.correct(gain @ innovation)
     return Innovation(nis, True)

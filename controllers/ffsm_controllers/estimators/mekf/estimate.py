@@ -29,7 +29,7 @@ class Held(NamedTuple):
     quaternion: FloatArray
 
 
-class Belief:
+class Estimate:
     """The estimated state with the covariance of its error.
 
     Attributes:
