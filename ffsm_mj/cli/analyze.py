@@ -18,9 +18,8 @@ from ffsm_mj.errors import InputError, unknown_name, working_on
 from ffsm_mj.invocation import command
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.comparison_report import comparison_report
-from ffsm_mj.report.json_text import json_text
 from ffsm_mj.report.output_place import folder_below, refuse_link, usable_folder
-from ffsm_mj.report.verification_report import damage_of, verification, verification_data
+from ffsm_mj.report.verification_report import damage_of, json_text, verification, verification_data
 from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult

@@ -50,12 +50,12 @@ def of_run(prepared: PreparedRun, run: Run, folder: RunFolder, output: Output) -
         return []
     from ffsm_mj.experiments.sensitivity import of_prepared
     from ffsm_mj.log.run_folder import SENSITIVITY
-    from ffsm_mj.report.stated_sensitivity import KEY
+    from ffsm_mj.report.verification_report import SENSITIVITY_KEY
 
     with output.progress() as stage:
         found = of_prepared(prepared, run, report=stage("sensitivity", "runs"))
     _write(found, folder.path / SENSITIVITY)
-    folder.add_to_summary({KEY: found.data()})
+    folder.add_to_summary({SENSITIVITY_KEY: found.data()})
     return found.sentences()
 
 

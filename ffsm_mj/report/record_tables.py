@@ -6,8 +6,8 @@ If there are more impacts or contacts than are to be shown, they are folded: a r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from itertools import groupby
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import count
 from typing import Any, TypeVar
 
 from ffsm_mj.analysis.contact_intervals import ContactInterval
@@ -20,6 +20,12 @@ from ffsm_mj.report.terminal import table
 
 MOST_ROWS = 20
 _Record = TypeVar("_Record", ImpactRecord, ContactInterval)
+Column = tuple[str, Callable[[Any], str]]
+"""Head of a column, with its unit on a second line, and the cell of a record or of a series."""
+
+
+def _table(columns: Sequence[Column], rows: Iterable[Any], **options: Any) -> str:
+    return table([head for head, _ in columns], ([cell(row) for _, cell in columns] for row in rows), **options)
 
 
 def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most: int = MOST_ROWS) -> str:
@@ -33,68 +39,42 @@ def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most:
     if not impacts:
         return "no impacts"
     if len(impacts) > most:
-        return _folded(impacts, _impact_series, _SERIES_OF_IMPACTS, most)
+        return _folded(impacts, _SERIES_OF_IMPACTS, most)
     rough, odd = any(record.mu for record in impacts), any(record.status != "ok" for record in impacts)
-    head = (
-        "impact",
-        "time\ns",
-        "pair",
-        "e",
-        *(("mu",) if rough else ()),
-        "approach\nm/s",
-        "impulse\nN s",
-        *(("friction\nN s",) if rough else ()),
-        *(("dT\nJ", "|dP|\nN s", "|dL|\nN m s") if changes else ()),
-        *(("status",) if odd else ()),
-    )
-    rows = (_impact_row(record, rough=rough, changes=changes, odd=odd) for record in impacts)
-    return table(head, rows, spare=("|dL|", "|dP|"))
-
-
-def _impact_row(record: ImpactRecord, *, rough: bool, changes: bool, odd: bool) -> tuple[str, ...]:
-    """Cells of an impact; ``rough``, ``changes`` and ``odd`` add those of friction, of the changes and of the status."""
-    return (
-        str(record.event + 1),
-        f"{record.time_s:.6f}",
-        record.pair,
-        f"{record.restitution:g}",
-        *((f"{record.mu:g}",) if rough else ()),
-        f"{record.approach_speed_m_s:z.6f}",
-        f"{record.impulse_N_s:z.6f}",
-        *((f"{math.hypot(*record.tangential_impulse_N_s):.6f}",) if rough else ()),
-        *(
-            (
-                f"{record.energy_change_J:.1e}",
-                f"{record.linear_momentum_change_N_s:.0e}",
-                f"{record.angular_momentum_change_N_m_s:.0e}",
-            )
-            if changes
-            else ()
-        ),
-        *((_status(record),) if odd else ()),
-    )
+    shown = {"friction": rough, "changes": changes, "status": odd}
+    return _table([column for of, column in _IMPACTS if shown.get(of, True)], impacts, spare=("|dL|", "|dP|"))
 
 
 def _status(record: ImpactRecord) -> str:
     return record.status + (f", theta {record.theta:.6g}" if record.theta < 1.0 else "")
 
 
-_SERIES_OF_IMPACTS = ("impacts", "rule", "from\ns", "to\ns", "e", "fastest\nm/s", "slowest\nm/s", "impulse\nN s")
-
-
-def _impact_series(records: Sequence[ImpactRecord]) -> tuple[str, ...]:
-    """Cells of all impacts of a rule; ``impulse`` is the sum of the normal impulses."""
-    speeds = [record.approach_speed_m_s for record in records]
-    return (
-        str(len({record.event for record in records})),
-        records[0].rule,
-        f"{records[0].time_s:.6f}",
-        f"{records[-1].time_s:.6f}",
-        f"{records[0].restitution:g}",
-        f"{max(speeds):.6f}",
-        f"{max(0.0, min(speeds)):.2g}",
-        f"{math.fsum(record.impulse_N_s for record in records):.6f}",
-    )
+_IMPACTS: tuple[tuple[str, Column], ...] = (
+    ("", ("impact", lambda record: str(record.event + 1))),
+    ("", ("time\ns", lambda record: f"{record.time_s:.6f}")),
+    ("", ("pair", lambda record: record.pair)),
+    ("", ("e", lambda record: f"{record.restitution:g}")),
+    ("friction", ("mu", lambda record: f"{record.mu:g}")),
+    ("", ("approach\nm/s", lambda record: f"{record.approach_speed_m_s:z.6f}")),
+    ("", ("impulse\nN s", lambda record: f"{record.impulse_N_s:z.6f}")),
+    ("friction", ("friction\nN s", lambda record: f"{math.hypot(*record.tangential_impulse_N_s):.6f}")),
+    ("changes", ("dT\nJ", lambda record: f"{record.energy_change_J:.1e}")),
+    ("changes", ("|dP|\nN s", lambda record: f"{record.linear_momentum_change_N_s:.0e}")),
+    ("changes", ("|dL|\nN m s", lambda record: f"{record.angular_momentum_change_N_m_s:.0e}")),
+    ("status", ("status", _status)),
+)
+"""Columns of impacts, by what they are shown for."""
+_SERIES_OF_IMPACTS: tuple[Column, ...] = (
+    ("impacts", lambda series: str(len({record.event for record in series}))),
+    ("rule", lambda series: series[0].rule),
+    ("from\ns", lambda series: f"{series[0].time_s:.6f}"),
+    ("to\ns", lambda series: f"{series[-1].time_s:.6f}"),
+    ("e", lambda series: f"{series[0].restitution:g}"),
+    ("fastest\nm/s", lambda series: f"{max(record.approach_speed_m_s for record in series):.6f}"),
+    ("slowest\nm/s", lambda series: f"{max(0.0, min(record.approach_speed_m_s for record in series)):.2g}"),
+    ("impulse\nN s", lambda series: f"{_sum(series, 'impulse_N_s'):.6f}"),
+)
+"""Columns of all impacts of a rule; ``impulse`` is the sum of the normal impulses."""
 
 
 def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS) -> str:
@@ -103,88 +83,71 @@ def contact_table(contacts: Sequence[ContactInterval], *, most: int = MOST_ROWS)
         return ""
     with_friction = any(contact.peak_friction_use > 0.0 for contact in contacts)
     if len(contacts) > most:
-        if with_friction:
-            return _folded(contacts, _slipping_series, (*_SERIES_OF_CONTACTS, *_SLIP_HEAD), most)
-        return _folded(contacts, _contact_series, _SERIES_OF_CONTACTS, most)
-    head = ("contact", "from\ns", "to\ns", "rule", "pairs", "impulse\nN s", "peak\nN", "at\ns")
-    rows = (
-        (
-            str(number),
-            f"{contact.start_s:.6f}",
-            _end(contact),
-            contact.rule,
-            str(len(contact.pairs)),
-            f"{contact.impulse_N_s:.6f}",
-            f"{contact.peak_force_N:.6g}",
-            f"{contact.peak_force_s:.6f}",
-            *(_slip(contact) if with_friction else ()),
-        )
-        for number, contact in enumerate(contacts, 1)
-    )
-    return table((*head, *(_SLIP_HEAD if with_friction else ())), rows)
-
-
-_SLIP_HEAD = ("friction\nuse", "sliding\ns", "slip\nm")
-
-
-def _slip(contact: ContactInterval) -> tuple[str, ...]:
-    """Cells of friction of one contact."""
-    return f"{contact.peak_friction_use:.4g}", f"{contact.sliding_s:.6f}", f"{contact.slip_m:.6g}"
-
-
-_SERIES_OF_CONTACTS = ("contacts", "rule", "from\ns", "to\ns", "impulse\nN s", "peak\nN")
-
-
-def _contact_series(contacts: Sequence[ContactInterval]) -> tuple[str, ...]:
-    """Cells of all persistent contacts of a rule."""
-    return (
-        str(len(contacts)),
-        contacts[0].rule,
-        f"{contacts[0].start_s:.6f}",
-        _end(contacts[-1]),
-        f"{math.fsum(contact.impulse_N_s for contact in contacts):.6f}",
-        f"{max(contact.peak_force_N for contact in contacts):.6g}",
-    )
-
-
-def _slipping_series(contacts: Sequence[ContactInterval]) -> tuple[str, ...]:
-    """The same, with friction."""
-    return (
-        *_contact_series(contacts),
-        f"{max(contact.peak_friction_use for contact in contacts):.4g}",
-        f"{math.fsum(contact.sliding_s for contact in contacts):.6f}",
-        f"{math.fsum(contact.slip_m for contact in contacts):.6g}",
-    )
+        return _folded(contacts, (*_SERIES_OF_CONTACTS, *(_SERIES_OF_SLIP if with_friction else ())), most)
+    numbers = count(1)
+    columns = (("contact", lambda _: str(next(numbers))), *_CONTACTS, *(_SLIP if with_friction else ()))
+    return _table(columns, contacts)
 
 
 def _end(contact: ContactInterval) -> str:
     return "end" if contact.end_s is None else f"{contact.end_s:.6f}"
 
 
-def _folded(
-    records: Sequence[_Record], cells: Callable[[Sequence[_Record]], tuple[str, ...]], head: Sequence[str], most: int
-) -> str:
+def _sum(records: Iterable[Any], name: str) -> float:
+    return math.fsum(getattr(record, name) for record in records)
+
+
+_CONTACTS: tuple[Column, ...] = (
+    ("from\ns", lambda contact: f"{contact.start_s:.6f}"),
+    ("to\ns", _end),
+    ("rule", lambda contact: contact.rule),
+    ("pairs", lambda contact: str(len(contact.pairs))),
+    ("impulse\nN s", lambda contact: f"{contact.impulse_N_s:.6f}"),
+    ("peak\nN", lambda contact: f"{contact.peak_force_N:.6g}"),
+    ("at\ns", lambda contact: f"{contact.peak_force_s:.6f}"),
+)
+_SLIP: tuple[Column, ...] = (
+    ("friction\nuse", lambda contact: f"{contact.peak_friction_use:.4g}"),
+    ("sliding\ns", lambda contact: f"{contact.sliding_s:.6f}"),
+    ("slip\nm", lambda contact: f"{contact.slip_m:.6g}"),
+)
+_SERIES_OF_CONTACTS: tuple[Column, ...] = (
+    ("contacts", lambda series: str(len(series))),
+    ("rule", lambda series: series[0].rule),
+    ("from\ns", lambda series: f"{series[0].start_s:.6f}"),
+    ("to\ns", lambda series: _end(series[-1])),
+    ("impulse\nN s", lambda series: f"{_sum(series, 'impulse_N_s'):.6f}"),
+    ("peak\nN", lambda series: f"{max(contact.peak_force_N for contact in series):.6g}"),
+)
+"""Columns of all persistent contacts of a rule."""
+_SERIES_OF_SLIP: tuple[Column, ...] = (
+    ("friction\nuse", lambda series: f"{max(contact.peak_friction_use for contact in series):.4g}"),
+    ("sliding\ns", lambda series: f"{_sum(series, 'sliding_s'):.6f}"),
+    ("slip\nm", lambda series: f"{_sum(series, 'slip_m'):.6g}"),
+)
+
+
+def _folded(records: Sequence[_Record], columns: Sequence[Column], most: int) -> str:
     """A row per contact rule, those with most records first."""
-    rules = [
-        list(group) for _, group in groupby(sorted(records, key=lambda record: record.rule), lambda record: record.rule)
-    ]
-    rules.sort(key=lambda group: -len(group))
-    more = f"\n  and {len(rules) - most} more" if len(rules) > most else ""
-    return table(head, map(cells, rules[:most])) + more
+    by_rule: dict[str, list[_Record]] = {}
+    for record in records:
+        by_rule.setdefault(record.rule, []).append(record)
+    series = sorted(by_rule.values(), key=lambda group: (-len(group), group[0].rule))
+    return _table(columns, series[:most]) + _and_more(series, most)
+
+
+def _and_more(records: Sequence[Any], most: int) -> str:
+    return f"\n  and {len(records) - most} more" if len(records) > most else ""
 
 
 def unhandled_table(contacts: Sequence[UnhandledContactRecord], *, most: int = MOST_ROWS) -> str:
     """One row per unhandled contact, and a remedy; empty without any."""
     if not contacts:
         return ""
-    head = ("unhandled contact", "and", "from s", "to s", "depth m")
-    rows = (
-        (each.geoms[0], each.geoms[1], f"{each.start_s:.3f}", f"{each.end_s:.3f}", f"{each.max_depth_m:.2e}")
-        for each in contacts[:most]
-    )
-    more = f"\n  and {len(contacts) - most} more" if len(contacts) > most else ""
+    head = ("unhandled contact", "and", "from\ns", "to\ns", "depth\nm")
+    rows = ((*each.geoms, f"{each.start_s:.3f}", f"{each.end_s:.3f}", f"{each.max_depth_m:.2e}") for each in contacts[:most])
     remedy = "  these contacts had no forces: resolve them by a rule of contacts.rules, or list them in contacts.ignored"
-    return f"{table(head, rows)}{more}\n{remedy}"
+    return f"{table(head, rows)}{_and_more(contacts, most)}\n{remedy}"
 
 
 def record_lines(run: Run, *, most: int = MOST_ROWS) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -10,16 +11,20 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import summary
 from ffsm_mj.analysis.summary import truncation_data
 from ffsm_mj.errors import one_line
+from ffsm_mj.log.run_folder import SUMMARY
 from ffsm_mj.report.check_report import check_table, no_verdict, truncation_lines, verdict
 from ffsm_mj.report.momentum_report import momentum_table
 from ffsm_mj.report.record_tables import MOST_ROWS, export_command, impact_table
 from ffsm_mj.report.run_report import details, headline
-from ffsm_mj.report.stated_sensitivity import stated_sensitivity
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import Tolerance
 from ffsm_mj.verification.replay_result import ReplayResult
 from ffsm_mj.verification.truncation import ExplainedChecks
+
+SENSITIVITY_KEY = "sensitivity"
+"""Key of what ``ffsm run`` found for the ``uncertainties`` of a scenario, in ``summary.json``."""
+_MOST_SENTENCES = 50
 
 
 def verification(run: Run, again: ReplayResult, explained: ExplainedChecks, tolerance: Tolerance) -> str:
@@ -109,6 +114,19 @@ def verification_data(run: Run, again: ReplayResult, checks: Sequence[Check]) ->
     }
 
 
+def json_text(data: Any) -> str:
+    """Indented JSON text of plain data."""
+    return json.dumps(_finite(data), indent=2, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def _check_data(check: Check) -> dict[str, Any]:
     return {
         "check": check.name,
@@ -133,3 +151,17 @@ def _difference_data(worst: Discrepancy) -> dict[str, Any]:
         "unit": worst.unit,
         "time_s": worst.time_s,
     }
+
+
+def stated_sensitivity(run: Run) -> list[str]:
+    """Sentences of ``summary.json`` beside the log of a run; none where there are none. They are not recomputed."""
+    if run.path is None:
+        return []
+    try:
+        summary: Any = json.loads((run.path.parent / SUMMARY).read_text(encoding="utf-8"))
+        sentences = summary[SENSITIVITY_KEY]["sentences"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return []
+    if not isinstance(sentences, list):
+        return []
+    return [one_line(each) for each in sentences[:_MOST_SENTENCES] if isinstance(each, str)]

@@ -12,7 +12,7 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.uncertainty import in_words
-from ffsm_mj.report.stated_sensitivity import sensitivity_html
+from ffsm_mj.report.page.document import sensitivity_html
 from tests.scenes import two_balls
 
 PLACE = "initial.joints.object/y"

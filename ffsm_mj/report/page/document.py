@@ -26,13 +26,13 @@ from ffsm_mj.log.markers import arrow_colour, declared_arrows
 from ffsm_mj.log.palette import hexadecimal, packed
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
-from ffsm_mj.report.momentum_report import momentum_html
+from ffsm_mj.report.momentum_report import MOMENTUM_HEAD, momentum_cells, momentum_residual
 from ffsm_mj.report.page import moving, scene
 from ffsm_mj.report.page.inline_figures import inline_figures
 from ffsm_mj.report.page.phase_graph import phase_graph
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.scene import PageScene
-from ffsm_mj.report.stated_sensitivity import sensitivity_html
+from ffsm_mj.report.verification_report import stated_sensitivity
 from ffsm_mj.verification.check_result import Check
 
 _TITLES = {
@@ -62,7 +62,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         card=card_html(run.log, run.digest, checks),
         verdict=_escaped(_verdict(run, checks)),
         checks="\n".join(map(_check, checks)),
-        momentum=momentum_html(run),
+        momentum=_momentum(run),
         sensitivity=sensitivity_html(run),
         phases=_phases(run),
         figures="\n".join(
@@ -75,11 +75,35 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
     )
 
 
+def _momentum(run: Run) -> str:
+    """Table of the angular momentum; empty for a run in which wheels and thrusters took nothing."""
+    rows = momentum_cells(run)
+    if not rows:
+        return ""
+    head = "".join(f"<th>{_escaped(name.replace(chr(10), ', '))}</th>" for name in MOMENTUM_HEAD)
+    lines = "\n".join(f"<tr>{''.join(f'<td>{_escaped(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return (
+        f'<h2>Angular momentum</h2>\n<div class="wide"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{lines}\n'
+        '</tbody></table></div>\n<p class="note">About the centre of mass of everything that moves; '
+        f"{momentum_residual(run)}.</p>"
+    )
+
+
 def _phases(run: Run) -> str:
     """The graph of the phases where they branch; ways that the run has taken are bold."""
     graph = phase_graph(run)
     caption = "Phases and what ends them; bold: what the run did"
     return f"<h2>Phases</h2><figure><figcaption>{caption}</figcaption>{graph}</figure>" if graph else ""
+
+
+def sensitivity_html(run: Run) -> str:
+    """The sentences as a section of the page; empty where there are none."""
+    sentences = stated_sensitivity(run)
+    if not sentences:
+        return ""
+    lines = "\n".join(f"<li>{_escaped(sentence)}</li>" for sentence in sentences)
+    note = '<p class="note">From runs at both sides of each standard deviation.</p>'
+    return f"<h2>Uncertainties</h2>\n<ul>\n{lines}\n</ul>\n{note}"
 
 
 def _part(name: str) -> str:
