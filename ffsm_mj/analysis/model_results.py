@@ -13,7 +13,8 @@ from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import Tolerance
-from ffsm_mj.verification.model_checks import ModelChecks, Models
+from ffsm_mj.verification.impact_checks import Models
+from ffsm_mj.verification.model_checks import ModelChecks
 
 
 class ModelResults:

@@ -25,7 +25,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import free_components
 from ffsm_mj.records.signals import COMPONENTS, coordinate_keys, identifier, rate_keys
-from ffsm_mj.verification.terminal_check import grasped_objects
+from ffsm_mj.verification.model_checks import grasped_objects
 
 _OUTSIDE = ("external", "external_on_objects", "fixed_on_robot", "fixed_on_objects")
 

@@ -22,7 +22,7 @@ from ffsm_mj.report.output_place import folder_below, refuse_link, usable_folder
 from ffsm_mj.report.verification_report import damage_of, json_text, verification, verification_data
 from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import CHECK_NAMES, DEEPEST_M, DEFAULT_TOLERANCE, RELATIVE_CHECKS, Tolerance
-from ffsm_mj.verification.replay_result import ReplayResult
+from ffsm_mj.verification.model_checks import ReplayResult
 from ffsm_mj.verification.truncation import ExplainedChecks
 
 

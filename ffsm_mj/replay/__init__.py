@@ -26,8 +26,7 @@ from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation, usual_
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, accumulate_checks
 from ffsm_mj.verification.independent.kept_rows import KeptRows, before_loss, kept_rows
-from ffsm_mj.verification.model_checks import ModelChecks
-from ffsm_mj.verification.replay_result import ReplayResult
+from ffsm_mj.verification.model_checks import ModelChecks, ReplayResult
 from ffsm_mj.verification.truncation import ExplainedChecks, has_question
 
 

@@ -19,7 +19,7 @@ from ffsm_mj.report.run_report import details, headline
 from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import Tolerance
-from ffsm_mj.verification.replay_result import ReplayResult
+from ffsm_mj.verification.model_checks import ReplayResult
 from ffsm_mj.verification.truncation import ExplainedChecks
 
 SENSITIVITY_KEY = "sensitivity"

@@ -33,12 +33,9 @@ from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import FORCE_RESIDUAL, LIMIT_FORCES, LIMIT_OVERRUN, OVERLAP, SUBSYSTEMS, Layout, momentum_keys
 from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.friction_check import FrictionCheck
-from ffsm_mj.verification.heat_check import HeatCheck
-from ffsm_mj.verification.impact_checks import impact_checks
-from ffsm_mj.verification.independent.tolerances import TOLERANCES as INDEPENDENT_TOLERANCES
-from ffsm_mj.verification.residuals import BalanceColumns, Peak, ResidualDrift, stretch_s
-from ffsm_mj.verification.terminal_check import STACK_MOMENTUM
+from ffsm_mj.verification.impact_checks import FrictionCheck, impact_checks
+from ffsm_mj.verification.independent.finding import TOLERANCES as INDEPENDENT_TOLERANCES
+from ffsm_mj.verification.residuals import BalanceColumns, HeatCheck, Peak, ResidualDrift, stretch_s
 
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
@@ -47,6 +44,8 @@ DEEPEST_M = CONTACT_GAP_M
 FORCE_TOLERANCE = 1e-8
 """Tolerance of the complementarity residual of contact forces, times (1 N + force)."""
 
+STACK_MOMENTUM = "stack momentum at the end"
+"""Name of the check that robot and grasped object have no angular momentum except in the wheels."""
 RELATIVE_CHECKS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
     *("impact energy", "impact restitution", "heat of sliding"),

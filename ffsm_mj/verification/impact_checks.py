@@ -1,19 +1,41 @@
-"""Checks of impacts, independent of the impact law: energy, and the speeds after an impact."""
+"""Checks of impacts: energy, and the speeds after an impact.
+
+Impacts without friction are checked independently of the impact law. Records of those with friction are compared with the
+impact recomputed from the state before and the models, and the law itself checks its result: built-in laws solve a single
+contact again. For several contacts the split of the work between normal and friction impulses is a convention (a contact
+that sticks in compression can have positive friction work), so the sum is checked, and that no energy is gained.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE, GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.impact.law import law_of_record
 from ffsm_mj.contact_models.impact.records import LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import along_row
+from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, contact_rows
+from ffsm_mj.errors import InputError, UnsupportedContactError
+from ffsm_mj.model.system import System
+from ffsm_mj.records.event_order import merged
 from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.friction_check import EnergyDeviation, FrictionCheck, worst_of_records
+from ffsm_mj.verification.independent.scene import LoggedScene
 
+Models = Callable[[], tuple[System, Mapping[str, Any]]]
+"""Returns the compiled models of a run, without a closed grasp, and its scenario as plain data."""
+_GAIN = 1e-3
+"""For several contacts energy may grow by this fraction of the tolerance: 1e-12 of T for a tolerance of 1e-9."""
 _Record = ImpactRecord | LimitImpactRecord
 
 
@@ -86,3 +108,283 @@ def _worst_impact(
     record, residual = max(found, key=lambda pair: np.inf if np.isnan(pair[1]) else pair[1])
     limit = allowed[name] * (1.0 + scale)
     return Check(name, "total", f"impact {record.event + 1}", residual, record.time_s, limit, unit, residual)
+
+
+@dataclass(frozen=True)
+class EnergyDeviation:
+    """Deviation of an impact from its law as an energy in J, and its tolerance."""
+
+    size: float
+    allowed: float
+
+    @property
+    def excess(self) -> float:
+        """Size over tolerance; infinite if it is not a number."""
+        if math.isnan(self.size) or not self.allowed > 0.0:
+            return math.inf if self.size != 0.0 else 0.0
+        return self.size / self.allowed
+
+
+@dataclass(frozen=True)
+class _CheckedImpact:
+    """An impact in mass-weighted velocities: from states and models, and from its records.
+
+    Attributes:
+        A: Rows J L^-T of (normal, t1, t2) of each contact, (3k, n).
+        before: L^T qdot before, (n,).
+        after: L^T qdot after, (n,).
+        impulses: Recorded impulses along those directions, N s, (3k,).
+        speeds: Recorded velocities along those directions before and after, m/s, (2, 3k).
+    """
+
+    A: FloatArray
+    before: FloatArray
+    after: FloatArray
+    impulses: FloatArray
+    speeds: FloatArray
+
+    @property
+    def unexplained(self) -> float:
+        """Residual of the impulse-momentum equation as an energy, J."""
+        change = self.after - self.before - self.A.T @ self.impulses
+        return float(np.linalg.norm(change) * np.linalg.norm(self.before))
+
+
+class FrictionCheck:
+    """Checks the impacts with friction of one log; its models are asked for at the first one."""
+
+    def __init__(self, log: RunLog, models: Models) -> None:
+        """Bind to a log and what returns its models."""
+        self._log, self._models = log, models
+
+    def worst(self, event: Sequence[_Record], share: float) -> EnergyDeviation:
+        """The worst deviation of an impact.
+
+        Args:
+            event: Records of the impact.
+            share: Tolerance relative to the kinetic energy before.
+        """
+        return _or_infinite(self._worst, event, share)
+
+    def _worst(self, event: Sequence[_Record], share: float) -> EnergyDeviation:
+        met = self._met(event)
+        energy = 0.5 * float(met.before @ met.before) if met is not None else 0.0
+        if met is not None and self._others_hold and met.unexplained > share * energy:
+            met = None  # the equations of motion are known only to a contact model: check the records alone
+        if met is None:
+            return _worst_of_records(event, share)
+        sizes = [*_by_records(event), *_by_states(event, met), *_by_law(event, met)]
+        found = [EnergyDeviation(size, share * energy) for size in sizes]
+        gained = max(0.0, 0.5 * float(met.after @ met.after) - energy)
+        found.append(EnergyDeviation(gained, _GAIN * share * energy))
+        return max(found, key=lambda miss: miss.excess)
+
+    @property
+    def _others_hold(self) -> bool:
+        """Whether the scenario declares contact models, which may constrain bodies."""
+        return self._scene is not None and bool(self._scene.scenario.get("contact_models"))
+
+    @cached_property
+    def _scene(self) -> LoggedScene | None:
+        """The models of the log; None if it has none that compile, or its rows lack a coordinate or an effort."""
+        try:
+            return LoggedScene(self._log, self._log.header.layout, *self._models())
+        except (InputError, LookupError, TypeError, ValueError, AttributeError):
+            return None
+
+    def _met(self, event: Sequence[_Record]) -> _CheckedImpact | None:
+        """The impact from its states and models; None without models, or if the states do not match them."""
+        from ffsm_mj.dynamics.loops.closed_loops import MassWeightedRows
+
+        scene, first = self._scene, event[0]
+        if scene is None:
+            return None
+        try:
+            before, after = (scene.rates(rates) for rates in (first.qvel_before, first.qvel_after))
+        except LookupError:
+            return None
+        model, data = scene.model, scene.data
+        if len(first.qpos) != model.nq or any(len(rates) != model.nv for rates in (before, after)):
+            return None
+        for rates in (after, before):
+            scene.put(first.qpos, rates)
+        try:
+            contacts = [_contact(scene.system, data, record) for record in event]
+            stopped = [scene.latch_rows(scene.grasps[name]) for name in closed_grasps(scene, first)]
+        except (LookupError, TypeError, ValueError):  # the models lack an element, or the scenario a grasp
+            return None
+        J, impulses, speeds = _directions(model, data, event, contacts)
+        if model.neq:
+            stopped.append(scene.equality_rows())
+        M = scene.mass_matrix()
+        if stopped:  # latches and equality constraints stop relative motions
+            J = MassWeightedRows(M, np.concatenate(stopped), MECHANISM_RANK if model.neq else RANK).projected(J)
+        L = np.linalg.cholesky(M)
+        return _CheckedImpact(np.linalg.solve(L, J.T).T, L.T @ before, L.T @ after, impulses, speeds)
+
+
+def _directions(
+    model: Any, data: Any, event: Sequence[_Record], contacts: Sequence[Contact | LimitContact]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows along (normal, t1, t2) of each contact, (3k, nv), and its record along them: see :class:`_CheckedImpact`."""
+    from ffsm_mj.contact_models.impact.friction import tangents
+
+    rows, impulses, speeds = [], [], []
+    for record, contact in zip(event, contacts, strict=True):
+        if isinstance(record, LimitImpactRecord):
+            rows.append(contact_rows(model, data, contact, np.zeros((2, 3))))
+            impulses.append(np.array((record.impulse, 0.0, 0.0)))
+            speeds.append(np.array(((-record.approach_rate, 0.0, 0.0), (record.separation_rate, 0.0, 0.0))))
+            continue
+        normal = np.array(record.normal)
+        across = tangents(normal)
+        rows.append(contact_rows(model, data, contact, across))
+        axes = np.vstack((normal, across))
+        impulses.append(axes @ (record.impulse_N_s * normal + record.tangential_impulse_N_s))
+        before = -record.approach_speed_m_s * normal + record.slip_before_m_s
+        after = record.separation_speed_m_s * normal + record.slip_after_m_s
+        speeds.append(np.stack((axes @ before, axes @ after)))
+    return np.concatenate(rows), np.concatenate(impulses), np.concatenate(speeds, axis=1)
+
+
+def _contact(system: Any, data: Any, record: _Record) -> Contact | LimitContact:
+    """The contact of a record; positions in ``data`` are its.
+
+    Raises:
+        LookupError: It names an element that the models do not have.
+    """
+    if isinstance(record, LimitImpactRecord):
+        sign = 1.0 if record.side == "lower" else -1.0
+        if record.joint in system.joints:
+            return LimitContact(system.joint(record.joint).dofs.start, sign)
+        from ffsm_mj.dynamics.springs import tendon_rows
+
+        tendon = system.index("tendon", record.joint)
+        return LimitContact(0, sign, row=tuple((sign * tendon_rows(system.mj, data)[tendon]).tolist()))
+    a, b = (int(system.mj.geom(name).bodyid[0]) for name in record.geoms)
+    return Contact(a, b, np.array(record.point_m), np.array(record.normal))
+
+
+def worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
+    """The worst inconsistency within the records of an impact, where states and models are not known.
+
+    Args:
+        event: Records of the impact.
+        share: Tolerance relative to the kinetic energy before.
+    """
+    return _or_infinite(_worst_of_records, event, share)
+
+
+def _worst_of_records(event: Sequence[_Record], share: float) -> EnergyDeviation:
+    allowed = share * event[0].energy_before_J["total"][0]
+    return max((EnergyDeviation(size, allowed) for size in _by_records(event)), key=lambda miss: miss.excess)
+
+
+def _or_infinite(
+    worst: Callable[[Sequence[_Record], float], EnergyDeviation], event: Sequence[_Record], share: float
+) -> EnergyDeviation:
+    """The worst deviation of an impact; infinite where its records are those of no impact: a log may hold any numbers."""
+    with np.errstate(all="ignore"):
+        try:
+            return worst(event, share)
+        except (UnsupportedContactError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+            return EnergyDeviation(math.inf, share * abs(event[0].energy_before_J["total"][0]))
+
+
+def _by_records(event: Sequence[_Record]) -> Iterator[float]:
+    """Inconsistencies within records, J: impulses at mean speeds, works and energies must give the same change."""
+    first = event[0]
+    change = first.energy_change_J
+    yield abs(first.energy_after_J["total"][0] - first.energy_before_J["total"][0] - change)
+    yield abs(sum(_work(record) for record in event) - change)
+    at_mean = 0.0
+    for c in event:
+        impulse_along, approach, separation = along_row(c)
+        at_mean += 0.5 * impulse_along * (separation - approach)
+        if isinstance(c, LimitImpactRecord):
+            continue
+        slips = zip(c.tangential_impulse_N_s, c.slip_before_m_s, c.slip_after_m_s, strict=True)
+        at_mean += 0.5 * sum(impulse * (before + after) for impulse, before, after in slips)
+    yield abs(at_mean - change)
+
+
+def _by_states(event: Sequence[_Record], met: _CheckedImpact) -> Iterator[float]:
+    """Deviations of records from the states, J; other quantities are multiplied by the conjugate speed or impulse."""
+    strength, speed = float(np.abs(met.impulses).max()), float(np.abs(met.A @ met.before).max())
+    difference = np.abs(met.speeds - np.stack((met.A @ met.before, met.A @ met.after))).max()
+    yield strength * float(difference)
+    yield met.unexplained
+    energies = [0.5 * float(w @ w) for w in (met.before, met.after)]
+    logged = event[0].energy_before_J["total"][0], event[0].energy_after_J["total"][0]
+    yield max(abs(one - other) for one, other in zip(energies, logged, strict=True))
+    normal, *across = met.impulses.reshape(-1, 3).T
+    outside = np.hypot(*across) - _coefficients(event) * normal
+    yield speed * float(max(outside.max(), -normal.min(), 0.0))
+
+
+def _by_law(event: Sequence[_Record], met: _CheckedImpact) -> Iterator[float]:
+    """What of the records is not what their impact law makes of the state before, J."""
+    from ffsm_mj.contact_models.impact.law import ImpactProblem
+
+    contacts = [record for record in event if isinstance(record, ImpactRecord)]
+    if len(contacts) < len(event):
+        return  # the law is told of contacts only
+    e = np.array([record.restitution_used for record in event])
+    problem = ImpactProblem.mass_weighted(met.A, met.before, e, _coefficients(event))
+    yield from law_of_record(event[0].law).friction_residuals(contacts, problem, met.impulses)
+
+
+def _work(record: _Record) -> float:
+    """Work of the impulses of a record, J."""
+    return record.work_J if isinstance(record, LimitImpactRecord) else record.normal_work_J + record.friction_work_J
+
+
+def _coefficients(event: Sequence[_Record]) -> FloatArray:
+    """Coefficients of friction; zero at joint limits, (k,)."""
+    return np.array([record.mu if isinstance(record, ImpactRecord) else 0.0 for record in event])
+
+
+def closed_grasps(scene: LoggedScene, impact: Any) -> list[str]:
+    """Names of the grasps that are closed at an impact, by the records of the log.
+
+    Raises:
+        LookupError: The scenario has fewer grasps than the log says.
+        ValueError: A number in the log is none.
+    """
+    log = scene.log
+    records: list[GraspRecord | ReleaseRecord] = [
+        each for kind in (GRASP, RELEASE) for each in log.records.get(kind.plural, ())
+    ]
+    records.sort(key=lambda each: each.event)
+    closed, named = [], set[str]()
+    for record in records:  # grasps that are closed since the start of the log: a record ends them before one begins them
+        ended = record.replaces if isinstance(record, GraspRecord) else record.grasp
+        closed += [ended] if ended and ended not in named else []
+        named |= {ended, record.grasp}
+    if len(log.rows):
+        closed += [each.name for each in scene.closed_in(log.rows[0]) if each.name not in named]
+    for record in _before(log, records, impact):
+        if isinstance(record, GraspRecord):
+            closed = [each for each in closed if each != record.replaces] + [record.grasp]
+        else:
+            closed = [each for each in closed if each != record.grasp]
+    return closed
+
+
+def _before(log: RunLog, grasps: Sequence[GraspRecord | ReleaseRecord], impact: Any) -> list[Any]:
+    """Captures and releases before an impact, in their order."""
+    place = impact.step, impact.time_s
+    earlier = [each for each in grasps if (each.step, each.time_s) < place]
+    at_once: list[Any] = [each for each in grasps if (each.step, each.time_s) == place]
+    if not at_once:
+        return earlier
+    impacts = {each.event: each for each in log.impact_records if (each.step, each.time_s) == place}
+    order = merged([impacts[event] for event in sorted(impacts)], at_once, _jump)
+    until = next(i for i, each in enumerate(order) if each is impacts[impact.event])
+    return [*earlier, *(each for each in order[:until] if each in at_once)]
+
+
+def _jump(event: Any, after: Any) -> float:
+    """Distance between the velocities after one event and those before another."""
+    changes = [np.subtract(rate, after.qvel_before[joint]) for joint, rate in event.qvel_after.items()]
+    return float(np.linalg.norm(np.concatenate(changes)))

@@ -1,26 +1,32 @@
-"""Checks of a run that need its models: impacts with friction, the independent checks, the state at the end."""
+"""Checks of a run that need its models: impacts with friction, the independent checks, the state at the end; log replay."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
+import mujoco
+
+from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
+from ffsm_mj.dynamics.stack_momentum import StackMomentum
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Outcome
+from ffsm_mj.records.metadata import terminal_stack_momentum
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import coordinate_keys, rate_keys
+from ffsm_mj.verification.agreement import Discrepancy
 from ffsm_mj.verification.check_result import Check
-from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, tolerances
-from ffsm_mj.verification.friction_check import FrictionCheck
+from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, STACK_MOMENTUM, CheckAccumulator, Tolerance, tolerances
+from ffsm_mj.verification.impact_checks import FrictionCheck, Models
 from ffsm_mj.verification.independent.kept_rows import KeptRows
-from ffsm_mj.verification.terminal_check import terminal_checks
 
 if TYPE_CHECKING:
     from ffsm_mj.verification.independent.finding import Finding
-
-Models = Callable[[], tuple[System, Mapping[str, Any]]]
-"""Returns the compiled models of a run, without a closed grasp, and its scenario as plain data."""
 
 
 class ModelChecks:
@@ -39,11 +45,11 @@ class ModelChecks:
             log: The log, of which metadata and records suffice.
             kept: Its kept rows.
             models: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
-            stack_momentum: See :func:`~ffsm_mj.verification.terminal_check.terminal_checks`.
+            stack_momentum: See :func:`terminal_checks`.
         """
         self._log, self._kept, self._stack_momentum = log, kept, stack_momentum
         self._models = models or partial(_logged_models, log)
-        self._friction = FrictionCheck(log)
+        self._friction = FrictionCheck(log, self._models)
 
     def all_checks(self, rows: CheckAccumulator, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
         """Results of all checks: those of the rows and records, and those that need the models.
@@ -99,3 +105,92 @@ def _logged_models(log: RunLog) -> tuple[System, Mapping[str, Any]]:
         InputError: It has none, or they do not compile.
     """
     return compile_log(log), scenario_data(log)
+
+
+def terminal_checks(
+    log: RunLog, tolerances: Mapping[str, float], known: Callable[[], float] | None = None
+) -> tuple[Check, ...]:
+    """Checks of the last state; empty where the scenario asks for none, and for a run that did not reach its end.
+
+    Args:
+        log: A run.
+        tolerances: Given tolerances by check, in place of that of the scenario.
+        known: Returns the angular momentum that is left, N m s; None: it is computed from the last row of the log.
+    """
+    bound = terminal_stack_momentum(log.header.metadata)
+    if bound is None or log.outcome is None or log.outcome.outcome != Outcome.COMPLETED:
+        return ()
+    found = _stack_momentum(log) if known is None else known()
+    end_s = float(log.rows[-1][log.header.layout.time]) if len(log.rows) else math.nan
+    allowed = tolerances.get(STACK_MOMENTUM, bound)
+    return (Check(STACK_MOMENTUM, "robot", "L", found, end_s, allowed, "N m s", found),)
+
+
+def _stack_momentum(log: RunLog) -> float:
+    """|L| of robot and grasped object about their centre of mass, less that of the wheels; NaN if it is unknown."""
+    if not len(log.rows):
+        return math.nan
+    try:
+        system = compile_log(log)
+        joints, row = system.joints.values(), log.rows[-1]
+        data = mujoco.MjData(system.mj)
+        data.qpos[:] = row[log.header.layout.places(coordinate_keys(joints))]
+        data.qvel[:] = row[log.header.layout.places(rate_keys(joints))]
+    except (InputError, KeyError):
+        return math.nan
+    mujoco.mj_kinematics(system.mj, data)
+    mujoco.mj_comPos(system.mj, data)
+    rest, _ = StackMomentum(system).parts(data, grasped_objects(log.events()))
+    return math.hypot(*rest.tolist())
+
+
+def grasped_objects(events: Iterable[Any]) -> tuple[str, ...]:
+    """Names of the objects that are grasped after some events, in order."""
+    held: dict[str, str] = {}
+    for event in events:
+        if isinstance(event, GraspRecord):
+            held.pop(event.replaces, None)
+            held[event.grasp] = event.object_site.partition("/")[0]
+        elif isinstance(event, ReleaseRecord):
+            held.pop(event.grasp, None)
+    return tuple(dict.fromkeys(held.values()))  # two grasps may hold one object
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """Result of the replay of a log from its states.
+
+    Attributes:
+        worst: Worst difference between the log and its states in ``motion``, ``columns`` and ``impacts``.
+        samples: Number of recomputed samples.
+        numbers: Number of compared values.
+        gaps: Where samples are not one control period apart; empty if all are.
+        obstacle: Why the log could not be replayed; empty if it was.
+        accumulator: Checks from the recomputed values.
+        verified_to_s: Time from which a damaged log does not say enough to be replayed, s; infinite if all of it was.
+    """
+
+    worst: Mapping[str, Discrepancy]
+    samples: int
+    numbers: int
+    gaps: str
+    obstacle: str
+    accumulator: CheckAccumulator
+    _log: RunLog
+    _models: ModelChecks
+    verified_to_s: float = math.inf
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the log agrees with its states; False if it could not be replayed."""
+        return not self.obstacle and all(difference.passes for difference in self.worst.values())
+
+    def checks(self, tolerance: Tolerance = DEFAULT_TOLERANCE) -> tuple[Check, ...]:
+        """All checks from the recomputed values, or from the logged values if the log could not be replayed.
+
+        Args:
+            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+        """
+        checks = self._models.all_checks(self.accumulator, tolerance)
+        # If what the log says of itself may be damaged, a check that fails says nothing of the run.
+        return tuple(each for each in checks if each.passes) if self._log.is_doubtful else checks

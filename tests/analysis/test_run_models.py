@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.analysis.tables import table_names
-from ffsm_mj.verification.independent.tolerances import TOLERANCES
+from ffsm_mj.verification.independent.finding import TOLERANCES
 from tests.scenes import ball, box, scene
 
 

@@ -9,22 +9,24 @@ import numpy as np
 
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.verification.independent.contact_geometry import contact_geometry
-from ffsm_mj.verification.independent.equalities import equalities
 from ffsm_mj.verification.independent.finding import Finding
-from ffsm_mj.verification.independent.friction_heat import friction_heat
-from ffsm_mj.verification.independent.grasp_bounds import grasp_bounds
-from ffsm_mj.verification.independent.grasp_load import grasp_load
-from ffsm_mj.verification.independent.grasps import grasps
+from ffsm_mj.verification.independent.grasps import grasp_bounds, grasp_load, grasps
+from ffsm_mj.verification.independent.impacts import (
+    contact_geometry,
+    equalities,
+    friction_heat,
+    restitution_used,
+    several_contacts,
+)
 from ffsm_mj.verification.independent.kept_rows import KeptRows
-from ffsm_mj.verification.independent.logged_rows import LoggedRows
-from ffsm_mj.verification.independent.restitution import restitution_used
-from ffsm_mj.verification.independent.scene import LoggedScene
-from ffsm_mj.verification.independent.sensor_errors import sensor_noise
-from ffsm_mj.verification.independent.sensor_settings import SensorSettings, sensor_settings
-from ffsm_mj.verification.independent.sensor_times import sensor_times
-from ffsm_mj.verification.independent.sensor_values import sensor_values
-from ffsm_mj.verification.independent.several_contacts import several_contacts
+from ffsm_mj.verification.independent.scene import LoggedRows, LoggedScene
+from ffsm_mj.verification.independent.sensors import (
+    SensorSettings,
+    sensor_noise,
+    sensor_settings,
+    sensor_times,
+    sensor_values,
+)
 
 
 def independent_findings(log: RunLog, kept: KeptRows, system: System, scenario: Mapping[str, Any]) -> list[Finding]:

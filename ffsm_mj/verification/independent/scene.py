@@ -17,7 +17,9 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout, coordinate_keys, effort_key, identifier, rate_keys
+from ffsm_mj.tolerances import RANK
 from ffsm_mj.verification.independent.finding import Array
+from ffsm_mj.verification.independent.kept_rows import SAME_TIME_S, KeptRows
 
 _HUGE = 1e10
 """Largest number that MuJoCo accepts in a state."""
@@ -230,3 +232,103 @@ def _effort_per_ctrl(model: Any, actuator: int) -> float:
     on_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT
     gear = model.actuator_gear[actuator, 0] if on_joint else 1.0
     return float(model.actuator_gainprm[actuator, 0] * gear) or 1.0
+
+
+_CLOSED_WITH_FORCE = 2.0
+"""Magnitude of the state of a contact rule, or of the limits of a joint, from which on it may exert a force."""
+
+
+def forces_known(scene: LoggedScene) -> bool:
+    """Whether all forces but those of contacts, limits and grasps are known from models and efforts."""
+    model = scene.model
+    rubs = np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss)
+    return not scene.scenario.get("contact_models") and model.neq == 0 and not rubs
+
+
+def is_out_of_contact(scene: LoggedScene, row: Array) -> bool:
+    """Whether neither a contact nor a joint limit exerts a force in a row."""
+    return bool(np.all(np.abs(scene.contact_states(row)) < _CLOSED_WITH_FORCE))
+
+
+def accelerate(scene: LoggedScene, closed: Sequence[Latched]) -> None:
+    """Write accelerations at the state in the data, and what follows from them, with grasps closed.
+
+    With mass matrix M, all known forces f, rows J of what the closed grasps stop and the drift d of these rows,
+    M a = f + J^T l and J a = d. A run integrates another model instead, in which the first grasped object is a part of the
+    robot.
+    """
+    data = scene.data
+    M, force = scene.mass_matrix(), scene.free_force()
+    acceleration = np.linalg.solve(M, force)
+    if closed:
+        J = np.concatenate([scene.latch_rows(grasp) for grasp in closed])
+        drift = np.concatenate([scene.latch_drift(g) - scene.latch_rows(g, rates=True) @ data.qvel for g in closed])
+        # Rows may depend on each other, as in a plane: the acceleration is unique all the same.
+        L = np.linalg.cholesky(M)
+        A = np.linalg.solve(L, J.T)
+        acceleration += np.linalg.solve(L.T, np.linalg.pinv(A.T, rcond=RANK) @ (drift - J @ acceleration))
+    data.qacc[:] = acceleration
+    mujoco.mj_rnePostConstraint(scene.model, data)
+
+
+def load_on(scene: LoggedScene, tree: int, point: Array) -> Array:
+    """Force and torque about a point that a tree needs from outside to accelerate as in the data, (6,): N and N m.
+
+    Args:
+        scene: The scene, after :func:`accelerate`.
+        tree: Root body of the tree.
+        point: The point, world axes, m, (3,).
+    """
+    torque, force = np.split(np.asarray(scene.data.cfrc_int[tree]), 2)
+    return np.concatenate((force, torque + np.cross(scene.data.subtree_com[scene.model.body_rootid[tree]] - point, force)))
+
+
+class LoggedRows:
+    """Kept rows and the events between them.
+
+    Attributes:
+        kept: The kept rows.
+        is_whole: Whether nothing of the log is missing, neither rows nor bytes in which a record could have been: only then
+            is it known what was closed, and which efforts acted, between two rows.
+    """
+
+    def __init__(self, log: RunLog, kept: KeptRows) -> None:
+        """Bind to a log."""
+        self.kept, self.is_whole = kept, kept.is_regular and not log.damage
+        self._changes: list[Any] = [record for record in log.events() if getattr(record, "efforts_after", None)]
+        self._changed_s = np.array([record.time_s for record in self._changes])
+        self._instants = np.sort(np.array(log.instants_s))
+
+    def time_s(self, number: int) -> float:
+        """Time of a kept row."""
+        return float(self.kept[number][self.kept.layout.time])
+
+    def is_at_event(self, number: int) -> bool:
+        """Whether an event is at the time of a row, so that it is open whether the row is of before or after it."""
+        time_s = self.time_s(number)
+        near = int(np.searchsorted(self._instants, time_s - SAME_TIME_S))
+        return near < len(self._instants) and self._instants[near] <= time_s + SAME_TIME_S
+
+    def has_events(self, start_s: float, end_s: float) -> bool:
+        """Whether an event is between two times."""
+        first, last = np.searchsorted(self._instants, (start_s, end_s))
+        return bool(last > first)
+
+    def efforts_after(self, scene: LoggedScene, number: int, time_s: float) -> Array | None:
+        """Efforts that act up to an instant after a row, (nu,): those of the last event between, or of the row; or None.
+
+        An event at the time of the row is of the step that ends there, or of that which begins: its number tells.
+        """
+        if number not in self.kept or not self.is_whole:
+            return None
+        row_s = self.time_s(number)
+        end = int(np.searchsorted(self._changed_s, time_s - SAME_TIME_S))
+        start = int(np.searchsorted(self._changed_s, row_s - SAME_TIME_S))
+        first_step = round(row_s / scene.model.opt.timestep)
+        changes = [change for change in self._changes[start:end] if change.step >= first_step]
+        if not changes:
+            return scene.efforts_of(self.kept[number])
+        # Records of one instant may state different efforts, and not all are numbered together: then it is not known.
+        last = scene.efforts_after(changes[-1])
+        at_once = [change for change in changes if change.time_s >= changes[-1].time_s - SAME_TIME_S]
+        return last if all(change.efforts_after == changes[-1].efforts_after for change in at_once) else None

@@ -21,10 +21,11 @@ from ffsm_mj.contact_models.impact import resolution
 from ffsm_mj.contact_models.impact.records import IMPACT
 from ffsm_mj.contact_models.impact.resolution import Impact
 from ffsm_mj.errors import InputError
+from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
 from ffsm_mj.report.record_tables import impact_table
-from ffsm_mj.verification import friction_check
+from ffsm_mj.verification import impact_checks
 from tests.contact_models import scenes as contact_model_scenes
 from tests.contact_models.grasp import scenes as grasps
 from tests.contact_models.grasp.test_pressing import on_a_wall
@@ -164,7 +165,7 @@ def test_one_falsified_number_fails_the_check(which, field, request):
 def test_energy_gain_fails_the_check(several):
     """Everything but the energy agrees: 1e-11 of T too much, a hundredth of the general tolerance."""
     hit = several.impacts[0]
-    judge = friction_check.FrictionCheck(several.log)
+    judge = impact_checks.FrictionCheck(several.log, lambda: (compile_log(several.log), scenario_data(several.log)))
     met = judge._met(several.impacts)
     energy = hit.energy_before_J["total"][0]
     grown = met.before * math.sqrt(1.0 + 1e-11)
@@ -210,7 +211,7 @@ def test_without_friction_there_is_no_cost(tmp_path, monkeypatch):
     def never(*_, **__):
         raise AssertionError("asked without friction")
 
-    for place, name in ((resolution, "resolve_with_friction"), (friction_check.FrictionCheck, "worst")):
+    for place, name in ((resolution, "resolve_with_friction"), (impact_checks.FrictionCheck, "worst")):
         monkeypatch.setattr(place, name, never)
     run = good(ffsm_mj.run(off_centre(tmp_path, mu=0.0)))
     (hit,) = run.impacts

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.verification.independent.tolerances import TOLERANCES
+from ffsm_mj.verification.independent.finding import TOLERANCES
 from tests.contact_models.grasp.scenes import grasping
 from tests.scenes import CHAIN, ball, box, scene, three_balls
 from tests.sensing.scenes import pushing

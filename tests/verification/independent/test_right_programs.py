@@ -10,8 +10,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.verification.independent.finding import TOLERANCES
 from ffsm_mj.verification.independent.kept_rows import KeptRows, kept_rows
-from ffsm_mj.verification.independent.tolerances import TOLERANCES
 from tests.contact_models.grasp.scenes import closed_as_armed, grasping
 from tests.mutants import scenes
 from tests.scenes import falling_box
