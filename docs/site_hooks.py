@@ -19,7 +19,6 @@ API = {
             "ffsm_mj.assembly.prepare.run",
             "ffsm_mj.analysis.run.load_run",
             "ffsm_mj.analysis.run.Run",
-            "ffsm_mj.analysis.logged_signals.LoggedSignals",
         ),
         "ffsm_mj.analysis.run.compare",
     ),

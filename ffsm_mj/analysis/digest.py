@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsm_mj.analysis.contact_intervals import ContactIntervals, contact_records
-from ffsm_mj.analysis.grasp_intervals import GraspIntervals, grasp_records
+from ffsm_mj.analysis.intervals import ContactIntervals, GraspIntervals, contact_records, grasp_records
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.records.events import Event

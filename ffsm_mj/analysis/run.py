@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -12,26 +13,83 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.analysis.comparison import Comparison, compare_logs
-from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import Digest, digest
-from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.analysis.logged_signals import LoggedSignals
-from ffsm_mj.analysis.model_results import ModelResults
-from ffsm_mj.analysis.run_card import card_html, card_text, missing
-from ffsm_mj.analysis.summary import summarise, tip_error
+from ffsm_mj.analysis.effort import Effort
+from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
+from ffsm_mj.analysis.summary import card_html, card_text, missing, summarise, tip_error
 from ffsm_mj.analysis.tables import CHECKS_TABLE, Table, checks_table, table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import LogError
+from ffsm_mj.errors import InputError, LogError, unknown_name
 from ffsm_mj.log.mcap.reader import KEPT_BYTES, read_log
 from ffsm_mj.log.run_folder import find_log
+from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord, PhaseRecord, UnhandledContactRecord
 from ffsm_mj.records.metadata import is_conservative, why_not_conservative
 from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
+from ffsm_mj.verification.impact_checks import Models
+from ffsm_mj.verification.model_checks import ModelChecks
 
 
-class Run(LoggedSignals):
+class ModelResults:
+    """What is computed with the models of a run, once, when it is first asked for.
+
+    The models are those that the run was simulated with in this process; otherwise those in its log are compiled.
+    """
+
+    def __init__(self, log: RunLog, compiled: Models | None = None, effort: Effort | None = None) -> None:
+        """Bind to a run.
+
+        Args:
+            log: Its log.
+            compiled: Returns its compiled models and its scenario as plain data; None: they are taken from the log.
+            effort: Effort in all of its rows; None: computed from those in the log.
+        """
+        self._log, self._compiled, self._accumulated = log, compiled, effort
+        self._checks: ModelChecks | None = None
+
+    def all_checks(self, digest: Digest, tolerance: Tolerance) -> tuple[Check, ...]:
+        """Results of all checks of the run.
+
+        Args:
+            digest: Digest of its rows, the same at each call.
+            tolerance: See :func:`ffsm_mj.verification.checks.evaluate_checks`.
+
+        Raises:
+            KeyError: A tolerance for an unknown check.
+        """
+        if self._checks is None:
+            self._checks = ModelChecks(self._log, digest.kept, self._compiled, self._stack_momentum)
+        return self._checks.all_checks(digest.check_accumulator, tolerance)
+
+    @cached_property
+    def effort(self) -> dict[str, Any]:
+        """``effort``, ``base_rotation`` and ``angular_momentum`` of ``summary.json``.
+
+        Each is None if the log lacks its columns or its models.
+        """
+        if self._accumulated is not None:
+            return self._accumulated.summary()
+        try:
+            found = Effort(compile_log(self._log))
+            found.open(self._log.header)
+        except (InputError, KeyError):  # models that no longer compile, or a part of the columns
+            return {"effort": None, "base_rotation": None, "angular_momentum": None}
+        for block in self._log.blocks():
+            found.rows(block)
+        for event in self._log.events():
+            found.event(event)
+        return found.summary()
+
+    def _stack_momentum(self) -> float:
+        """Angular momentum of robot and grasped object at the end without the wheels, N m s; NaN if it is unknown."""
+        found = self.effort["angular_momentum"]
+        return math.nan if found is None else float(found["stack_without_wheels_N_m_s"])
+
+
+class Run:
     """What a log says: ``run["energy.total_J"]`` is a column; ``run.keys`` lists them, with ``units`` and ``descriptions``.
 
     Figures, films, sensitivities, and all that needs the models or another simulation, are functions of a run: see
@@ -54,8 +112,7 @@ class Run(LoggedSignals):
             digested: Digest of its rows, if it exists already; None: computed on demand.
             models: What is computed with its models; None: the models are taken from the log.
         """
-        super().__init__(log)
-        self.path, self._given = path, digested
+        self.log, self.path, self._given = log, path, digested
         self.models = models or ModelResults(log)
 
     def __repr__(self) -> str:
@@ -74,6 +131,82 @@ class Run(LoggedSignals):
         except (LogError, OSError):  # the file is gone; the summary of a run in memory must not fail
             pass
         return None, ()
+
+    def __getitem__(self, key: str) -> FloatArray:
+        """Column of a signal, one value per control tick.
+
+        Raises:
+            KeyError: No such signal; the message lists the names.
+        """
+        layout = self.log.header.layout
+        if key not in layout.index:
+            raise KeyError(unknown_name("signal", key, layout.keys))
+        return self.log.column(key)
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names of all columns: IPython and Jupyter complete ``run["`` with them."""
+        return list(self.keys)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        return self.log.header.layout.keys
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column."""
+        return {signal.key: signal.unit for signal in self.log.header.layout.signals}
+
+    @property
+    def descriptions(self) -> dict[str, str]:
+        """Meaning of each column."""
+        return {signal.key: signal.description for signal in self.log.header.layout.signals}
+
+    @property
+    def time(self) -> FloatArray:
+        """Time of each row, s."""
+        return self["state.time_s"]
+
+    @property
+    def qpos(self) -> FloatArray:
+        """Generalised coordinates in MuJoCo's order, (n, nq)."""
+        return self._columns("state.q_")
+
+    @property
+    def qvel(self) -> FloatArray:
+        """Generalised velocities in MuJoCo's order, (n, nv)."""
+        return self._columns("state.v_")
+
+    @property
+    def tip(self) -> FloatArray:
+        """Position of the tip in m, world frame, (n, 3).
+
+        Raises:
+            KeyError: The scenario has no task and so no tip.
+        """
+        return np.column_stack([self[f"state.tip_{axis}_m"] for axis in "xyz"])
+
+    @property
+    def tip_velocity(self) -> FloatArray:
+        """Velocity of the tip in m/s, world frame, (n, 3).
+
+        Raises:
+            KeyError: The scenario has no task and so no tip.
+        """
+        return np.column_stack([self[f"state.tip_v{axis}_m_s"] for axis in "xyz"])
+
+    def momentum(self, subsystem: str = "total") -> FloatArray:
+        """(P in N s, L about the world origin in N m s) of ``total``, ``robot`` or ``objects``, (n, 6).
+
+        Raises:
+            KeyError: No such subsystem.
+        """
+        if subsystem not in SUBSYSTEMS:
+            raise KeyError(unknown_name("subsystem", subsystem, SUBSYSTEMS))
+        return self._columns(f"momentum.{subsystem}_P_", f"momentum.{subsystem}_L_")
+
+    def _columns(self, *prefixes: str) -> FloatArray:
+        return np.asarray(self.log.rows[:, [i for i, key in enumerate(self.keys) if key.startswith(prefixes)]])
 
     def with_rows(self, rows: FloatArray) -> Run:
         """The run with a part of its rows, (n, number of signals); checks and summary are those of the whole run."""

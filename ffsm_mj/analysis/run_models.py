@@ -32,7 +32,7 @@ def angular_momentum(run: Run) -> dict[str, Any] | None:
     """Angular momentum before and after by subsystem and body, and what each actuator took; None: see :func:`effort`.
 
     About the centre of mass of everything that moves, world axes, N m s; :func:`ffsm_mj.analysis.tables.momentum_table`
-    makes a table of it. See :class:`ffsm_mj.analysis.momentum_exchange.MomentumExchange`.
+    makes a table of it. See :class:`ffsm_mj.analysis.effort.MomentumExchange`.
     """
     found: dict[str, Any] | None = deepcopy(run.models.effort["angular_momentum"])
     return found

@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.digest import digest
-from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.analysis.momentum_table import MomentumRow, momentum_rows
+from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.errors import MissingPackageError, unknown_name
 from ffsm_mj.records.kinds import field_of
-from ffsm_mj.records.record import columns_of
+from ffsm_mj.records.record import Values, columns_of, declared, record
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.verification.check_result import Check
@@ -160,3 +158,39 @@ def _of_columns(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequ
         {column: unit for column, (unit, _) in about.items()},
         {column: text for column, (_, text) in about.items()},
     )
+
+
+_NONE = (float("nan"),) * 3
+
+
+@record
+class MomentumRow:
+    """A row of the table: vectors in world axes about the centre of mass of everything that moves."""
+
+    kind: str = declared("Total, outside, subsystem, body, or actuator: wheel, external or joint.")
+    name: str = declared("Name of the subsystem, body or actuator.")
+    before_N_m_s: Values = declared("Angular momentum at the first sample; NaN for actuators.", components="xyz")
+    after_N_m_s: Values = declared("Angular momentum at the last sample; NaN for actuators.", components="xyz")
+    change_N_m_s: Values = declared(
+        "Difference; of actuators what a wheel stores and what a thruster brings.", components="xyz"
+    )
+
+
+def momentum_rows(found: dict[str, Any] | None) -> list[MomentumRow]:
+    """Rows of the table from ``angular_momentum`` of ``summary.json``; none without it."""
+    if found is None:
+        return []
+    rows = [_changed("total", "total", found["initial_N_m_s"], found["final_N_m_s"])]
+    rows.append(MomentumRow("outside", "outside", _NONE, _NONE, tuple(found["external_N_m_s"])))
+    for kind, key in (("subsystem", "subsystems"), ("body", "bodies")):
+        rows += [_changed(kind, name, each["before_N_m_s"], each["after_N_m_s"]) for name, each in found[key].items()]
+    rows += [
+        MomentumRow(each["kind"], name, _NONE, _NONE, tuple(each["taken_N_m_s"]))
+        for name, each in found["actuators"].items()
+    ]
+    return rows
+
+
+def _changed(kind: str, name: str, before: list[float], after: list[float]) -> MomentumRow:
+    change = tuple(y - x for x, y in zip(before, after, strict=True))
+    return MomentumRow(kind, name, tuple(before), tuple(after), change)

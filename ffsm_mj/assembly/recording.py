@@ -15,8 +15,7 @@ import numpy as np
 from ffsm_mj._core import BUILT
 from ffsm_mj.analysis.digest import Digest
 from ffsm_mj.analysis.effort import Effort
-from ffsm_mj.analysis.model_results import ModelResults
-from ffsm_mj.analysis.run import Run
+from ffsm_mj.analysis.run import ModelResults, Run
 from ffsm_mj.analysis.run_models import summary
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_models import record_kinds

@@ -17,9 +17,8 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
-from ffsm_mj.analysis.contact_intervals import ContactInterval
 from ffsm_mj.analysis.effort import MEASURES, SUMMED
-from ffsm_mj.analysis.grasp_intervals import GraspInterval
+from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import Scenario

@@ -9,8 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj.analysis.contact_intervals import ContactIntervals
-from ffsm_mj.analysis.grasp_intervals import GraspIntervals
+from ffsm_mj.analysis.intervals import ContactIntervals, GraspIntervals
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.controller_protocol import Observation
 from ffsm_mj.errors import unknown_name

@@ -20,8 +20,7 @@ from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.replay.log_replay import LogReplay
-from ffsm_mj.replay.metadata import state_metadata
-from ffsm_mj.replay.scene import log_scene
+from ffsm_mj.replay.scene import log_scene, state_metadata
 from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation, usual_seconds
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, CheckAccumulator, Tolerance, accumulate_checks

@@ -21,8 +21,7 @@ from ffsm_mj.log.sampling import BETWEEN, NOWHERE
 from ffsm_mj.records.effort_change import EffortChange
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.replay.event_check import EventCheck
-from ffsm_mj.replay.logged_events import LoggedEvents
+from ffsm_mj.replay.logged_events import EventCheck, LoggedEvents
 from ffsm_mj.replay.logged_flight import LoggedFlight
 from ffsm_mj.replay.replayed_rows import LoggedRows, ReplayedRows
 from ffsm_mj.replay.scene import LogScene

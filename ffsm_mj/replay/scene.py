@@ -14,6 +14,7 @@ from ffsm_mj.assembly.plant import build_plant
 from ffsm_mj.assembly.task import task_of
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
+from ffsm_mj.records.metadata import conservative_metadata, free_metadata, gravity_metadata
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.scenario.impact_law import UNUSABLE_LAW
 from ffsm_mj.scenario.scenario import ScenarioConfig, timing_faults, with_contact_models
@@ -73,3 +74,11 @@ def _scenario(log: RunLog) -> ScenarioConfig:
     for fault in timing_faults(scenario):
         raise InputError(f"the scenario in the log: {'.'.join(map(str, fault.path))} {fault.message}")
     return scenario
+
+
+def state_metadata(scene: LogScene) -> dict[str, str]:
+    """Metadata of a run derived from its models."""
+    system = scene.plant.system
+    metadata = free_metadata(scene.plant.balance.free) | conservative_metadata(system.faults)
+    metadata |= gravity_metadata(system.mj.opt.gravity)
+    return metadata | {"time_step_s": repr(scene.scenario.time_step_s)}

@@ -29,8 +29,7 @@ from ffsm_mj.records.metadata import logged_start_s
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import SUBSYSTEMS
 from ffsm_mj.replay.log_replay import LogReplay
-from ffsm_mj.replay.metadata import state_metadata
-from ffsm_mj.replay.scene import LogScene, log_scene
+from ffsm_mj.replay.scene import LogScene, log_scene, state_metadata
 from ffsm_mj.simulation.step_control import StepLimitError
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import CheckAccumulator

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import count
 from typing import Any, TypeVar
 
-from ffsm_mj.analysis.contact_intervals import ContactInterval
+from ffsm_mj.analysis.intervals import ContactInterval
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.invocation import command

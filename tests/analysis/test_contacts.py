@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.contact_intervals import ContactIntervals
+from ffsm_mj.analysis.intervals import ContactIntervals
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.persistent.record import ContactBegins, ContactChanges, ContactEnds, ContactSlips
 from ffsm_mj.records.signals import Layout, Signal

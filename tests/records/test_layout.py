@@ -11,9 +11,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_origin, get_type_hints
 
-from ffsm_mj.analysis.contact_intervals import ContactInterval
-from ffsm_mj.analysis.grasp_intervals import GraspInterval
-from ffsm_mj.analysis.momentum_table import MomentumRow
+from ffsm_mj.analysis.intervals import ContactInterval, GraspInterval
+from ffsm_mj.analysis.tables import MomentumRow
 from ffsm_mj.contact_models import registry  # registers the kinds
 from ffsm_mj.records.kinds import RecordKind, kinds
 from ffsm_mj.records.record import columns_of

@@ -18,8 +18,8 @@ import k3d
 import numpy as np
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.analysis.run_card import card_html
 from ffsm_mj.analysis.run_models import all_checks
+from ffsm_mj.analysis.summary import card_html
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
 from ffsm_mj.log.markers import arrow_colour, declared_arrows
