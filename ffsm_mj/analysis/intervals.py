@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.contact_models.grasp.records import GraspRecord, ReleaseRecord
-from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE
+from ffsm_mj.contact_models.grasp.records import GRASP, RELEASE, GraspRecord, ReleaseRecord
 from ffsm_mj.contact_models.persistent.record import (
     CONTACT_BEGINS,
     CONTACT_CHANGES,
