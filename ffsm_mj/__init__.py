@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from ffsm_mj.assembly.step import SimulatorState as SimulatorState
     from ffsm_mj.experiments.campaign import Campaign as Campaign
     from ffsm_mj.experiments.campaign import compare_campaigns as compare_campaigns
+    from ffsm_mj.experiments.campaign import sweep as sweep
     from ffsm_mj.experiments.impact_map.impact_map import impact_map as impact_map
     from ffsm_mj.experiments.sensitivity import sensitivity as sensitivity
-    from ffsm_mj.experiments.sweep import sweep as sweep
     from ffsm_mj.replay import explain as explain
     from ffsm_mj.report.film import animate as animate
     from ffsm_mj.report.plots.notebook import plot as plot
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _LAZY = {
     "Campaign": ("ffsm_mj.experiments.campaign", "Campaign"),
     "compare_campaigns": ("ffsm_mj.experiments.campaign", "compare_campaigns"),
-    "sweep": ("ffsm_mj.experiments.sweep", "sweep"),
+    "sweep": ("ffsm_mj.experiments.campaign", "sweep"),
     "resume": ("ffsm_mj.assembly.resume", "resume"),
     "Scenario": ("ffsm_mj.assembly.prepare", "Scenario"),
     "run": ("ffsm_mj.assembly.prepare", "run"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing, contextmanager
@@ -11,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.comparison import VariantComparison, compare_variants, refuse_other_samples
 from ffsm_mj.experiments.design import Design
@@ -55,6 +57,7 @@ from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
 from ffsm_mj.experiments.store import RunRow, Store
 from ffsm_mj.experiments.worker import Job, Rerun, rerun
 from ffsm_mj.invocation import command, on_command_line, option
+from ffsm_mj.scenario.shipped import scenario_path
 
 Report = Callable[[float, float], None]
 _NONE: Mapping[str, Any] = MappingProxyType({})
@@ -559,3 +562,52 @@ def _names(one: Path, other: Path) -> tuple[str, str]:
         if first[-length:] != second[-length:]:
             return "/".join(first[-length:]), "/".join(second[-length:])
     return one.name, other.name
+
+
+_DEFAULT = ("impacts.0.time_s", "impacts.0.impulse_N_s", "tip.min_error_m", "tip.final_error_m")
+
+
+def sweep(
+    scenario: Scenario | Mapping[str, Any] | str | Path,
+    values: Mapping[str, Sequence[Any]],
+    *,
+    metrics: Sequence[str] = _DEFAULT,
+    overrides: Mapping[str, Any] = _NONE,
+    controllers: Mapping[str, Any] = _NONE,
+    estimators: Mapping[str, Any] = _NONE,
+    workers: int | None = None,
+    out: str | Path | None = None,
+) -> Any:
+    """Run a scenario with every combination of given values.
+
+    Works in a script without a main guard, from standard input and in a notebook.
+
+    Args:
+        scenario: See :func:`ffsm_mj.run`.
+        values: Values by dotted key of the scenario.
+        metrics: Metrics of each run; see docs/campaigns.md.
+        overrides: Overrides of the scenario for all runs, by dotted key.
+        controllers: Control laws of the caller, classes by kind.
+        estimators: Estimators of the caller, likewise.
+        workers: Number of processes; None: one per processor.
+        out: Folder of the campaign, continued if it holds the same campaign; None: only the table is kept.
+
+    Returns:
+        A ``pyarrow.Table`` with a row per run; its method ``to_pandas`` gives a data frame.
+
+    Raises:
+        InputError: A key, a value or a metric is invalid.
+    """
+    keys = {
+        "campaign": "sweep",
+        "scenario": str(scenario_path(scenario).resolve()) if isinstance(scenario, str | Path) else scenario,
+        "overrides": overrides,
+        "samples": {"kind": "grid"},
+        "dispersions": {key: {"choice": each} for key, each in values.items()},
+        "metrics": list(metrics),
+        "limits": {"max_failed": 1.0},
+    }
+    with tempfile.TemporaryDirectory(prefix="ffsm-sweep-") as temporary:
+        campaign = Campaign.load(keys, out or temporary, controllers=controllers, estimators=estimators)
+        campaign.run(workers=workers)
+        return campaign.table()

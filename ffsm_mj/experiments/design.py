@@ -8,17 +8,17 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Any, get_args
+from typing import Annotated, Any, Literal
 from zlib import crc32
 
 import numpy as np
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.experiments.distributions import Dispersion, Operation, SampledScalar, sampled_scalars
-from ffsm_mj.experiments.file import CampaignFile
+from ffsm_mj.experiments.file import CampaignFile, Kind
 
-KINDS = ("grid", "random", "lhs", "sobol", "saltelli")
 EXTENDABLE = ("random", "sobol")
 """Kinds of samples whose first rows do not depend on the number of samples."""
 
@@ -159,9 +159,12 @@ def _replaced(value: Any, at: tuple[int, ...], new: Any) -> Any:
     return [_replaced(item, at[1:], new) if i == at[0] else item for i, item in enumerate(value)]
 
 
-_FORMAT = 1
-_LARGEST = 2**63
-"""Bound of integers in the table."""
+_Integer = Annotated[int, Field(gt=-(2**63), lt=2**63)]  # as in the table
+_Value = bool | _Integer | float | str
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 @dataclass(frozen=True)
@@ -175,7 +178,7 @@ class Binding:
     """
 
     key: str
-    base: Any
+    base: Annotated[Any, AfterValidator(_tuples)]
     effects: tuple[ValueOperation, ...]
 
 
@@ -190,14 +193,16 @@ class Design:
         parameters: Names of the sampled parameters, columns of the table.
         rows: Sampled values, one tuple per run.
         bindings: Keys of the scenario that the runs set.
+        format: Version of the file.
     """
 
-    kind: str
+    kind: Kind
     seed: int
-    n: int
+    n: Annotated[int, Field(ge=1)]
     parameters: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    rows: tuple[tuple[_Value | tuple[_Value, ...], ...], ...]
     bindings: tuple[Binding, ...]
+    format: Literal[1] = 1
 
     def overrides(self, run: int) -> dict[str, Any]:
         """Values (numbers, texts, lists of numbers) by dotted key of the scenario for a run, counted from 0."""
@@ -211,7 +216,7 @@ class Design:
 
     def to_json(self) -> str:
         """JSON text for :meth:`from_json`; numbers are preserved bit for bit."""
-        head = {"format": _FORMAT, "kind": self.kind, "seed": self.seed, "n": self.n, "parameters": self.parameters}
+        head = {"format": self.format, "kind": self.kind, "seed": self.seed, "n": self.n, "parameters": self.parameters}
         lines = [f'"{key}": {json.dumps(value)}' for key, value in head.items()]
         for key, items in (("bindings", [asdict(binding) for binding in self.bindings]), ("rows", self.rows)):
             lines.append(f'"{key}": [\n' + ",\n".join(map(json.dumps, items)) + "\n]")
@@ -225,90 +230,52 @@ class Design:
             InputError: The text is not a design, or has another format version.
         """
         try:
-            data = json.loads(text)
-            if data["format"] != _FORMAT:
-                raise InputError(f"a design of format {data['format']}; this version reads {_FORMAT}")
-            bindings = tuple(
-                Binding(b["key"], _tuples(b["base"]), tuple(ValueOperation(**_tuples(effect)) for effect in b["effects"]))
-                for b in data["bindings"]
-            )
-            rows = tuple(map(tuple, _tuples(data["rows"])))
-            design = cls(data["kind"], data["seed"], data["n"], tuple(data["parameters"]), rows, bindings)
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            raise InputError(f"not a design of a campaign ({type(error).__name__}: {error})") from error
+            design = TypeAdapter(Design).validate_json(text, strict=True)
+        except ValidationError as error:
+            raise InputError(f"not a design of a campaign ({first_fault(error)})") from error
         if fault := _fault(design):
             raise InputError(f"not a design of a campaign ({fault})")
         return design
 
 
+def first_fault(error: ValidationError) -> str:
+    """Place and message of the first fault of a file of a campaign's folder."""
+    first = error.errors()[0]
+    return ": ".join([*([".".join(map(str, first["loc"]))] if first["loc"] else []), one_line(first["msg"])])
+
+
 def _fault(design: Design) -> str:
-    """What is wrong with a design of unknown origin; empty if it is valid."""
-    width = len(design.parameters)
-    lists = {
+    """What is wrong with a design of unknown origin whose values have the right types; empty if it is valid."""
+    effects = [(binding.base, effect) for binding in design.bindings for effect in binding.effects]
+    if any(len(row) != len(design.parameters) for row in design.rows):
+        return "the number of values in a row differs from the number of parameters"
+    if not all(_can_be_applied(effect, len(design.parameters)) for _, effect in effects):
+        return "an effect cannot be applied"
+    whole = {
         effect.columns[0]
-        for binding in design.bindings
-        for effect in binding.effects
-        if _can_be_applied(effect, width) and _takes_list(binding.base, effect)
+        for base, effect in effects
+        if effect.operation == "value" and isinstance(base, tuple) and not effect.at and effect.span is None
     }
-    faults = {
-        f"kind {design.kind!r}": design.kind not in KINDS,
-        f"seed {design.seed!r}": not isinstance(design.seed, int),
-        f"n {design.n!r}": not isinstance(design.n, int) or design.n < 1,
-        "a parameter name is not a text": not all(isinstance(name, str) for name in design.parameters),
-        "the number of values in a row differs from the number of parameters": any(len(row) != width for row in design.rows),
-        "a value is not a number or text": not all(
-            _is_sampled(value, i in lists) for row in design.rows for i, value in enumerate(row)
-        ),
-        "a key is not a text": not all(isinstance(binding.key, str) for binding in design.bindings),
-        "an effect cannot be applied": not all(
-            _can_be_applied(effect, width) for binding in design.bindings for effect in binding.effects
-        ),
-    }
-    return next((fault for fault, found in faults.items() if found), "")
-
-
-def _is_scalar(value: Any) -> bool:
-    return isinstance(value, str | float) or (isinstance(value, int) and abs(value) < _LARGEST)
-
-
-def _takes_list(base: Any, effect: ValueOperation) -> bool:
-    """Whether a sampled list replaces the whole value."""
-    return effect.operation == "value" and isinstance(base, tuple) and not effect.at and effect.span is None
-
-
-def _is_sampled(value: Any, or_list: bool) -> bool:
-    return _is_scalar(value) or (or_list and isinstance(value, tuple) and all(map(_is_scalar, value)))
+    if any(isinstance(value, tuple) and i not in whole for row in design.rows for i, value in enumerate(row)):
+        return "a list of numbers does not replace a list"
+    return ""
 
 
 def _can_be_applied(effect: ValueOperation, width: int) -> bool:
-    axis, span = effect.axis, effect.span
+    axis, span, columns = effect.axis, effect.span, effect.columns
     return (
-        effect.operation in get_args(Operation)
-        and _are_integers(effect.columns)
-        and len(effect.columns) in (1, 3)
-        and all(0 <= column < width for column in effect.columns)
-        and _are_integers(effect.at)
-        and (span is None or (_are_integers(span) and len(span) == 2))
-        and (axis is None or (isinstance(axis, tuple) and len(axis) == 3 and all(map(_is_scalar, axis)) and any(axis)))
-        and (span is None or axis is not None or len(effect.columns) == 3)
+        len(columns) in (1, 3)
+        and all(0 <= column < width for column in columns)
+        and (axis is None or any(axis))
+        and (span is None or axis is not None or len(columns) == 3)
     )
-
-
-def _are_integers(values: Any) -> bool:
-    return isinstance(values, tuple) and all(isinstance(value, int) for value in values)
-
-
-def _tuples(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _tuples(item) for key, item in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 _MOST_ROWS = 10_000_000
 
 
 def sample_design(
-    kind: str, n: int, seed: int, sampled_scalars: Sequence[SampledScalar], bindings: Sequence[Binding]
+    kind: Kind, n: int, seed: int, sampled_scalars: Sequence[SampledScalar], bindings: Sequence[Binding]
 ) -> Design:
     """Sample the design of a campaign; equal arguments give equal designs.
 

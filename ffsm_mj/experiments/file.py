@@ -26,10 +26,15 @@ OLD_KEY = "study"
 """Key of version 0.2 for the name of a campaign with variants."""
 
 
+Kind = Literal["random", "lhs", "sobol", "saltelli", "grid"]
+"""``random``: independent; ``lhs``: Latin hypercube; ``sobol``: scrambled Sobol points; ``saltelli``: for Sobol indices;
+``grid``: every combination of levels."""
+
+
 class SamplesConfig(StrictModel):
     """Sampling of the dispersed parameters."""
 
-    kind: Literal["random", "lhs", "sobol", "saltelli", "grid"]
+    kind: Kind
     """``random``: independent; ``lhs``: Latin hypercube; ``sobol``: scrambled Sobol points; ``saltelli``: for Sobol indices;
     ``grid``: every combination of levels."""
     n: Annotated[int, Field(ge=1, le=_MOST_RUNS)] | None = None

@@ -6,22 +6,23 @@ import hashlib
 import inspect
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from filelock import FileLock, Timeout
+from pydantic import TypeAdapter, ValidationError
 
 from ffsm_controllers import GROUP as LAWS
 from ffsm_controllers.estimators import GROUP as ESTIMATORS
 from ffsm_mj.assembly.recording import versions
 from ffsm_mj.contact_models.impact.law import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
-from ffsm_mj.errors import InputError, LogWriteError
-from ffsm_mj.experiments.design import Design
+from ffsm_mj.errors import InputError, LogWriteError, one_line
+from ffsm_mj.experiments.design import Design, first_fault
 from ffsm_mj.experiments.metrics import COUNT, FileMetric, ScriptClasses
 from ffsm_mj.experiments.metrics import GROUP as PLUGIN_METRICS
 from ffsm_mj.experiments.planning import Plan
@@ -33,30 +34,6 @@ from ffsm_mj.similar_names import similar_file
 from ffsm_mj.yaml import YamlFault, plain_value, write_yaml
 
 LOCK = "driver.lock"
-
-
-@contextmanager
-def exclusive(folder: Path) -> Iterator[None]:
-    """Context with exclusive use of a folder; the operating system releases it when the process ends.
-
-    Args:
-        folder: The folder, created if it does not exist.
-
-    Raises:
-        InputError: Another process uses the folder, or it cannot be created.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder / LOCK)
-        lock.acquire(timeout=0)
-    except Timeout as error:
-        raise InputError(f"{folder}: another process is running this campaign") from error
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be used as a campaign folder ({error.strerror})") from error
-    try:
-        yield
-    finally:
-        lock.release()
 
 
 def write_whole(file: Path, data: bytes) -> None:
@@ -77,16 +54,12 @@ def write_whole(file: Path, data: bytes) -> None:
         raise LogWriteError(file, error) from error
 
 
-def is_unfinished(name: str, files: tuple[str, ...]) -> bool:
-    """Whether a file name is that of one of these files before a process that was killed had completed it."""
-    return name.startswith(tuple(f".{file}-" for file in files))
-
-
 CAMPAIGN, DESIGN, TABLE, SCENARIO = "campaign.yaml", "design.json", "rows.sqlite", "scenario/scenario.yaml"
 RECORD, METRICS, VARIANTS, RERUNS = "record.json", "metrics.py", "variants", "reruns"
 _ALL = (LOCK, CAMPAIGN, DESIGN, TABLE, "scenario", RECORD, METRICS, VARIANTS, RERUNS)
+_UNFINISHED = tuple(f".{name}-" for name in _ALL)
+"""How names of files begin that a process that was killed has not completed."""
 _BEFORE_DESIGN = (LOCK, CAMPAIGN, TABLE, "scenario", RECORD, METRICS)
-_FORMAT = 1
 
 
 @dataclass(frozen=True)
@@ -97,11 +70,13 @@ class Record:
         not_applicable: Why the control laws of a variant cannot be created for its scenario, by name of the variant.
         metrics: Names of metrics that are functions of the caller.
         metrics_file: Name of the Python file that defines them, whose copy is in the folder; empty for those of a script.
+        format: Version of the file.
     """
 
     not_applicable: Mapping[str, str] = field(default_factory=dict)
     metrics: tuple[str, ...] = ()
     metrics_file: str = ""
+    format: Literal[1] = 1
 
 
 class CampaignFolder:
@@ -169,8 +144,18 @@ class CampaignFolder:
             InputError: Another process runs this campaign, or the folder cannot be created.
         """
         self.refuse_links()
-        with exclusive(self.path):
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = FileLock(self.path / LOCK)
+            lock.acquire(timeout=0)
+        except Timeout as error:
+            raise InputError(f"{self.path}: another process is running this campaign") from error
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be used as a campaign folder ({error.strerror})") from error
+        try:
             yield
+        finally:
+            lock.release()
 
     def write(
         self,
@@ -213,7 +198,7 @@ class CampaignFolder:
             InputError: It holds another file.
         """
         names = sorted(each.name for each in self.path.iterdir())
-        others = [name for name in names if name not in ours and not is_unfinished(name, _ALL)]
+        others = [name for name in names if name not in ours and not name.startswith(_UNFINISHED)]
         if others:
             raise InputError(f"{self.path}: holds {others[0]} but no campaign; choose another {option('out')}")
 
@@ -235,7 +220,7 @@ class CampaignFolder:
         """Write the record, and a copy of the metrics file, which is never executed; empty: there is none."""
         if metrics:
             write_whole(self.path / METRICS, metrics.encode())
-        write_whole(self.path / RECORD, json.dumps({"format": _FORMAT} | asdict(record), indent=1).encode())
+        write_whole(self.path / RECORD, json.dumps(asdict(record), indent=1).encode())
 
     def record(self) -> Record:
         """Read what the folder holds besides the campaign file.
@@ -249,9 +234,10 @@ class CampaignFolder:
                 raise InputError(f"{self.path}: holds no complete campaign (no {RECORD}); run it again with its file")
             return Record()
         try:
-            return _record(json.loads(file.read_text(encoding="utf-8")))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(f"{file}: is not the record of a campaign ({type(error).__name__}: {error})") from error
+            return TypeAdapter(Record).validate_json(file.read_text(encoding="utf-8"), strict=True)
+        except (OSError, ValueError) as error:
+            why = first_fault(error) if isinstance(error, ValidationError) else one_line(str(error))
+            raise InputError(f"{file}: is not the record of a campaign ({why})") from error
 
     def write_config(self, config: Mapping[str, Any]) -> None:
         """Write the campaign file; its scenario is the one in the folder."""
@@ -278,15 +264,6 @@ class CampaignFolder:
             raise InputError(f"{file}: {error}") from error
 
 
-def _record(data: Any) -> Record:
-    if data["format"] != _FORMAT:
-        raise ValueError(f"format {data['format']}; this version reads {_FORMAT}")
-    reasons, metrics, file = data["not_applicable"], data["metrics"], data["metrics_file"]
-    if not all(isinstance(text, str) for text in [*reasons.keys(), *reasons.values(), *metrics, file]):
-        raise TypeError("a name or reason is not a text")
-    return Record(dict(reasons), tuple(metrics), file)
-
-
 def _file_content(config: Mapping[str, Any]) -> bytes:
     """Content of the campaign file; its scenario is the one in the folder."""
     return write_yaml({**config, "scenario": SCENARIO, "overrides": {}}).encode()
@@ -306,7 +283,7 @@ def row_versions() -> dict[str, str]:
 
 
 def campaign_settings(plan: Plan, own: ScriptClasses) -> str:
-    """Settings of a campaign as JSON text.
+    """Settings of a campaign as JSON text with sorted keys.
 
     Args:
         plan: Campaign file and base scenario.
@@ -319,31 +296,11 @@ def campaign_settings(plan: Plan, own: ScriptClasses) -> str:
     }
     # Campaigns with the default have the same settings as before the key existed.
     counted = {} if config.truncated == COUNT else {"truncated": config.truncated}
-    files = plan.base.logged_files
-    return settings_of(plan.base.scenario_yaml, files, sampling | counted, config.kept_metrics, own)
-
-
-def settings_of(
-    scenario_yaml: str,
-    files: Mapping[str, bytes],
-    sampling: Mapping[str, Any],
-    metrics: Sequence[str],
-    own: ScriptClasses,
-) -> str:
-    """Settings as JSON text with sorted keys.
-
-    Args:
-        scenario_yaml: Resolved base scenario.
-        files: Model files by name.
-        sampling: Sampling and dispersions, without the number of samples.
-        metrics: Names of the metrics.
-        own: Control laws, estimators and metrics of a script.
-    """
     content = {
-        "scenario": scenario_yaml,
-        "models": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(files.items())},
-        "sampling": dict(sampling),
-        "metrics": list(metrics),
+        "scenario": plan.base.scenario_yaml,
+        "models": {name: hashlib.sha256(data).hexdigest() for name, data in sorted(plan.base.logged_files.items())},
+        "sampling": sampling | counted,
+        "metrics": list(config.kept_metrics),
         "controllers": {kind: source_of(law) for kind, law in own.controllers.items()},
         "versions": row_versions(),
     }

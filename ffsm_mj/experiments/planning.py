@@ -15,7 +15,7 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions, extreme_rows, refuse_wrong_rows
 from ffsm_mj.experiments.design import EXTENDABLE, Binding, Design, columns, refuse_levels, sample_design
 from ffsm_mj.experiments.distributions import SampledScalar
-from ffsm_mj.experiments.file import OLD_KEY, CampaignFile, VariantConfig, campaign_path
+from ffsm_mj.experiments.file import OLD_KEY, CampaignFile, Kind, VariantConfig, campaign_path
 from ffsm_mj.experiments.metrics import NO_CLASSES, FileMetric, ScriptClasses, fault_of, read_metrics
 from ffsm_mj.invocation import command, on_command_line, override
 from ffsm_mj.records.signals import identifier
@@ -58,7 +58,7 @@ class Plan:
         samples = self.config.samples
         return self._sampled(samples.kind, samples.n or 0, samples.seed)
 
-    def _sampled(self, kind: str, n: int, seed: int) -> Design:
+    def _sampled(self, kind: Kind, n: int, seed: int) -> Design:
         try:
             design = sample_design(kind, n, seed, self.scalars, self.bindings)
         except ScenarioFaults as faults:
@@ -457,7 +457,7 @@ def _runs_that_cannot_start(plan: Plan, design: Design) -> Iterator[str]:
             yield f"run {run} cannot start: {error.lines[0]}"
 
 
-def _range(values: list[object]) -> str:
+def _range(values: Sequence[object]) -> str:
     numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
     if len(numbers) == len(values):
         return f"{min(numbers):.6g} to {max(numbers):.6g}"

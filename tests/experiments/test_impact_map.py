@@ -15,8 +15,7 @@ from ffsm_mj.assembly.simulator import Simulator
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.experiments.impact_map.evaluation import Evaluation
-from ffsm_mj.experiments.impact_map.self_motion import REACHED, ArrivalRates, SelfMotion
-from ffsm_mj.experiments.impact_map.target import moved
+from ffsm_mj.experiments.impact_map.reach import REACHED, ArrivalRates, SelfMotion, moved
 from ffsm_mj.records.events import ImpactRecord
 from tests.scenes import box
 

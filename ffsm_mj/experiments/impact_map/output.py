@@ -190,8 +190,6 @@ def save(mapped: ImpactMap, scenario: str | Path, folder: Path, axes: tuple[str,
         InputError: The folder is not writable, or there is no such column.
         OutputLostError: A file could not be written completely.
     """
-    from ffsm_mj.experiments.impact_map.output import draw
-
     usable_folder(folder)
     figure = draw(mapped, *axes)
     files = [folder / f"{NAME}.{form}" for form in ("csv", "parquet")]
