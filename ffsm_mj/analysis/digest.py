@@ -11,9 +11,8 @@ from ffsm_mj.analysis.intervals import ContactIntervals, GraspIntervals, contact
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.records.events import Event
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import LoggedTask, logged_task
-from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.run_log import RunHeader, RunLog
 from ffsm_mj.records.signals import TIP_RATE, Layout
 from ffsm_mj.verification.checks import CheckAccumulator
 from ffsm_mj.verification.independent.kept_rows import KeptRows

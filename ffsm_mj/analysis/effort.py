@@ -19,8 +19,8 @@ from ffsm_mj.model.driven_joints import drives_rotation
 from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import free_components
+from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.records.signals import COMPONENTS, Layout, coordinate_keys, identifier, rate_keys
 from ffsm_mj.verification.model_checks import grasped_objects
 

@@ -21,7 +21,7 @@ from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Fault, ScenarioFaults
-from ffsm_mj.records.effort_change import EFFORT_CHANGE
+from ffsm_mj.records.run_kinds import EFFORT_CHANGE
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.simulation.control_timing import DelayedControl
 

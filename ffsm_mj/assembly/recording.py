@@ -32,7 +32,6 @@ from ffsm_mj.log.rerun.viewer import LiveSink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Outcome, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.metadata import (
     FORMAT_VERSION,
     conservative_metadata,
@@ -44,6 +43,7 @@ from ffsm_mj.records.metadata import (
     task_metadata,
     terminal_metadata,
 )
+from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.simulation.loop import Simulation

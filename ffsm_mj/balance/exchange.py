@@ -21,7 +21,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.balance.quadrature import hermite_midpoint, simpson
 from ffsm_mj.dynamics.rigid_body import cross
 from ffsm_mj.model.system import System
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import Wrench
 
 _NOTHING = np.zeros((2, 6))
 _NOTHING.flags.writeable = False

@@ -26,12 +26,11 @@ from ffsm_mj.balance.exchange import Exchange, ExchangeIntegrator
 from ffsm_mj.config import StrictModel
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
-from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
-from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.state import Stateful
 from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
 

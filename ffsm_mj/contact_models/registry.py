@@ -22,9 +22,8 @@ from ffsm_mj.contact_models.persistent.record import (
 )
 from ffsm_mj.errors import described, unknown_name
 from ffsm_mj.records import kinds
-from ffsm_mj.records.effort_change import EFFORT_CHANGE
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.run_kinds import INTERNAL_ERROR, OUTCOME, PHASE
+from ffsm_mj.records.run_kinds import EFFORT_CHANGE, INTERNAL_ERROR, OUTCOME, PHASE
 
 GROUP = "ffsm_mj.contact_models"
 BUILT_IN_KINDS = ("impact", "contact", "grasp")

@@ -49,9 +49,9 @@ from ffsm_mj.log.mcap.format import nanoseconds, varint
 from ffsm_mj.log.palette import MARK, ON_ANY_GROUND, PLUME, PLUME_OPACITY, shares
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds_of
 from ffsm_mj.records.metadata import logged_task
+from ffsm_mj.records.run_log import RunHeader
 
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"

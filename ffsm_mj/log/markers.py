@@ -14,9 +14,8 @@ from ffsm_mj.dynamics.rigid_body import external_actuators
 from ffsm_mj.log.drawing import Frames
 from ffsm_mj.log.palette import FORCE, PART_OF_FORCE, TORQUE, Colour
 from ffsm_mj.model.system import System
-from ffsm_mj.records.arrows import ArrowColumns
-from ffsm_mj.records.header import RunHeader
-from ffsm_mj.records.kinds import Mark, RecordKind, kind_of, kinds_of
+from ffsm_mj.records.kinds import ArrowColumns, Mark, RecordKind, kind_of, kinds_of
+from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.records.signals import Layout, identifier
 
 ARROW_M = (0.4, 1.5)

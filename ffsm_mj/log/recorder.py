@@ -12,8 +12,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
-from ffsm_mj.records.run_log import Rows, RunLog, run_log
+from ffsm_mj.records.run_log import Rows, RunHeader, RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
 BLOCK_ROWS = 1000

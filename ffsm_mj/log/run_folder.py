@@ -20,7 +20,7 @@ from mcap.stream_reader import StreamReader
 from ffsm_mj.errors import InputError, LogWriteError
 from ffsm_mj.invocation import command, option
 from ffsm_mj.log.mcap.format import is_plain
-from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.similar_names import similar_file
 
 try:

@@ -11,10 +11,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from operator import attrgetter
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
+from ffsm_mj.arrays import IntArray
 from ffsm_mj.errors import unknown_name
-from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.record import ONE_VALUE, columns_of, lengths_of, meanings
 from ffsm_mj.records.signals import Layout
@@ -228,3 +228,30 @@ def _storable(hint: Any) -> bool:
     return hint in ONE_VALUE or (
         get_origin(hint) is Mapping and parts[0] is str and parts[1] in (str, ControllerReport, tuple[float, ...])
     )
+
+
+class ArrowColumns(NamedTuple):
+    """Columns of a force or torque and of its point of application.
+
+    Attributes:
+        name: Name of the arrow in viewers.
+        meaning: Description for legends, such as ``contact force``.
+        vector: Columns of the force or torque, in world axes, (3,).
+        point: Columns of its point of application in world axes, (3,), m; NaN in rows in which nothing acts.
+        size: Column of its magnitude; None if there is none.
+        unit: ``N``, or ``N m`` for a torque.
+        is_part: Whether it is a part of another arrow at the same point, as friction is of the contact force.
+    """
+
+    name: str
+    meaning: str
+    vector: IntArray
+    point: IntArray
+    size: int | None = None
+    unit: str = "N"
+    is_part: bool = False
+
+    @property
+    def is_torque(self) -> bool:
+        """Whether the arrow is that of a torque."""
+        return self.unit != "N"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from ffsm_mj.model.grasp import Grasp
-from ffsm_mj.records.arrows import ArrowColumns
+from ffsm_mj.records.kinds import ArrowColumns
 from ffsm_mj.records.signals import Layout, Signal, identifier
 
 _GROUP = "contact"

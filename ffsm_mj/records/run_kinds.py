@@ -1,11 +1,12 @@
-"""Kinds of records of every run: phases, internal errors and the outcome."""
+"""Kinds of records of every run (phases, internal errors, the outcome), and of efforts that change between control ticks."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ffsm_mj.records.events import InternalErrorRecord, Outcome, OutcomeRecord, PhaseRecord
+from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED, InternalErrorRecord, Outcome, OutcomeRecord, PhaseRecord
 from ffsm_mj.records.kinds import RecordKind
+from ffsm_mj.records.record import ByName, Values, declared, record
 
 
 def _phase(record: PhaseRecord) -> dict[str, Any]:
@@ -44,4 +45,31 @@ OUTCOME = RecordKind(
     sentence=lambda record: f"{record.outcome}: {record.message}" if record.message else record.outcome,
     warning=lambda record: record.outcome != Outcome.COMPLETED,
     in_every_run=True,
+)
+
+
+@record
+class EffortChange:
+    """Efforts change between control ticks; velocities do not."""
+
+    time_s: float = declared("Simulation time.")
+    step: int = declared("Index of the integration step, from 0.")
+    cause: str = declared(
+        "``command arrives`` after its delay, or ``late tick``: the control law was called late.",
+        column="command arrives, or late tick",
+    )
+    qpos: Values = declared(QPOS)
+    qvel_before: ByName = declared(QVEL)
+    qvel_after: ByName = declared(QVEL_UNCHANGED)
+    efforts_after: ByName = declared("Effort by actuator from now on.", default_factory=dict)
+
+
+EFFORT_CHANGE = RecordKind(
+    record=EffortChange,
+    name="effort_change",
+    plural="effort_changes",
+    when="when efforts change between control ticks",
+    sentence=lambda record: record.cause,
+    summarised=False,
+    own_numbers=True,
 )

@@ -16,11 +16,10 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, LoggedEve
 from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.model.system import System
-from ffsm_mj.records.event_order import merged
 from ffsm_mj.records.events import RunEnded
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.metadata import logged_start_s
-from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.run_log import RunLog, merged
 from ffsm_mj.ties import instant_s
 from ffsm_mj.tolerances import EVENT_TIME
 from ffsm_mj.verification.agreement import Agreement, impossible, is_text, numbers_of

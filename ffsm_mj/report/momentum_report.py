@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ffsm_mj.analysis.momentum_table import MomentumRow, momentum_rows
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import angular_momentum
+from ffsm_mj.analysis.tables import MomentumRow, momentum_rows
 from ffsm_mj.errors import one_line
 from ffsm_mj.report.terminal import table
 

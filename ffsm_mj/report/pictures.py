@@ -16,7 +16,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.markers import arrow_colour, arrow_series, declared_arrows, drawn_marks
 from ffsm_mj.log.palette import hexadecimal
-from ffsm_mj.records.arrows import ArrowColumns
+from ffsm_mj.records.kinds import ArrowColumns
 from ffsm_mj.report.plots.motion import draw_plane, legend_columns, mark_handles, polygons, tree_colours, view_box
 from ffsm_mj.report.plots.silhouette import Plane
 from ffsm_mj.report.plots.style import BLACK, MARK, plain

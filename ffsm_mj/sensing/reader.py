@@ -11,8 +11,7 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import cross
-from ffsm_mj.records.active_contact import ActiveContact
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.sensing.sensor import Sensor
 
 _DISABLED = int(mujoco.mjtDisableBit.mjDSBL_SENSOR)

@@ -13,9 +13,8 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
-from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.sensing.group import SensorGroup, groups_of
 from ffsm_mj.sensing.measured import Measured, Measurement, Shown, places_of
 from ffsm_mj.sensing.reader import ImpulseReader, SensorReader

@@ -14,11 +14,11 @@ from ffsm_mj.contact_models.interface import EventEffect
 from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.errors import ControllerError, described, raised_at, unknown_name
 from ffsm_mj.model.driven_joints import needs_motors
-from ffsm_mj.records.active_contact import ActiveContacts
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.command import GivenCommand
-from ffsm_mj.records.effort_change import EffortChange
+from ffsm_mj.records.contact_forces import ActiveContacts
 from ffsm_mj.records.events import ControllerReport, ImpactRecord, Outcome, PhaseRecord, RunEnded
+from ffsm_mj.records.run_kinds import EffortChange
 from ffsm_mj.sensing.measured import Measured
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import EventDue, records_as_state, records_of_state

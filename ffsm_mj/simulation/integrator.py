@@ -21,9 +21,8 @@ from ffsm_mj.contact_models.interface import (
     Source,
 )
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.simulation.step_control import StepControl
 from ffsm_mj.state import entries, get_states
 from ffsm_mj.ties import apart, instant_s, last_of_first, shortest_s

@@ -21,9 +21,9 @@ from ffsm_mj.contact_models.interface import EventEffect, EventSource, Scene
 from ffsm_mj.dynamics.trajectories import TargetMotion
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.signals import Signal, coordinate_names, rate_names, unit_of
-from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.simulation.control_timing import DelayedControl
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator

@@ -25,9 +25,8 @@ from ffsm_mj.contact_models.impact.replayed_impact import along_row
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, contact_rows
 from ffsm_mj.errors import InputError, UnsupportedContactError
 from ffsm_mj.model.system import System
-from ffsm_mj.records.event_order import merged
 from ffsm_mj.records.events import ImpactRecord
-from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.run_log import RunLog, merged
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.independent.scene import LoggedScene

@@ -13,11 +13,11 @@ from ffsm_mj.config import StrictModel
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.interface import ContactModel, EventEffect, EventSource, ForceSource, Replayable
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.records.events import QPOS, QVEL, QVEL_UNCHANGED, STEP
 from ffsm_mj.records.kinds import Mark, RecordKind
 from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import Signal
-from ffsm_mj.records.wrench import Wrench
 
 _FAR = 1e3
 

@@ -14,8 +14,7 @@ from ffsm_mj.log.recorder import MemorySink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records import kinds as register_of_kinds
-from ffsm_mj.records.arrows import ArrowColumns
-from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.kinds import ArrowColumns, Mark, RecordKind
 from ffsm_mj.records.record import ByName, Values, declared, record
 from ffsm_mj.records.signals import momentum_keys
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ffsm_mj
 from ffsm_mj.log.recorded_files import recorded_efforts
-from ffsm_mj.records.event_order import merged
+from ffsm_mj.records.run_log import merged
 from tests.contact_models.grasp.scenes import closed_as_armed
 
 

@@ -42,8 +42,8 @@ from ffsm_mj.dynamics.projection import needs_projection, no_contacts
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.records.signals import Signal, identifier
-from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 
 

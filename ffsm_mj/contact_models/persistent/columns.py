@@ -46,11 +46,10 @@ from ffsm_mj.contact_models.persistent.rule_columns import (
 )
 from ffsm_mj.contact_models.state_projection import sum_exchanges
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.records.active_contact import ActiveContact
 from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier, limit_force_name
-from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.state import Stateful
 
 _FREE, _TOUCHING, _PRESSED = 0.0, 1.0, 2.0

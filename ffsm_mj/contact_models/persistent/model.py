@@ -64,10 +64,9 @@ from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.state_projection import StateProjection
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, needs_projection
-from ffsm_mj.records.active_contact import ActiveContact
+from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.records.kinds import RecordKind
 from ffsm_mj.records.signals import Layout
-from ffsm_mj.records.wrench import Wrench
 from ffsm_mj.state import entries
 from ffsm_mj.tolerances import CLEARLY_APART_M, INSTANT_S
 

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from ffsm_mj.contact_models.impact.records import force_unit
-from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import QVEL_BEFORE, STEP
-from ffsm_mj.records.kinds import Mark, RecordKind
+from ffsm_mj.records.kinds import ArrowColumns, Mark, RecordKind
 from ffsm_mj.records.record import ByName, Meaning, Values, declared, record
 from ffsm_mj.records.signals import Layout
 

@@ -26,10 +26,9 @@ from ffsm_mj.log.mcap import format as form
 from ffsm_mj.log.mcap.salvage import MESSAGE_HEAD, UNREADABLE, Batch, LogFile, opened
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import RecordKind, kind_of, kinds
 from ffsm_mj.records.metadata import fault_of_metadata, fault_of_version, logged_start_s
-from ffsm_mj.records.run_log import BLOCK_ROWS, RunLog, run_log
+from ffsm_mj.records.run_log import BLOCK_ROWS, RunHeader, RunLog, run_log
 from ffsm_mj.records.signals import TIME, Layout
 
 _MOST_TOPICS, _LONGEST_TOPIC = 3, 60

@@ -25,8 +25,8 @@ from ffsm_mj.log.rerun.viewer import rust_log
 from ffsm_mj.log.run_folder import RECORDING, PartialFile, RunFolder
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of, kinds_of
+from ffsm_mj.records.run_log import RunHeader
 
 _HEADER = np.dtype(
     [

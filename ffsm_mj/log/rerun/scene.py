@@ -16,10 +16,10 @@ from ffsm_mj.log.palette import BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, T
 from ffsm_mj.log.rerun.layout import Opening
 from ffsm_mj.log.rerun.plots import FORCES, TORQUES, Recording
 from ffsm_mj.model.system import System
-from ffsm_mj.records.arrows import ArrowColumns
 from ffsm_mj.records.events import Event
-from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.kinds import ArrowColumns
 from ffsm_mj.records.metadata import LoggedTask
+from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.records.signals import Layout, coordinate_keys, identifier
 
 

@@ -45,10 +45,9 @@ from ffsm_mj.log.rerun.scene import Forces, Ghosts, Marks, Target, body_path, lo
 from ffsm_mj.log.scenario import compile_log, logged_scenario
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import logged_task
-from ffsm_mj.records.run_log import RunLog
+from ffsm_mj.records.run_log import RunHeader, RunLog
 from ffsm_mj.records.signals import TIP, coordinate_keys
 
 _PLUME = (*PLUME, round(255 * PLUME_OPACITY))

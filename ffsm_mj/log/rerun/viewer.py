@@ -19,7 +19,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import Sink
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import Event, OutcomeRecord
-from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.run_log import RunHeader
 
 if TYPE_CHECKING:
     from ffsm_mj.log.rerun.sink import RerunSink

@@ -14,7 +14,7 @@ from ffsm_mj.log import palette
 from ffsm_mj.log.markers import arrow_colour, arrow_series, declared_arrows, plume_series, thrusters
 from ffsm_mj.log.palette import packed
 from ffsm_mj.model.system import System
-from ffsm_mj.records.header import RunHeader
+from ffsm_mj.records.run_log import RunHeader
 from ffsm_mj.records.signals import Layout
 from ffsm_mj.report.page.poses import Poses
 from ffsm_mj.report.page.solids import Triangles, arrow_solid, plume_solid

@@ -22,7 +22,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.grasp import Grasp, LatchJoint
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from tests.scenes import HEAD
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import Wrench
 
 
 class DriveConfig(StrictModel):

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ffsm_mj.config import StrictModel
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource
-from ffsm_mj.records.wrench import Wrench
+from ffsm_mj.records.contact_forces import Wrench
 
 Vector = tuple[float, float, float]
 Powers = Annotated[tuple[Vector, ...], Field(max_length=4)]

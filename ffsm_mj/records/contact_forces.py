@@ -1,4 +1,4 @@
-"""A persistent contact, as shown to a control law."""
+"""A force on a body, and a persistent contact as shown to a control law."""
 
 from __future__ import annotations
 
@@ -9,6 +9,25 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import ControllerError
+
+_NO_TORQUE = np.zeros(3)
+
+
+class Wrench(NamedTuple):
+    """What acts on a body at a point, in world axes.
+
+    Attributes:
+        body: Id of the body.
+        point: Where the force acts, m, (3,).
+        force: N, (3,).
+        torque: N m, beside the moment of the force, (3,).
+    """
+
+    body: int
+    point: FloatArray
+    force: FloatArray
+    torque: FloatArray = _NO_TORQUE
+
 
 _NONE = np.zeros(3)
 _NONE.flags.writeable = False
