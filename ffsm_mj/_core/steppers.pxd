@@ -7,9 +7,10 @@ cdef class FreeStepper:
     cdef const mjModel* m
     cdef mjData* d
     cdef double[::1] state, momentum, rates
-    cdef readonly bint kinked  # whether a force was at its limit in a part of the last step only
+    cdef readonly bint kinked  # whether the last step contains a kink of a force
     cdef bint runge_kutta, unconstrained
     cdef object model, data
+    cdef public object bands  # dead bands of tendon springs; None without any
 
     cpdef bint step(self, double duration_s) except? -1
     cdef bint add(self, double duration_s) noexcept

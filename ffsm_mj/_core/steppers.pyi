@@ -2,7 +2,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.actuators import Activations, ExternalServos, ForceLimits
+from ffsm_mj.dynamics.actuators import Activations, DeadBands, ExternalServos, ForceLimits
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 
@@ -16,6 +16,7 @@ class FreeStepper:
     last_increment: float
     event_bound: float
     kinked: bool
+    bands: DeadBands | None
     def __init__(self, model: Any, data: Any, state: FloatArray, momentum: FloatArray) -> None: ...
     def clear(self, event_bound: float) -> None: ...
     def step(self, duration_s: float) -> bool: ...

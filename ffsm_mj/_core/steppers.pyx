@@ -52,6 +52,7 @@ cdef class FreeStepper:
 
     cpdef bint step(self, double duration_s) except? -1:
         """Integrate for the model's time step; returns whether no event is possible."""
+        before = self.bands.values() if self.bands is not None else None
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         if self.runge_kutta and self.unconstrained:
             mj.checkPos(self.m, self.d)
@@ -64,6 +65,7 @@ cdef class FreeStepper:
         mj.forward(self.m, self.d)
         # Evaluated here, not when it is needed: collision detection in between discards the constraints.
         self.unconstrained = self.data.nefc == 0
+        self.kinked = self.bands is not None and self.bands.are_passed(before)
         return self.add(duration_s)
 
     def account(self, double duration_s):
@@ -345,10 +347,13 @@ cdef class ForcedStepper(FreeStepper):
 
     cpdef bint step(self, double duration_s) except? -1:
         """Integrate for a time; returns whether the motion bound excludes any event."""
+        before = self.bands.values() if self.bands is not None else None
         mj.getState(self.m, self.d, &self.state[0], _WHOLE_STATE)
         self.update_forces()
         self.integrate_step(duration_s)
         self.kinked = self.power is not None and self.power.kinked
         if self.activations is not None and not self.kinked:
             self.kinked = self.activations.is_kinked(duration_s)
+        if self.bands is not None and not self.kinked:
+            self.kinked = self.bands.are_passed(before)
         return self.add(duration_s)

@@ -1,8 +1,9 @@
-"""Actuators in the stages of a step: activations, kinks of motors and force limits, impulse and work of external servos.
+"""Actuators in the stages of a step: activations, kinks of forces, impulse and work of external servos.
 
 A controller stops to integrate its error e beyond a limit of the integral z, until e changes its sign: kinks at |z| at its
 limit and at e = 0. Its voltage v = (R / K) tau + K ldot reaches a limit, the rate of the current another one, and the LuGre
-friction of a motor has |ldot|, with a kink where the motor reverses.
+friction of a motor has |ldot|, with a kink where the motor reverses. The curves of a muscle's force over its length L and
+rate V, both scaled, are parabolas that meet with one tangent: a step through them would have the order three.
 
 Activations of actuators in the stages of a step: filters and integrators as functions of the time, others by quadrature.
 
@@ -11,10 +12,11 @@ that of an integrator w_0 + u t within its range, and a setpoint of limited rate
 muscles, motors and controllers with an integral are further components of the state, with the rates that MuJoCo gives them.
 MuJoCo's own RK4 is of order one in most of these.
 
-Limits of the forces of actuators: the instant in a step at which a force reaches its limit, or leaves it.
+Kinks of forces: the instant in a step at which a force reaches its limit, or leaves it, or a tendon's spring its dead band.
 
 A force within its limits is a smooth function of the state, and at them it has a kink, which a step of order four must not
-contain: the step ends there. The functions whose roots are sought are the forces without limits less these.
+contain: the step ends there. The functions whose roots are sought are the forces without limits less these, and lengths of
+tendons less the ends of the dead bands of their springs.
 
 Servos that act from outside, at a site without reference site or on a free joint: their impulse and work in a step.
 
@@ -41,15 +43,16 @@ from ffsm_mj.model.actuators import (
     without_joint_limits,
 )
 from ffsm_mj.model.inputs import signature_inputs
+from ffsm_mj.model.system import tendon_stiffness_coefficients
 from ffsm_mj.tolerances import EVENT_TIME, EVENT_TIME_S
 
 _DC, _PID = mujoco.mjtGain.mjGAIN_DCMOTOR, mujoco.mjtGain.mjGAIN_PID
 _AT_ROOT, _SMALL = 1e-9, 1e-12
-"""Values this close to zero are zero: relative to the limit, and of errors and rates in their units."""
+"""Values this close to zero are zero: relative to the limit, and of errors, lengths and rates in their units."""
 
 
 class MotorKinks:
-    """Functions with a sign change at each kink of the controllers and motors of a model.
+    """Functions with a sign change at each kink of the controllers, motors and muscles of a model.
 
     Attributes:
         rounding: Size below which each is zero, (n,).
@@ -74,8 +77,10 @@ class MotorKinks:
         self._bristles = motors[model.actuator_biasprm[motors, 3] > 0.0]
         self._unlimited = without_force_limits(model)
         self._unlimited.actuator_dynprm[currents, 1] = 0.0
+        self._muscles, self._length_joints, self._rate_joints = _muscle_curves(model)
         ends = np.concatenate((self._limits, np.repeat(self._voltages, 2), np.repeat(self._rates, 2)))
-        small = np.full(len(self._limits) + len(self._bristles), _SMALL)
+        of_muscles = self._length_joints.size + self._rate_joints.size
+        small = np.full(len(self._limits) + len(self._bristles) + of_muscles, _SMALL)
         self.rounding = np.concatenate((_AT_ROOT * ends, small))
 
     def __bool__(self) -> bool:
@@ -98,6 +103,8 @@ class MotorKinks:
                 np.stack((rates - self._rates, rates + self._rates), axis=1).ravel(),
                 errors,
                 data.actuator_velocity[self._bristles],
+                np.ravel(data.actuator_length[self._muscles, None] - self._length_joints),
+                np.ravel(data.actuator_velocity[self._muscles, None] - self._rate_joints),
             )
         )
 
@@ -120,6 +127,23 @@ class MotorKinks:
             torque += ki * float(data.act[integral]) if integral >= 0 else 0.0
             found.append(resistance / constant * torque + constant * rate)
         return np.array(found)
+
+
+def _muscle_curves(model: Any) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Muscles of a model, and the lengths and rates at which two parts of their curves meet, (n,), (n, 5) and (n, 3).
+
+    The active force over L rises from lmin by two parabolas to L = 1, and falls by two to lmax; the passive one begins at 1.
+    That over V rises from -1 by a parabola to V = 0, and by another one to fvmax - 1 (mju_muscleGain, mju_muscleBias).
+    """
+    of_gain = model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_MUSCLE)
+    muscles = np.flatnonzero(of_gain | (model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_MUSCLE)))
+    parameters = np.where(of_gain[muscles, None], model.actuator_gainprm[muscles], model.actuator_biasprm[muscles])
+    low, high, _, _, lmin, lmax, vmax, _, fvmax = parameters[:, :9].T
+    start, end = model.actuator_lengthrange[muscles].T
+    unit, one = (end - start) / np.maximum(high - low, _SMALL), np.ones(len(muscles))
+    lengths = np.stack((lmin, 0.5 * (lmin + 1.0), one, 0.5 * (1.0 + lmax), lmax), axis=1)
+    rates = np.stack((-one, 0.0 * one, fvmax - 1.0), axis=1)
+    return muscles, start[:, None] + (lengths - low[:, None]) * unit[:, None], rates * (unit * vmax)[:, None]
 
 
 _INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
@@ -245,8 +269,32 @@ _AT_LIMIT = 1e-9
 """A force this close to a limit, relative to it, is at the limit: a step that begins there has passed the kink."""
 
 
+class DeadBands:
+    """Ends of the dead bands of the springs of a model's tendons; where a length passes one its force has a kink."""
+
+    def __init__(self, model: Any, data: Any) -> None:
+        """Bind to a model and its data."""
+        low, high = model.tendon_lengthspring.T
+        self._data = data
+        self._ids = np.flatnonzero(tendon_stiffness_coefficients(model).any(axis=1) & (low < high))
+        self._ends = model.tendon_lengthspring[self._ids]
+        self.rounding = np.full(self._ends.size, _SMALL)
+
+    def __bool__(self) -> bool:
+        """Whether the model has any."""
+        return bool(len(self._ids))
+
+    def values(self) -> FloatArray:
+        """Lengths less the two ends of their bands, positions in the data current, (2 n,)."""
+        return np.ravel(self._data.ten_length[self._ids, None] - self._ends)
+
+    def are_passed(self, before: FloatArray) -> bool:
+        """Whether a length has passed an end of its band since these values."""
+        return bool(((np.abs(before) > self.rounding) & (before * self.values() < 0.0)).any())
+
+
 class ForceLimits:
-    """Limits of the servos of a model, and of the joints and tendons that they act on.
+    """Limits of the servos of a model, and of the joints and tendons that they act on; and the other kinks of its forces.
 
     Attributes:
         servos: Servos with a ``forcerange``, (n,).
@@ -266,11 +314,12 @@ class ForceLimits:
         self._unlimited, self._without_joints = without_force_limits(model), without_joint_limits(model)
         sizes = np.concatenate((np.abs(self.ranges), np.abs(self.dof_ranges)))
         self._motors = MotorKinks(model, data)
+        self._bands = DeadBands(model, data)
         rounding = _AT_LIMIT * np.repeat(sizes.max(axis=1, initial=0.0), 2)
-        self._rounding = np.concatenate((rounding, self._motors.rounding))
+        self._rounding = np.concatenate((rounding, self._motors.rounding, self._bands.rounding))
 
     def _margins(self) -> FloatArray:
-        """Forces without limits less their least and greatest values, and the functions of :class:`MotorKinks`."""
+        """Forces without limits less their least and greatest values, and the functions of the other kinks."""
         data = self._data
         mujoco.mj_fwdActuation(self._unlimited, data)
         forces = data.actuator_force[self.servos]
@@ -278,7 +327,8 @@ class ForceLimits:
         totals = data.qfrc_actuator[self.dofs]
         mujoco.mj_fwdActuation(self._model, data)
         of_dofs = (totals[:, None] - self.dof_ranges).ravel()
-        return np.concatenate(((forces[:, None] - self.ranges).ravel(), of_dofs, self._motors.values()))
+        of_servos = (forces[:, None] - self.ranges).ravel()
+        return np.concatenate((of_servos, of_dofs, self._motors.values(), self._bands.values()))
 
     def first_kink(self, path: StepPath, duration_s: float) -> float | None:
         """Time in a step of the first kink of a force, or None; the path is left at its start.

@@ -16,7 +16,7 @@ import numpy as np
 
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
-from ffsm_mj.dynamics.actuators import Activations, ExternalServos, ForceLimits
+from ffsm_mj.dynamics.actuators import Activations, DeadBands, ExternalServos, ForceLimits
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops, RowSource
 from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
@@ -54,7 +54,7 @@ class Motion:
         activations: Activations of the actuators; None without any.
         stiff: Stiffness of the actuators in implicit steps; None: steps are explicit unless contacts need implicit ones.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
-        force_limits: Limits of their forces; None without servos.
+        force_limits: Limits of their forces, and dead bands of tendons; None without servos and bands.
         rubs: Whether joints have dry friction, so that ``loops`` change as these come to rest and begin to slide.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
     """
@@ -82,7 +82,9 @@ class Motion:
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
         self.power: ActuatorPower | None = power[0] if power is not None else None
-        self.force_limits: ForceLimits | None = power[1] if power is not None else None
+        self._bands = DeadBands(model, data) or None
+        limits = power[1] if power is not None else None
+        self.force_limits = ForceLimits(model, data) if limits is None and self._bands is not None else limits
         self.stiff: StiffActuators | None = None
         activations = Activations(model, data) if has_servos(model) else None
         self.activations = activations or None
@@ -93,9 +95,11 @@ class Motion:
     def _stepper_without_pushes(self) -> FreeStepper:
         """Stepper while no forces are applied. The work of servos follows from stages, which MuJoCo's own step hides."""
         if self.power is None:
-            return FreeStepper(self.model, self.data, self.path.start, self.momentum)
+            free = FreeStepper(self.model, self.data, self.path.start, self.momentum)
+            free.bands = self._bands
+            return free
         stepper = ForcedStepper(self.model, self.data, self.path.start, self.momentum, (), _nothing, self.power)
-        stepper.activations = self.activations
+        stepper.activations, stepper.bands = self.activations, self._bands
         self.path.integrate = stepper.integrate
         return stepper
 
@@ -128,7 +132,7 @@ class Motion:
         if every := (*pushes, *answers):
             follow = self.follow if of_system else _nothing
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
-            pushed.stiff, pushed.activations = self.stiff, self.activations
+            pushed.stiff, pushed.activations, pushed.bands = self.stiff, self.activations, self._bands
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:
