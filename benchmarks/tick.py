@@ -29,7 +29,7 @@ from loops import steps
 from ffsm_controllers.allocation import ThrusterAllocation, WheelAllocation
 from ffsm_controllers.free_flying import FreeFlying
 from ffsm_mj.assembly.prepare import PreparedRun, prepare
-from ffsm_mj.assembly.recording import Recording
+from ffsm_mj.assembly.run import Recording
 from ffsm_mj.balance.external import BaseMotors, Thrusters
 from ffsm_mj.simulation.rows import RowWriter
 

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from ffsm_mj.analysis.run_models import effort as effort
     from ffsm_mj.analysis.run_models import summary as summary
     from ffsm_mj.assembly.prepare import Scenario as Scenario
+    from ffsm_mj.assembly.prepare import resume as resume
     from ffsm_mj.assembly.prepare import run as run
-    from ffsm_mj.assembly.resume import resume as resume
     from ffsm_mj.assembly.simulator import Simulator as Simulator
-    from ffsm_mj.assembly.step import SimulatorState as SimulatorState
+    from ffsm_mj.assembly.simulator import SimulatorState as SimulatorState
     from ffsm_mj.experiments.campaign import Campaign as Campaign
     from ffsm_mj.experiments.campaign import compare_campaigns as compare_campaigns
     from ffsm_mj.experiments.campaign import sweep as sweep
@@ -48,11 +48,11 @@ _LAZY = {
     "Campaign": ("ffsm_mj.experiments.campaign", "Campaign"),
     "compare_campaigns": ("ffsm_mj.experiments.campaign", "compare_campaigns"),
     "sweep": ("ffsm_mj.experiments.campaign", "sweep"),
-    "resume": ("ffsm_mj.assembly.resume", "resume"),
+    "resume": ("ffsm_mj.assembly.prepare", "resume"),
     "Scenario": ("ffsm_mj.assembly.prepare", "Scenario"),
     "run": ("ffsm_mj.assembly.prepare", "run"),
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
-    "SimulatorState": ("ffsm_mj.assembly.step", "SimulatorState"),
+    "SimulatorState": ("ffsm_mj.assembly.simulator", "SimulatorState"),
     "angular_momentum": ("ffsm_mj.analysis.run_models", "angular_momentum"),
     "animate": ("ffsm_mj.report.film", "animate"),
     "base_rotation": ("ffsm_mj.analysis.run_models", "base_rotation"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from sysconfig import get_path
 from traceback import FrameSummary, extract_tb
@@ -53,6 +53,47 @@ class ScenarioFaults(FfsmError):
     def __init__(self, faults: Sequence[Fault]) -> None:
         self.faults = tuple(faults)
         super().__init__("\n".join(f.message for f in faults))
+
+
+class Faults:
+    """Collects the faults of a scenario by key. A context manager: leaving it raises them together, if there are any."""
+
+    def __init__(self) -> None:
+        self.found: list[Fault] = []
+
+    def add(self, message: str, *path: str | int) -> None:
+        """Add a fault at some keys."""
+        self.found.append(Fault(message, path))
+
+    @contextmanager
+    def below(self, *path: str | int, prefix: str = "") -> Iterator[None]:
+        """Context whose faults are added below some keys; an unknown name is a fault of these keys."""
+        try:
+            yield
+        except ScenarioFaults as error:
+            self.found += [
+                replace(fault, message=prefix + fault.message, path=(*path, *fault.path)) for fault in error.faults
+            ]
+        except LookupError as error:
+            self.found.append(Fault(f"{prefix}{error.args[0]}", path))
+
+    def __enter__(self) -> Faults:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None and self.found:
+            raise ScenarioFaults(self.found)
+
+
+@contextmanager
+def faults_below(*path: str | int) -> Iterator[None]:
+    """Context whose faults are raised below some keys; an unknown name is a fault of these keys.
+
+    Raises:
+        ScenarioFaults: There are any.
+    """
+    with Faults() as faults, faults.below(*path):
+        yield
 
 
 def raised_by_plugin(error: BaseException | None) -> Exception | None:

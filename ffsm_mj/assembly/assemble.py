@@ -1,42 +1,107 @@
-"""Builds the components of a run from a scenario: model, initial state, contacts, actuator limits, controllers."""
+"""Builds the components of a run from a scenario: model, initial state, contacts, actuator limits, controllers.
+
+The size of a run is estimated before it starts, so that a run that does not fit is refused.
+"""
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.actuation.actuation import Actuation
-from ffsm_mj.assembly.column_faults import refuse_same_names
-from ffsm_mj.assembly.contact_rules import Contacts, resolve_contacts
-from ffsm_mj.assembly.contact_start import refuse_undetectable
-from ffsm_mj.assembly.control_laws import build_phases, refuse_start
+from ffsm_mj.assembly.contact_rules import Contacts, refuse_undetectable, resolve_contacts
+from ffsm_mj.assembly.control_laws import build_phases, refuse_same_names, refuse_start, task_of
 from ffsm_mj.assembly.controller_model import ControllerModel, ControllerModelPhaseMachine
 from ffsm_mj.assembly.estimation import EstimatePhaseMachine, make_estimator
 from ffsm_mj.assembly.grasps import GraspedSystem
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits, refuse_outside
-from ffsm_mj.assembly.models import changes_of
-from ffsm_mj.assembly.plant import build_plant, start_contacts
-from ffsm_mj.assembly.recorded_files import RecordedFiles
-from ffsm_mj.assembly.run_size import too_large
-from ffsm_mj.assembly.spring_modes import refuse_coarse_steps
-from ffsm_mj.assembly.task import task_of
+from ffsm_mj.assembly.plant import build_plant, refuse_coarse_steps, start_contacts
+from ffsm_mj.assembly.recorded_files import RecordedFiles, resolved_yaml
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import Source
 from ffsm_mj.controller_protocol import ControllerContext, Task
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Row
-from ffsm_mj.scenario.scenario import ScenarioConfig, located
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.progress import Start
+
+_RECORD_BYTES = 100
+"""Upper bound of the overhead per sample in the log, bytes."""
+_PLENTY = 1 << 62
+_BEST_COMPRESSION = 5
+"""Least compression ratio; logs shrink to a half to a fifth of their size."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledScenario:
+    """A scenario with its models compiled: what a run is assembled from.
+
+    Attributes:
+        scenario: The validated scenario.
+        source: Where each of its keys stands.
+        system: Robot and objects.
+        laws: Control laws of a script, classes by kind, beside those that are installed.
+        controller_system: System of the controller model; None: control laws know the plant.
+        held: The systems in which grasps hold, by the names of these.
+        estimators: Estimators of a script, classes by kind, beside those that are installed.
+        recorded: Files that the control laws name.
+        start: Finds the state at which the run begins, by simulating where that is needed; None: it begins at t = 0.
+        before: Files of the run that it goes on from, contents by name.
+    """
+
+    scenario: ScenarioConfig
+    source: YamlSource
+    system: System
+    laws: Mapping[str, Any]
+    controller_system: System | None = None
+    held: Mapping[str, GraspedSystem] = field(default_factory=dict)
+    estimators: Mapping[str, Any] = field(default_factory=dict)
+    recorded: RecordedFiles = field(default_factory=RecordedFiles)
+    start: Callable[[], Start] | None = None
+    before: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def changes(self) -> tuple[PropertyChange, ...]:
+        """Properties of bodies and geoms that the scenario gives, as compiled, then those only of its controller model."""
+        known = {change.path for change in self.system.changes}
+        others = self.controller_system.changes if self.controller_system is not None else ()
+        return (*self.system.changes, *(change for change in others if change.path not in known))
+
+    @cached_property
+    def scenario_yaml(self) -> str:
+        """The scenario with every default written out, as logs keep it."""
+        return resolved_yaml(self.scenario, self.system, self.recorded)
+
+    @property
+    def logged_files(self) -> dict[str, bytes]:
+        """Contents of the files of models and control laws, by their names in run folder and log."""
+        return self.system.logged_files | dict(self.recorded.contents) | dict(self.before)
+
+    def assemble(self) -> Assembly:
+        """New components of one run, with copies of the models: the run writes their time step.
+
+        Raises:
+            InputError: One line per fault, with the place in the scenario or the model.
+        """
+        controller_system = self.controller_system.copy() if self.controller_system is not None else None
+        held = {name: each.copy() for name, each in self.held.items()}
+        copied = {each.name: getattr(self, each.name) for each in fields(CompiledScenario)}
+        copied |= {"system": self.system.copy(), "controller_system": controller_system, "held": held}
+        with self.source.locating():
+            return _assembled(CompiledScenario(**copied))
 
 
 @dataclass(frozen=True)
@@ -44,43 +109,38 @@ class Assembly:
     """Components of one run, checked for consistency.
 
     Attributes:
-        scenario: Scenario of the run.
+        compiled: Scenario of the run, with models of its own.
         plant: The simulated system at its initial state, all derived quantities current.
         controller_data: MuJoCo data that control laws see: that of the plant or of the controller model.
-        controller_system: System of the controller model; None: control laws know the plant.
         contacts: Contact rules, with their pairs.
         limits: Joint limits.
         known_pairs: Geom pairs that need no watching: those of the contact models, and ignored ones.
         controller: The phase machine.
         task: The tip's task, if any.
         row: Columns of all components.
-        recorded: Files that the control laws name.
-        start: Finds the state at which the run begins, by simulating where that is needed; None: it begins at t = 0.
-        before: Files of the run that it goes on from, contents by name.
-        held: The systems in which grasps hold, by the names of these.
         start_notes: Notes on the initial state, one line each.
     """
 
-    scenario: ScenarioConfig
+    compiled: CompiledScenario
     plant: Plant
     controller_data: Any
-    controller_system: System | None
     contacts: Contacts
     limits: tuple[JointLimit, ...]
     known_pairs: frozenset[frozenset[int]]
     controller: PhaseMachine
     task: Task | None
     row: Row
-    recorded: RecordedFiles = field(default_factory=RecordedFiles)
-    start: Callable[[], Start] | None = None
-    before: Mapping[str, bytes] = field(default_factory=dict)
-    held: Mapping[str, GraspedSystem] = field(default_factory=dict)
     start_notes: tuple[str, ...] = ()
 
     @property
-    def logged_files(self) -> dict[str, bytes]:
-        """Contents of all files of the run by their names in run folder and log."""
-        return self.system.logged_files | dict(self.recorded.contents) | dict(self.before)
+    def scenario(self) -> ScenarioConfig:
+        """Scenario of the run."""
+        return self.compiled.scenario
+
+    @property
+    def held(self) -> Mapping[str, GraspedSystem]:
+        """The systems in which grasps hold, by the names of these."""
+        return self.compiled.held
 
     @property
     def system(self) -> System:
@@ -102,86 +162,39 @@ class Assembly:
         """Actuator limits."""
         return self.plant.actuation
 
-    @property
-    def changes(self) -> tuple[PropertyChange, ...]:
-        """Properties of bodies and geoms that the scenario sets, then those of its controller models."""
-        return changes_of(self.system, self.controller_system)
 
-
-def assemble(
-    scenario: ScenarioConfig,
-    source: YamlSource,
-    system: System,
-    laws: Mapping[str, Any],
-    controller_system: System | None = None,
-    held: Mapping[str, GraspedSystem] = MappingProxyType({}),
-    *,
-    estimators: Mapping[str, Any] = MappingProxyType({}),
-    recorded: RecordedFiles | None = None,
-    start: Callable[[], Start] | None = None,
-    before: Mapping[str, bytes] = MappingProxyType({}),
-) -> Assembly:
-    """Build the components of one run.
-
-    Args:
-        scenario: What is asked for.
-        source: Where each of its keys stands.
-        system: Robot and objects, with a model that is the run's own: the run writes its time step.
-        laws: Control laws of a script, classes by kind, beside those that are installed.
-        controller_system: System of the controller model, likewise the run's own; None: control laws know the plant.
-        held: The systems in which grasps hold, likewise the run's own, by the names of these.
-        estimators: Estimators of a script, classes by kind, beside those that are installed.
-        recorded: Files that the control laws name; None: they name none.
-        start: See :class:`Assembly`.
-        before: See :class:`Assembly`.
+def _assembled(own: CompiledScenario) -> Assembly:
+    """Build the components of one run, which owns the models.
 
     Raises:
-        InputError: One line per fault, with the place in the scenario or the model.
+        ScenarioFaults: Something in the scenario does not fit.
+        InputError: Something in a model does not.
     """
-    recorded = recorded or RecordedFiles()
-    try:
-        data, start_notes = initial_state(scenario, system)
-        refuse_coarse_steps(scenario, system, data)
-        contacts = resolve_contacts(scenario.contacts, system)
-        refuse_undetectable(system, data, contacts)
-        _refuse_endless(scenario, contacts)
-        limits = joint_limits(scenario, system)
-        refuse_outside(scenario, system, data, limits)
-        task = task_of(scenario, system)
-        plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
-        start_contacts(plant)
-        contexts = _contexts(scenario, controller_system or system, plant, held)
-        grasped = {name: each for name, each in contexts.items() if name}
-        phases = build_phases(scenario, contexts[""], laws, grasped, recorded)
-        controller_model = ControllerModel(controller_system.mj, data, system.mj) if controller_system is not None else None
-        controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, estimators)
-        controller_data = data if controller_model is None else controller_model.data
-        refuse_start(phases[0], scenario.phases[0], controller_data)
-        columns = [*plant.columns, *controller.columns]
-        refuse_same_names(columns, system)
-        row = Row(columns)
-        if fault := too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
-            raise ScenarioFaults([Fault(fault, ("duration_s",))])
-    except ScenarioFaults as faults:
-        raise located(faults, source) from faults
+    scenario, system, held, controller_system = own.scenario, own.system, own.held, own.controller_system
+    data, start_notes = initial_state(scenario, system)
+    refuse_coarse_steps(scenario, system, data)
+    contacts = resolve_contacts(scenario.contacts, system)
+    refuse_undetectable(system, data, contacts)
+    _refuse_endless(scenario, contacts)
+    limits = joint_limits(scenario, system)
+    refuse_outside(scenario, system, data, limits)
+    task = task_of(scenario, system)
+    plant = build_plant(scenario, system, data, contacts.pairs, limits, held, task)
+    start_contacts(plant)
+    contexts = _contexts(scenario, controller_system or system, plant, held)
+    grasped = {name: each for name, each in contexts.items() if name}
+    phases = build_phases(scenario, contexts[""], own.laws, grasped, own.recorded)
+    controller_model = ControllerModel(controller_system.mj, data, system.mj) if controller_system is not None else None
+    controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, own.estimators)
+    controller_data = data if controller_model is None else controller_model.data
+    refuse_start(phases[0], scenario.phases[0], controller_data)
+    columns = [*plant.columns, *controller.columns]
+    refuse_same_names(columns, system)
+    row = Row(columns)
+    if fault := _too_large(scenario.ticks, len(row.layout.signals), scenario.log.max_size_GB):
+        raise ScenarioFaults([Fault(fault, ("duration_s",))])
     known = contacts.ignored.union(*(contact_model.watched for contact_model in plant.integrator.sources))
-    return Assembly(
-        scenario,
-        plant,
-        controller_data,
-        controller_system,
-        contacts,
-        limits,
-        known,
-        controller,
-        task,
-        row,
-        recorded,
-        start,
-        before,
-        held,
-        start_notes,
-    )
+    return Assembly(own, plant, controller_data, contacts, limits, known, controller, task, row, start_notes)
 
 
 def _phase_machine(
@@ -214,22 +227,18 @@ def _refuse_endless(scenario: ScenarioConfig, contacts: Contacts) -> None:
     Raises:
         ScenarioFaults: There is one.
     """
-    faults = []
-    for i, phase in enumerate(scenario.phases):
-        for end in phase.ends:
-            keys: tuple[str | int, ...] = ("phases", i, *end.keys)
-            if end.event == "impact" and not contacts.pairs:
-                faults.append(Fault("no impact can end it: no two geoms have a contact rule", keys))
-            if end.event in ("contact_slips", "contact_sticks") and not any(pair.mu > 0.0 for pair in contacts.pairs):
-                faults.append(Fault("nothing slips or sticks: no contact rule has friction, mu > 0", keys))
-    names = [*(rule.name for rule in contacts.rules), *(pair.name for pair in contacts.pairs)]
-    for name, grasp in scenario.grasps.items():
-        for k, touched in enumerate(grasp.when.touch or ()):
-            if touched not in names:
-                fault = unknown_name("contact rule or pair", touched, names)
-                faults.append(Fault(fault, ("grasps", name, "when", "touch", k)))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for i, phase in enumerate(scenario.phases):
+            for end in phase.ends:
+                if end.event == "impact" and not contacts.pairs:
+                    faults.add("no impact can end it: no two geoms have a contact rule", "phases", i, *end.keys)
+                if end.event in ("contact_slips", "contact_sticks") and not any(pair.mu > 0.0 for pair in contacts.pairs):
+                    faults.add("nothing slips or sticks: no contact rule has friction, mu > 0", "phases", i, *end.keys)
+        names = [*(rule.name for rule in contacts.rules), *(pair.name for pair in contacts.pairs)]
+        for name, grasp in scenario.grasps.items():
+            for k, touched in enumerate(grasp.when.touch or ()):
+                if touched not in names:
+                    faults.add(unknown_name("contact rule or pair", touched, names), "grasps", name, "when", "touch", k)
 
 
 def _contexts(
@@ -258,3 +267,59 @@ def _grasped_models(sources: Sequence[Source], held: Mapping[str, GraspedSystem]
         for name, each in held.items()
         if each.controller_system is not None
     }
+
+
+def logged_bytes(ticks: int, columns: int) -> int:
+    """Size of all samples before compression: a double and its tag per column."""
+    return ticks * (9 * columns + _RECORD_BYTES)
+
+
+def _too_large(ticks: int, columns: int, limit_GB: float) -> str:
+    """Message if the samples exceed a limit; empty if they do not."""
+    size = logged_bytes(ticks, columns) / 1e9
+    if size <= limit_GB:
+        return ""
+    return (
+        f"{ticks} control periods of {columns} columns are {size:.3g} GB before compression, more than log.max_size_GB "
+        f"({limit_GB:g}); shorten the run, lengthen control_period_s or raise that"
+    )
+
+
+def refuse_without_room(ticks: int, columns: int, folder: Path | None) -> None:
+    """Check that a run fits on the disk or in memory.
+
+    Args:
+        ticks: Control ticks.
+        columns: Of a sample.
+        folder: The run folder, which need not exist yet; None for a run that is kept in memory.
+
+    Raises:
+        InputError: It does not fit, even with the best compression.
+    """
+    if folder is not None:
+        need, room = logged_bytes(ticks, columns) // _BEST_COMPRESSION, _free(folder)
+        if need > room:
+            raise InputError(f"{folder}: the run takes {need / 1e9:.3g} GB at least, {room / 1e9:.3g} GB are free")
+        return
+    need, room = 8 * ticks * columns, _memory()
+    if need > room:
+        raise InputError(
+            f"the run takes {need / 1e9:.3g} GB of memory, this machine has {room / 1e9:.3g} GB; give it a folder (out=...)"
+        )
+
+
+def _free(folder: Path) -> int:
+    """Free space at a folder that need not exist yet, bytes; if unknown, more than any run needs."""
+    try:
+        there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
+        return shutil.disk_usage(there).free
+    except OSError:
+        return _PLENTY
+
+
+def _memory() -> int:
+    """Memory of this machine, bytes; if unknown, more than any run needs."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return _PLENTY

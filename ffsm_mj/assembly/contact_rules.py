@@ -1,21 +1,121 @@
-"""Contact rules of a scenario, resolved to pairs of geoms."""
+"""Contact rules of a scenario, resolved to pairs of geoms, which are validated at the initial state."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ffsm_mj.assembly.geom_selection import SELF, GeomSelection, GeomSelector, geom_names, short_names
+from ffsm_mj.contact.broad_phase import BroadPhase
+from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact.pairs import ContactPair, shape_fault
 from ffsm_mj.contact.watch import Matrix, collidable
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import Faults, unknown_name
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.contacts import ContactRuleConfig, ContactsConfig
+from ffsm_mj.tolerances import CONTACT_GAP_M
 
+ALL, SELF, SUBTREE = "*", "self", "/*"
 _RULES, _IGNORED = ("contacts", "rules"), ("contacts", "ignored")
+_SHOWN = 5
+"""Faults of one kind that are listed for one rule; of the others, only the number."""
+
+
+@dataclass(frozen=True)
+class GeomSelection:
+    """The geoms of one side.
+
+    Attributes:
+        geoms: Mask over all geoms, (ngeom,).
+        is_geom: Whether the side names a single geom.
+        is_all: Whether it is ``"*"``.
+    """
+
+    geoms: npt.NDArray[np.bool_]
+    is_geom: bool = False
+    is_all: bool = False
+
+
+class GeomSelector:
+    """Resolves sides of contact rules.
+
+    Attributes:
+        part: Number of the model of each geom, in the order of the scenario; -1 for geoms of the world, (ngeom,).
+    """
+
+    def __init__(self, system: System) -> None:
+        """Index the geoms of a system."""
+        self._system, model = system, system.mj
+        self._bodies = np.asarray(model.geom_bodyid)
+        part_of_body = np.full(model.nbody, -1)
+        for number, part in enumerate(system.models):
+            part_of_body[list(part.bodies)] = number
+        self.part = part_of_body[self._bodies]
+        self._parts = {part.name: number for number, part in enumerate(system.models)}
+        names = geom_names(system)
+        self._geoms = {name: geom for some in (short_names(names), names) for geom, name in enumerate(some)}
+
+    def side(self, name: str) -> GeomSelection:
+        """Geoms of a side other than ``self``.
+
+        Raises:
+            LookupError: No model, body, subtree or geom has this name, or the name is ambiguous.
+        """
+        if name == ALL:
+            return GeomSelection(self.part >= 0, is_all=True)
+        if name in self._parts:
+            return GeomSelection(self.part == self._parts[name])
+        if name.endswith(SUBTREE):
+            return GeomSelection(self._subtree(name))
+        if name in self._geoms:
+            chosen = np.zeros(len(self.part), dtype=bool)
+            chosen[self._geoms[name]] = True
+            return GeomSelection(chosen, is_geom=True)
+        return GeomSelection(self._bodies == self._body(name, name))
+
+    def same_parts(self, side: GeomSelection) -> GeomSelection:
+        """All geoms of the models that the geoms of a side belong to."""
+        return GeomSelection(np.isin(self.part, np.unique(self.part[side.geoms])) & (self.part >= 0))
+
+    def _subtree(self, name: str) -> npt.NDArray[np.bool_]:
+        model, body = self._system.mj, self._body(name.removesuffix(SUBTREE), name)
+        inside = np.zeros(model.nbody, dtype=bool)
+        inside[body] = True
+        for each in range(body + 1, model.nbody):  # a parent precedes its children
+            inside[each] |= inside[model.body_parentid[each]]
+        return np.asarray(inside[self._bodies])
+
+    def _body(self, body: str, name: str) -> int:
+        system = self._system
+        try:
+            return system.index("body", body)
+        except LookupError as error:
+            if "ambiguous" in str(error):
+                raise
+            if name == body and sum(full.endswith(f"/{name}") for full in system.names("geom")) > 1:
+                system.resolve("geom", name)  # raises: several models have this geom
+            known = {*self._parts, *system.names("body"), *system.names("geom")}
+            raise LookupError(unknown_name("model, body or geom", name, known)) from None
+
+
+def geom_names(system: System) -> tuple[str, ...]:
+    """Full names of all geoms by id."""
+    return tuple(system.mj.geom(geom).name for geom in range(system.mj.ngeom))
+
+
+def short_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names without the prefix of their model, where what remains is unique."""
+    bare = [name.split("/", 1)[-1] for name in names]
+    count = Counter(bare)
+    return tuple(
+        short if count[short] == 1 and short not in names else name for short, name in zip(bare, names, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -79,10 +179,8 @@ def resolve_contacts(config: ContactsConfig, system: System) -> Contacts:
     rules = _winners(stated, ignored)
     if is_default:
         rules = tuple(rule for rule in rules if rule.geoms)
-    else:
-        _refuse_without_pairs(rules)
     pairs, unsupported = _pairs(rules, system)
-    _refuse_same_names(rules, pairs)
+    _refuse_ineffective(rules, pairs)
     filtered, behind_filters = _filtered(system, selector, can, pairs, ignored)
     for rule in rules:
         a, b = np.array(rule.geoms, dtype=np.intp).reshape(-1, 2).T
@@ -133,17 +231,13 @@ def _stated_rules(config: ContactsConfig, selector: GeomSelector, can: Matrix) -
     Raises:
         ScenarioFaults: An unknown name, or a rule that names no pair.
     """
-    found, faults = [], []
-    for i, rule in enumerate(config.rules or ()):
-        try:
-            each = _stated(rule, config, selector, can)
-            if not each.pairs.any():
-                faults.append(Fault(_no_pair(rule.between, selector, can), (*_RULES, i, "between")))
-            found.append(each)
-        except ScenarioFaults as error:
-            faults += [Fault(fault.message, (*_RULES, i, *fault.path)) for fault in error.faults]
-    if faults:
-        raise ScenarioFaults(faults)
+    found = []
+    with Faults() as faults:
+        for i, rule in enumerate(config.rules or ()):
+            with faults.below(*_RULES, i):
+                found.append(_stated(rule, config, selector, can))
+                if not found[-1].pairs.any():
+                    faults.add(_no_pair(rule.between, selector, can), *_RULES, i, "between")
     return found
 
 
@@ -161,16 +255,12 @@ def _sides(names: Sequence[str], selector: GeomSelector) -> tuple[GeomSelection,
         ScenarioFaults: An unknown name.
     """
     found: list[GeomSelection | None] = []
-    faults = []
-    for k, name in enumerate(names):
-        try:
-            found.append(None if name == SELF else selector.side(name))
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("between", k)))
-    if not faults and not any(found):
-        faults.append(Fault("'self' needs a model on the other side, such as [robot, self]", ("between",)))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for k, name in enumerate(names):
+            with faults.below("between", k):
+                found.append(None if name == SELF else selector.side(name))
+        if not faults.found and not any(found):
+            faults.add("'self' needs a model on the other side, such as [robot, self]", "between")
     one, other = found
     given = one or other
     assert given is not None
@@ -215,19 +305,14 @@ def _ignored(config: ContactsConfig, selector: GeomSelector) -> Matrix:
         ScenarioFaults: An unknown name.
     """
     ignored = np.zeros((len(selector.part),) * 2, dtype=bool)
-    faults = []
-    for i, each in enumerate(config.ignored):
-        try:
-            first, second = _sides(each.between, selector)
-        except ScenarioFaults as error:
-            faults += [Fault(fault.message, (*_IGNORED, i, *fault.path)) for fault in error.faults]
-            continue
-        pairs = first.geoms[:, None] & second.geoms[None, :]
-        if first.is_all or second.is_all:
-            pairs &= selector.part[:, None] != selector.part[None, :]
-        ignored |= pairs | pairs.T
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for i, each in enumerate(config.ignored):
+            with faults.below(*_IGNORED, i):
+                first, second = _sides(each.between, selector)
+                pairs = first.geoms[:, None] & second.geoms[None, :]
+                if first.is_all or second.is_all:
+                    pairs &= selector.part[:, None] != selector.part[None, :]
+                ignored |= pairs | pairs.T
     return ignored
 
 
@@ -243,22 +328,6 @@ def _winners(stated: Sequence[_Stated], ignored: Matrix) -> tuple[ContactRule, .
     return tuple(reversed(rules))
 
 
-def _refuse_without_pairs(rules: Sequence[ContactRule]) -> None:
-    """Refuse rules that lose all their pairs: they have no effect.
-
-    Raises:
-        ScenarioFaults: There is one.
-    """
-    faults = []
-    for i, rule in enumerate(rules):
-        if not rule.geoms:
-            takers = ["contacts.ignored"] * (rule.ignored > 0) + ["later rules, which win"] * (rule.ignored < rule.matched)
-            message = f"has no effect: every pair that it names is in {' or '.join(takers)}"
-            faults.append(Fault(message, (*_RULES, i)))
-    if faults:
-        raise ScenarioFaults(faults)
-
-
 def _pairs(rules: Sequence[ContactRule], system: System) -> tuple[tuple[ContactPair, ...], dict[frozenset[int], str]]:
     """Pairs of all rules, and those that the shape of a geom rules out.
 
@@ -268,34 +337,68 @@ def _pairs(rules: Sequence[ContactRule], system: System) -> tuple[tuple[ContactP
     names = short_names(geom_names(system))
     pairs: list[ContactPair] = []
     unsupported: dict[frozenset[int], str] = {}
-    faults = []
-    for i, rule in enumerate(rules):
-        for a, b in rule.geoms:
-            fault = shape_fault(system, a) or shape_fault(system, b)
-            if fault and rule.matched > 1:
-                unsupported[frozenset((a, b))] = fault
-                continue
-            name = rule.name if rule.matched == 1 else f"{names[a]}-{names[b]}"
-            try:
-                pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
-            except LookupError as error:
-                faults.append(Fault(str(error.args[0]), (*_RULES, i, "between")))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for i, rule in enumerate(rules):
+            for a, b in rule.geoms:
+                fault = shape_fault(system, a) or shape_fault(system, b)
+                if fault and rule.matched > 1:
+                    unsupported[frozenset((a, b))] = fault
+                    continue
+                name = rule.name if rule.matched == 1 else f"{names[a]}-{names[b]}"
+                with faults.below(*_RULES, i, "between"):
+                    pairs.append(ContactPair(system, name, a, b, rule.restitution, rule.mu, rule=rule.name))
     return tuple(pairs), unsupported
 
 
-def _refuse_same_names(rules: Sequence[ContactRule], pairs: Sequence[ContactPair]) -> None:
-    """Refuse rules with one name, and a rule with the name of a pair of another rule.
+def _refuse_ineffective(rules: Sequence[ContactRule], pairs: Sequence[ContactPair]) -> None:
+    """Refuse rules that lose all their pairs, and rules with the name of another rule or of a pair of one."""
+    with Faults() as faults:
+        for i, rule in enumerate(rules):
+            if not rule.geoms:
+                takers = ["contacts.ignored"] * (rule.ignored > 0) + ["later rules, which win"] * (
+                    rule.ignored < rule.matched
+                )
+                faults.add(f"has no effect: every pair that it names is in {' or '.join(takers)}", *_RULES, i)
+        for i, rule in enumerate(rules if not faults.found else ()):
+            others = {other.name for other in rules[:i]} | {pair.name for pair in pairs if pair.rule != rule.name}
+            if rule.name in others:
+                message = f"another rule or pair has the name {rule.name!r}; give this rule a name of its own"
+                faults.add(message, *_RULES, i, "name")
+
+
+def refuse_undetectable(system: System, data: Any, contacts: Contacts) -> None:
+    """Refuse pairs that overlap initially, or whose speed is not bounded by the energy.
 
     Raises:
-        ScenarioFaults: There is one.
+        ScenarioFaults: There is such a pair.
     """
-    faults = []
-    for i, rule in enumerate(rules):
-        others = {other.name for other in rules[:i]} | {pair.name for pair in pairs if pair.rule != rule.name}
-        if rule.name in others:
-            message = f"another rule or pair has the name {rule.name!r}; give this rule a name of its own"
-            faults.append(Fault(message, (*_RULES, i, "name")))
-    if faults:
-        raise ScenarioFaults(faults)
+    names = [each.name for each in contacts.rules]
+    with Faults() as faults:
+        for found in (_unbounded(system, data, contacts), overlapping(system, data, contacts)):
+            by_rule: dict[str, list[str]] = {}
+            for pair, message in found:
+                by_rule.setdefault(pair.rule, []).append(message)
+            for rule, messages in by_rule.items():
+                place = ("contacts",) if contacts.is_default else ("contacts", "rules", names.index(rule))
+                for message in messages[:_SHOWN]:
+                    faults.add(message, *place)
+                if (more := len(messages) - _SHOWN) > 0:
+                    faults.add(f"and {more} more pairs of this rule", *place)
+
+
+def _unbounded(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:
+    speeds = speeds_per_root_energy(system.mj, data, [pair.ids for pair in contacts.pairs])
+    for pair, speed in zip(contacts.pairs, speeds.tolist(), strict=True):
+        if math.isinf(speed):
+            message = f"a moment of inertia of {pair.geom_a} or {pair.geom_b} is less than rounding of the others"
+            yield pair, f"{message}: no energy bounds how fast it spins"
+
+
+def overlapping(system: System, data: Any, contacts: Contacts) -> Iterator[tuple[ContactPair, str]]:
+    """Pairs that overlap at a state, kinematics current, each with a message."""
+    for i in BroadPhase(system.mj, contacts.pairs).within(data, 0.0):
+        pair = contacts.pairs[i]
+        gap = pair.gap(system.mj, data, 1.0)
+        if gap < -CONTACT_GAP_M:
+            message = f"{pair.geom_a} and {pair.geom_b} overlap by {-gap:.6g} m at the start"
+            yield pair, f"{message}; move one of them, or list them in contacts.ignored"

@@ -1,29 +1,223 @@
-"""Builds the phases of a run with their control laws; a phase may have several, each with actuators of its own."""
+"""Builds the phases of a run: task, control laws and ends. A phase may have several laws, each with its own actuators."""
 
 from __future__ import annotations
 
+import re
 from collections import ChainMap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from ffsm_controllers import kinds
+from ffsm_controllers.endings import Ending, EventTrigger, FinishedTrigger, MeasurementBound, TimeTrigger, Trigger
 from ffsm_controllers.parts import Parts
 from ffsm_controllers.phases import Phase
-from ffsm_mj.assembly.column_faults import refuse_telemetry, signals_fault
+from ffsm_controllers.settled import SettlingMonitor
+from ffsm_controllers.stop_condition import StopCondition, StopMonitor
 from ffsm_mj.assembly.grasps import grasps_of, is_of_robot
-from ffsm_mj.assembly.phase_endings import phase_endings
 from ffsm_mj.assembly.recorded_files import PhaseTables, RecordedFiles
 from ffsm_mj.config import StrictModel
-from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives
-from ffsm_mj.errors import Fault, ScenarioFaults, described, unknown_name
+from ffsm_mj.controller_protocol import ChecksStart, Controller, ControllerContext, Drives, Finishes, Task
+from ffsm_mj.dynamics.site_motion import MovingFrame
+from ffsm_mj.dynamics.trajectories import PathMotion, SiteTarget, TargetMotion
+from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, described, faults_below, unknown_name
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.phase_config import PhaseConfig
+from ffsm_mj.records.columns import Columns, same_names
+from ffsm_mj.records.events import ImpactRecord
+from ffsm_mj.records.kinds import kind_named
+from ffsm_mj.records.signals import Signal
+from ffsm_mj.scenario.phase_config import PhaseConfig, PhaseEnd, SensorEndConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig
+from ffsm_mj.scenario.task_config import TaskConfig
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def task_of(scenario: ScenarioConfig, system: System) -> Task | None:
+    """Task of a scenario; None if it has none.
+
+    Raises:
+        ScenarioFaults: There is no such tip, or no such site to follow.
+    """
+    config = scenario.task
+    if config is None:
+        return None
+    with faults_below("task", "tip"):
+        site = system.index("site", config.tip)
+    axes = tuple(_AXES[axis] for axis in config.axes)
+    return Task(site, axes, np.array(config.target_m, dtype=np.float64), _target_motion(config, axes, scenario, system))
+
+
+def _target_motion(
+    config: TaskConfig, axes: tuple[int, ...], scenario: ScenarioConfig, system: System
+) -> TargetMotion | None:
+    """How the target moves.
+
+    Raises:
+        ScenarioFaults: There is no such site to follow, or it is of the robot or of an object that may be grasped.
+    """
+    given = config.trajectory
+    if given is None:
+        return None
+    if given.site is not None:
+        with faults_below("task", "trajectory", "site"):
+            site = _target_site(given.site, scenario, system)
+        return SiteTarget(MovingFrame(system.mj, site, np.array(given.offset_m)), axes)
+    waypoints = given.waypoints or ()
+    times = [given.start_s, *(waypoint.at_s for waypoint in waypoints)]
+    return PathMotion(times, np.array([config.target_m, *(waypoint.position_m for waypoint in waypoints)]))
+
+
+def _target_site(name: str, scenario: ScenarioConfig, system: System) -> int:
+    """Id of the site that a target is fixed to.
+
+    Raises:
+        LookupError: See :func:`_target_motion`.
+    """
+    full = system.resolve("site", name)
+    tree, _, _ = full.partition("/")
+    if tree == "robot":
+        raise LookupError(f"{full} is a site of the robot; a site of an object is needed")
+    if any(system.resolve("site", grasp.object_site).startswith(f"{tree}/") for grasp in scenario.grasps.values()):
+        raise LookupError(
+            f"{tree} may be grasped, and would then carry the target with the tip; use the law 'track' or 'impedance' "
+            "with 'object_site', which know of grasps"
+        )
+    return system.index("site", full)
+
+
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+
+
+def refuse_same_names(columns: Iterable[Columns], system: System) -> None:
+    """Refuse model elements whose names are equal in the log, which keeps only letters, digits and underscores.
+
+    Raises:
+        InputError: A line for each two, with the file of the second.
+    """
+    lines: dict[tuple[str, str], str] = {}
+    for one, other in same_names(columns):
+        names = f"{one.element or one.description!r} and {other.element or other.description!r}"
+        message = f"{_place(system, other.element)}: {names} are both logged as {other.key}; rename one of them"
+        lines.setdefault((one.element, other.element), message)
+    if lines:
+        raise InputError(list(lines.values()))
+
+
+def _place(system: System, element: str) -> str:
+    """``file`` or ``file:line`` of an element by kind and full name, or ``file`` by its full name."""
+    kind, _, full = element.partition(" ") if " " in element else ("", "", element)
+    model, _, short = full.partition("/")
+    files = system.files.get(model)
+    if files is None:
+        return " and ".join(each.place for each in system.files.values())
+    tags = {"joint": ("joint", "freejoint"), "actuator": ("motor", "general")}.get(kind, ())
+    named = (each.place for each in files.elements() if each.tag in tags and each.attributes.get("name") == short)
+    return next(named, files.place)
+
+
+def refuse_telemetry(phases: Sequence[Phase]) -> None:
+    """Refuse control laws whose signals cannot be columns, or differ in meaning under the same name.
+
+    Raises:
+        ScenarioFaults: A line for each law.
+    """
+    known: dict[str, tuple[Signal, str]] = {}
+    with Faults() as faults:
+        for i, phase in enumerate(phases):
+            fault = signals_fault(phase.controller.telemetry_signals)
+            for name, law in () if fault else phase.held.items():
+                if tuple(law.telemetry_signals) != tuple(phase.controller.telemetry_signals):
+                    fault = f"it reports other signals while {name!r} is closed than before"
+            for signal in () if fault else phase.controller.telemetry_signals:
+                other, where = known.setdefault(signal.key, (signal, phase.name))
+                if other != signal:
+                    fault = f"{signal.key} is {signal.description!r} here and {other.description!r} in phase {where!r}"
+            if fault:
+                key = ("controllers",) if isinstance(phase.controller, Parts) else ("controller", "kind")
+                faults.add(f"telemetry of kind {phase.kind!r}: {fault}", "phases", i, *key)
+
+
+def signals_fault(signals: object, group: str = "controller") -> str:
+    """What is wrong with the signals of one law, or of an estimator, of this group; empty if they are valid."""
+    if not isinstance(signals, Sequence) or not all(isinstance(signal, Signal) for signal in signals):
+        return "telemetry_signals is no sequence of Signal"
+    for signal in signals:
+        if signal.group != group or not _NAME.fullmatch(signal.name):
+            return f"{signal.key!r} is no name in the group {group}, of letters, digits and _"
+    names = [signal.key for signal in signals]
+    twice = next((name for name in names if names.count(name) > 1), "")
+    return f"{twice} is listed twice" if twice else ""
+
+
+def phase_endings(
+    config: PhaseConfig,
+    names: Sequence[str],
+    controller: Any,
+    context: ControllerContext,
+    grasped: Mapping[str, str] = MappingProxyType({}),
+) -> tuple[Ending, ...]:
+    """What ends a phase, in the order in which it counts at one instant.
+
+    Args:
+        config: Configuration of the phase.
+        names: Names of all phases.
+        controller: Its control law.
+        context: What that is made for in the scene.
+        grasped: Object by the name of the grasp that holds it.
+
+    Raises:
+        ScenarioFaults: An end that cannot occur; paths in the phase.
+    """
+    return tuple(
+        Ending(
+            end.trigger if isinstance(end.trigger, str) else end.trigger.sensor,
+            _trigger(config, end, controller, context, grasped),
+            None if end.to is None else names.index(end.to),
+        )
+        for end in config.ends
+    )
+
+
+def _trigger(
+    config: PhaseConfig, end: PhaseEnd, controller: Any, context: ControllerContext, grasped: Mapping[str, str]
+) -> Trigger:
+    """When an end is due.
+
+    Raises:
+        ScenarioFaults: It cannot occur.
+    """
+    trigger = end.trigger
+    if isinstance(trigger, SensorEndConfig):
+        with faults_below(*end.keys, *(("sensor",) if end.keys == ("until",) else ())):
+            name = context.system.resolve("sensor", trigger.sensor)
+        return MeasurementBound(name, trigger.above, trigger.below)
+    if trigger == "time":
+        return TimeTrigger(float(config.for_s or 0.0))
+    if trigger == "stop_when":
+        try:
+            return StopMonitor(StopCondition.parse(str(config.stop_when)), context.system, context.task, grasped)
+        except ValueError as error:
+            raise ScenarioFaults([Fault(str(error), ("stop_when",))]) from error
+    if trigger == "settled" and config.settled is not None and context.task is not None:
+        return SettlingMonitor(config.settled, context.system, context.task)
+    if trigger == "finished":
+        if not any(isinstance(law, Finishes) for law in laws_of(controller)):
+            message = f"{config.kind} never finishes; playback and joint_path do, and laws with a method is_finished"
+            raise ScenarioFaults([Fault(message, end.keys)])
+        return FinishedTrigger()
+    return EventTrigger(ImpactRecord if trigger == "impact" else kind_named(trigger).record)
+
+
+def laws_of(controller: Any) -> list[Any]:
+    """Control laws of a phase: those of its parts, or the only one."""
+    return [part.law for part in controller.parts] if isinstance(controller, Parts) else [controller]
 
 
 def build_phases(
@@ -46,28 +240,21 @@ def build_phases(
         ScenarioFaults: A control law cannot be made, or two parts of a phase drive the same actuator.
     """
     classes = ChainMap(dict(laws), kinds().classes)
-    phases, faults, names = [], [], [config.name for config in scenario.phases]
-    system = context.system
+    phases, names, system = [], [config.name for config in scenario.phases], context.system
     objects = {each.name: each.tree for each in grasps_of(scenario, system) if is_of_robot(system, each)}
-    for i, config in enumerate(scenario.phases):
-        made: dict[str, Any] = {}
-        tables = recorded.of_phase(i)
-        for grasp, where in {"": context, **grasped}.items():
-            try:
-                made[grasp] = _law(config, classes, where, tables)
-            except ScenarioFaults as error:
-                prefix = f"while {grasp!r} is closed: " if grasp else ""
-                faults += [replace(f, message=prefix + f.message, path=("phases", i, *f.path)) for f in error.faults]
-                break
-        else:
-            try:
-                controller = made.pop("")
-                endings = phase_endings(config, names, controller, context, objects)
-                phases.append(Phase(config.name, config.kind, controller, endings, config.arm, config.release, made))
-            except ScenarioFaults as error:
-                faults += [replace(fault, path=("phases", i, *fault.path)) for fault in error.faults]
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for i, config in enumerate(scenario.phases):
+            known, tables, made = len(faults.found), recorded.of_phase(i), dict[str, Any]()
+            for grasp, where in {"": context, **grasped}.items():
+                with faults.below("phases", i, prefix=f"while {grasp!r} is closed: " if grasp else ""):
+                    made[grasp] = _law(config, classes, where, tables)
+                if len(faults.found) > known:
+                    break
+            else:
+                with faults.below("phases", i):
+                    controller = made.pop("")
+                    endings = phase_endings(config, names, controller, context, objects)
+                    phases.append(Phase(config.name, config.kind, controller, endings, config.arm, config.release, made))
     refuse_telemetry(phases)
     return phases
 
@@ -83,14 +270,10 @@ def refuse_start(phase: Phase, config: PhaseConfig, data: Any) -> None:
     Raises:
         ScenarioFaults: One cannot; paths in the scenario.
     """
-    laws = [part.law for part in phase.controller.parts] if isinstance(phase.controller, Parts) else [phase.controller]
-    faults = [
-        replace(fault, path=("phases", 0, *keys, *fault.path))
-        for keys, law in zip(config.laws, laws, strict=True)
-        for fault in _start_faults(law, data)
-    ]
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for keys, law in zip(config.laws, laws_of(phase.controller), strict=True):
+            for fault in _start_faults(law, data):
+                faults.found.append(replace(fault, path=("phases", 0, *keys, *fault.path)))
 
 
 def _start_faults(law: Controller, data: Any) -> Sequence[Fault]:
@@ -151,18 +334,29 @@ def _made(
     Raises:
         ScenarioFaults: It cannot be made; paths in the phase.
     """
-    try:
+    with made_by_plugin("controller", *path):
         law: Controller = classes[config.kind](config, replace(context, recorded=tables.get(path, {})))
         unknown = [i for i in claims_of(law) if not 0 <= i < context.system.mj.nu]
-    except ScenarioFaults as error:
-        raise ScenarioFaults([replace(f, path=(*path, *f.path)) for f in error.faults]) from error
-    except Exception as error:  # a plugin's code: whatever it raises is a fault of this phase
-        message = f"the controller cannot be made ({described(error)})"
-        raise ScenarioFaults([Fault(message, (*path, "kind"), error)]) from error
     if unknown:
         message = f"driven_actuators of kind {config.kind!r} contains {unknown[0]}; ids are 0 to {context.system.mj.nu - 1}"
         raise ScenarioFaults([Fault(message, (*path, "kind"))])
     return law
+
+
+@contextmanager
+def made_by_plugin(what: str, *path: str) -> Iterator[None]:
+    """Context in which a law or an estimator is made: whatever the code of a plug-in raises is a fault of its section.
+
+    Raises:
+        ScenarioFaults: It cannot be made.
+    """
+    with faults_below(*path):
+        try:
+            yield
+        except ScenarioFaults:
+            raise
+        except Exception as error:
+            raise ScenarioFaults([Fault(f"the {what} cannot be made ({described(error)})", ("kind",), error)]) from error
 
 
 def claims_of(law: Controller) -> list[int]:
@@ -185,15 +379,13 @@ def _refuse_second_claims(system: System, name: str, claims: list[int], owners: 
         ScenarioFaults: There is one.
     """
     both = {other: [i for i in claims if owners.get(i) == other] for other in dict.fromkeys(owners.values())}
-    faults = []
-    for other, shared in both.items():
-        if shared:
-            actuators = ", ".join(system.names("actuator")[i] for i in shared)
-            for part, second in ((other, name), (name, other)):
-                message = f"drives {actuators}, and so does the part {second!r}; each actuator has one part"
-                faults.append(Fault(message, ("controllers", part)))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for other, shared in both.items():
+            for part, second in ((other, name), (name, other)) if shared else ():
+                message = (
+                    f"drives {_actuator_names(system, shared)}, and so does the part {second!r}; each actuator has one part"
+                )
+                faults.add(message, "controllers", part)
 
 
 def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[str]:
@@ -210,7 +402,7 @@ def undriven_actuators(system: System, phases: tuple[Phase, ...]) -> Iterator[st
         claims = claims_of(phase.controller)
         left = sorted(_motors(system) - set(claims))
         if claims and left:
-            single.setdefault(_names(system, left), []).append(f"{phase.name!r} ({phase.kind})")
+            single.setdefault(_actuator_names(system, left), []).append(f"{phase.name!r} ({phase.kind})")
     for names, those in single.items():
         where = f"{'phase' if len(those) == 1 else 'phases'} {', '.join(those)}"
         yield f"nothing drives {names} in {where}: these joints move freely"
@@ -228,7 +420,7 @@ def _undriven_by_parts(system: System, phase: Phase, parts: Parts) -> Iterator[s
     if left:
         verb = "may drive" if silent else "drives"
         who = " or ".join(repr(part.name) for part in silent)
-        yield f"{f'only part {who}' if silent else 'no part'} of phase {phase.name!r} {verb} {_names(system, left)}"
+        yield f"{f'only part {who}' if silent else 'no part'} of phase {phase.name!r} {verb} {_actuator_names(system, left)}"
 
 
 def _motors(system: System) -> set[int]:
@@ -239,5 +431,5 @@ def _motors(system: System) -> set[int]:
     return {int(i) for i in on_joints if model.jnt_dofadr[model.actuator_trnid[i, 0]] not in base}
 
 
-def _names(system: System, actuators: list[int]) -> str:
+def _actuator_names(system: System, actuators: list[int]) -> str:
     return ", ".join(system.names("actuator")[i] for i in actuators)

@@ -12,7 +12,7 @@ import numpy as np
 from ffsm_controllers.estimators import estimators
 from ffsm_controllers.phases import Phase, PhaseMachine
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.column_faults import signals_fault
+from ffsm_mj.assembly.control_laws import made_by_plugin, signals_fault
 from ffsm_mj.assembly.controller_model import ControllerModel
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.controller_protocol import Command, ControllerContext, ControllerError, Estimator, LawInCore, Observation
@@ -241,13 +241,8 @@ def make_estimator(config: Any, context: ControllerContext, own: Mapping[str, An
     if reason := known.broken.get(config.kind):
         message = f"the plugin for kind {config.kind!r} cannot be used ({reason})"
         raise ScenarioFaults([Fault(message, ("estimator", "kind"))])
-    try:
+    with made_by_plugin("estimator", "estimator"):
         made: Estimator = (own.get(config.kind) or known.classes[config.kind])(config, context)
-    except ScenarioFaults as error:
-        raise ScenarioFaults([replace(fault, path=("estimator", *fault.path)) for fault in error.faults]) from error
-    except Exception as error:  # a plugin's code: whatever it raises is a fault of this section
-        message = f"the estimator cannot be made ({described(error)})"
-        raise ScenarioFaults([Fault(message, ("estimator", "kind"), error)]) from error
     if fault := signals_fault(made.telemetry_signals, "estimate") or _taken(made.telemetry_signals, context.system):
         raise ScenarioFaults([Fault(f"telemetry of kind {config.kind!r}: {fault}", ("estimator", "kind"))])
     return made

@@ -11,7 +11,7 @@ from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.contact_models.joint_friction.model import JointFriction
 from ffsm_mj.dynamics.motion import Motion
-from ffsm_mj.errors import Fault, ScenarioFaults, unknown_name
+from ffsm_mj.errors import Faults, unknown_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.scenario.scenario import ScenarioConfig
@@ -43,32 +43,23 @@ def grasps_of(scenario: ScenarioConfig, system: System) -> tuple[Grasp, ...]:
     Raises:
         ScenarioFaults: An unknown site, a site of the wrong model, or an object that cannot be grasped.
     """
-    grasps, faults = [], []
-    for name, config in scenario.grasps.items():
-        sites: dict[str, str] = {}
-        for key, given, of in (
-            ("object_site", config.object_site, _object_site),
-            ("robot_site", config.robot_site, _link_site),
-        ):
-            try:
-                sites[key] = of(system, given, sites)
-            except LookupError as error:
-                faults.append(Fault(str(error.args[0]), ("grasps", name, key)))
-        if len(sites) < 2:
-            continue
-        tree, site_body = _tree(system, sites["object_site"]), system.mj.site(sites["object_site"]).bodyid[0]
-        link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
-        if tree is not None:
-            body = system.mj.body(tree.root if _on_base(system, sites["object_site"], tree) else site_body).name
-            joint, load = config.latch_joint, config.greatest_load
-            grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, body, joint, *load))
-    if faults:
-        raise ScenarioFaults(faults)
+    grasps = []
+    with Faults() as faults:
+        for name, config in scenario.grasps.items():
+            sites: dict[str, str] = {}
+            with faults.below("grasps", name, "object_site"):
+                sites["object_site"] = _site(system, config.object_site, [*system.objects])
+            with faults.below("grasps", name, "robot_site"):
+                sites["robot_site"] = _link_site(system, config.robot_site, sites)
+            if len(sites) < 2:
+                continue
+            tree, site_body = _tree(system, sites["object_site"]), system.mj.site(sites["object_site"]).bodyid[0]
+            link = system.mj.body(system.mj.site(sites["robot_site"]).bodyid[0]).name
+            if tree is not None:
+                body = system.mj.body(tree.root if _on_base(system, sites["object_site"], tree) else site_body).name
+                joint, load = config.latch_joint, config.greatest_load
+                grasps.append(Grasp(name, sites["robot_site"], sites["object_site"], link, tree.name, body, joint, *load))
     return tuple(grasps)
-
-
-def _object_site(system: System, name: str, _: Mapping[str, str]) -> str:
-    return _site(system, name, [*system.objects])
 
 
 def _link_site(system: System, name: str, sites: Mapping[str, str]) -> str:
@@ -141,17 +132,14 @@ def held_systems(
     Raises:
         ScenarioFaults: An object that cannot be held.
     """
-    found, faults = {}, []
-    for grasp in [each for each in grasps_of(scenario, system) if attaches(system, each)]:
-        held = compiled(grasp, False)
-        try:
-            check_grasped_system(system, held, grasp)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("grasps", grasp.name, "object_site")))
-        controller_system = compiled(grasp, True) if scenario.has_controller_model else None
-        found[grasp.name] = GraspedSystem(grasp, held, controller_system)
-    if faults:
-        raise ScenarioFaults(faults)
+    found = {}
+    with Faults() as faults:
+        for grasp in [each for each in grasps_of(scenario, system) if attaches(system, each)]:
+            held = compiled(grasp, False)
+            with faults.below("grasps", grasp.name, "object_site"):
+                check_grasped_system(system, held, grasp)
+            controller_system = compiled(grasp, True) if scenario.has_controller_model else None
+            found[grasp.name] = GraspedSystem(grasp, held, controller_system)
     return found
 
 

@@ -1,18 +1,122 @@
-"""Joint limits of a scenario, from the ranges in its models, validated against the initial state."""
+"""Joint limits of a scenario, from the ranges in its models, validated against the initial state.
+
+Of joints that an equality constraint couples, two ends may be one stop: the tighter one is kept. Both fingers of a gripper
+that are coupled reach their limits at one instant, with rows that depend on each other: the split of the force would not be
+determined. The range of a joint that follows is mapped to the one that leads.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ffsm_mj.assembly.coupled_limits import redundant_ends
 from ffsm_mj.contact.joint_limit import JointLimit, Side, TendonLimit
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial
+from ffsm_mj.dynamics.loops.equalities import equalities_of
+from ffsm_mj.errors import Faults
 from ffsm_mj.model.system import System
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.tolerances import CONTACT_GAP_M
+
+_TIE = 1e-12
+"""Ends within this, rad or m, are one: that of the joint which leads is kept."""
+
+End = tuple[int, str]
+"""An end of a range: id of the joint, and ``lower`` or ``upper``."""
+
+
+class _Ends(NamedTuple):
+    """Ends of the range of a joint, its own or mapped ones: values, and the limits whose ends they are, None without one."""
+
+    values: tuple[float, float]
+    owners: tuple[End | None, End | None]
+
+
+def redundant_ends(model: Any) -> frozenset[End]:
+    """Ends of ranges that another limit of a coupled joint implies.
+
+    A polynomial that is not monotone on the range of the joint which leads maps no ends: all are kept.
+
+    Args:
+        model: MuJoCo model of the system.
+    """
+    joints = np.flatnonzero(model.jnt_limited).tolist()
+    ends = {
+        joint: _Ends((float(low), float(high)), ((joint, "lower"), (joint, "upper")))
+        for joint, (low, high) in zip(joints, model.jnt_range[joints], strict=True)
+    }
+    dropped = set[End]()
+    for coupling in _followers_first([each.source for each in equalities_of(model)]):
+        follower = int(model.dof_jntid[coupling.follower])
+        of_follower = ends.pop(follower, None)
+        if of_follower is None:
+            continue
+        if coupling.leader is None:
+            dropped |= {each for each in of_follower.owners if each is not None}
+            continue
+        leader = int(model.dof_jntid[coupling.leader])
+        of_leader = ends.get(leader, _Ends((-math.inf, math.inf), (None, None)))
+        merged = _merged(coupling.law, of_leader, of_follower)
+        if merged is not None:
+            before = {*of_leader.owners, *of_follower.owners}
+            ends[leader] = merged
+            dropped |= {each for each in before - {*merged.owners} if each is not None}
+    return frozenset(dropped)
+
+
+def _followers_first(sources: Sequence[Any]) -> list[JointCoupling]:
+    """Couplings of joints, each after those by which its follower leads other joints; of a circle, in the given order."""
+    left, ordered = [each for each in sources if isinstance(each, JointCoupling)], list[JointCoupling]()
+    while left:
+        leading = {each.leader for each in left}
+        ready = next((each for each in left if each.follower not in leading), left[0])
+        left.remove(ready)
+        ordered.append(ready)
+    return ordered
+
+
+def _merged(law: Polynomial, leader: _Ends, follower: _Ends) -> _Ends | None:
+    """Tighter ends of both ranges in the coordinate that leads; None if the law is not monotone there."""
+    slopes = np.polynomial.Polynomial(law.coefficients).deriv()
+    low, high = (each - law.leader_zero for each in leader.values)
+    roots = [float(each.real) for each in slopes.roots().astype(complex) if abs(each.imag) < _TIE]
+    if any(low < each < high for each in roots) or not any(law.coefficients[1:]):
+        return None
+    at = law.leader_zero + (0.0 if math.isinf(low) and math.isinf(high) else _inside(low, high))
+    rises = law.at(at)[1] > 0.0
+    values, owners = list(leader.values), list(leader.owners)
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        other = side if rises else 1 - side
+        mapped = _inverse(law, leader.values, follower.values[other], rises=rises)
+        if sign * (mapped - leader.values[side]) > _TIE:
+            values[side], owners[side] = mapped, follower.owners[other]
+    return _Ends((values[0], values[1]), (owners[0], owners[1]))
+
+
+def _inside(low: float, high: float) -> float:
+    """A place between two ends, of which one may be infinite."""
+    if math.isinf(low):
+        return high - 1.0
+    return low + 1.0 if math.isinf(high) else 0.5 * (low + high)
+
+
+def _inverse(law: Polynomial, between: tuple[float, float], value: float, *, rises: bool) -> float:
+    """Leading coordinate at which the other one has a value, by bisection; the end of its range, if it is beyond."""
+    low, high = between
+    if not any(law.coefficients[2:]):
+        return law.leader_zero + (value - law.follower_zero - law.coefficients[0]) / law.coefficients[1]
+    low, high = max(low, -1e10), min(high, 1e10)
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if (law.at(middle)[0] < value) == rises:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
 
 _SIDES: tuple[Side, ...] = ("lower", "upper")
 
@@ -25,22 +129,18 @@ def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, 
     Raises:
         ScenarioFaults: ``joint_limits`` names an unknown joint, one without limits, or one joint twice.
     """
-    restitution, faults = {}, []
-    for name, config in scenario.joint_limits.items():
-        try:
-            joint, is_limited = system.limited(name)
-        except LookupError as error:
-            faults.append(Fault(str(error.args[0]), ("joint_limits", name)))
-            continue
-        if not is_limited:
-            why = "the joint has no limits in its model, or they are ignored (limits: ignore)"
-            faults.append(Fault(why, ("joint_limits", name)))
-        elif joint in restitution:
-            faults.append(Fault(f"the joint {joint} is listed twice", ("joint_limits", name)))
-        else:
-            restitution[joint] = config.restitution
+    restitution: dict[str, float] = {}
+    with Faults() as faults:
+        for name, config in scenario.joint_limits.items():
+            with faults.below("joint_limits", name):
+                joint, is_limited = system.limited(name)
+                if not is_limited:
+                    raise LookupError("the joint has no limits in its model, or they are ignored (limits: ignore)")
+                if joint in restitution:
+                    raise LookupError(f"the joint {joint} is listed twice")
+                restitution[joint] = config.restitution
     redundant = redundant_ends(system.mj)
-    limits = tuple(
+    limits: tuple[JointLimit, ...] = tuple(
         JointLimit(system.mj, joint, side, restitution.get(system.mj.joint(joint).name, 0.0))
         for joint in np.flatnonzero(system.mj.jnt_limited).tolist()
         for side in _SIDES
@@ -52,12 +152,11 @@ def joint_limits(scenario: ScenarioConfig, system: System) -> tuple[JointLimit, 
         for side in _SIDES
     )
     kept = {each.joint for each in limits}
-    for name in scenario.joint_limits if not faults else ():
-        if system.limited(name)[0] not in kept:
-            why = "the joint is coupled with others that reach their limits first: name one of these"
-            faults.append(Fault(why, ("joint_limits", name)))
-    if faults:
-        raise ScenarioFaults(faults)
+    with Faults() as faults:
+        for name in scenario.joint_limits:
+            if system.limited(name)[0] not in kept:
+                why = "the joint is coupled with others that reach their limits first: name one of these"
+                faults.add(why, "joint_limits", name)
     return limits
 
 
@@ -68,18 +167,13 @@ def refuse_outside(scenario: ScenarioConfig, system: System, data: Any, limits: 
         ScenarioFaults: There is such a joint.
     """
     given = {system.joint(name).name: name for name in scenario.initial.joints}
-    faults = []
-    for limit in limits:
-        if limit.gap(system.mj, data, 0.0) < -CONTACT_GAP_M:
-            of_tendon = isinstance(limit, TendonLimit)
-            low, high = limit.range
+    with Faults() as faults:
+        for limit in (each for each in limits if each.gap(system.mj, data, 0.0) < -CONTACT_GAP_M):
+            of_tendon, (low, high) = isinstance(limit, TendonLimit), limit.range
             message = f"{'tendon' if of_tendon else 'joint'} {limit.joint} starts at {limit.value(data):.6g} {limit.unit}"
-            path = ("initial", "joints", given[limit.joint]) if limit.joint in given else ("initial",)
             outside = f"{message}, outside its limits of {low:.6g} to {high:.6g} {limit.unit}"
             hint = _degrees_hint(limit.value(data), low, high) if limit.unit == "rad" and not of_tendon else ""
-            faults.append(Fault(f"{outside}{hint}", path))
-    if faults:
-        raise ScenarioFaults(faults)
+            faults.add(outside + hint, "initial", *(("joints", given[limit.joint]) if limit.joint in given else ()))
 
 
 def _degrees_hint(value: float, low: float, high: float) -> str:

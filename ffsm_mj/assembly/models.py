@@ -9,15 +9,15 @@ from functools import partial
 from pathlib import Path
 
 from ffsm_mj.assembly.grasps import GraspedSystem, held_systems
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.errors import Faults
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.edits import AddedSite, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inline import InlineModel
-from ffsm_mj.model.properties import Overrides, PropertyChange
+from ffsm_mj.model.properties import Overrides
 from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import ScenarioConfig, located
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 
@@ -45,7 +45,7 @@ def compile_scenario(
         InputError: A file is missing or malformed, or a model is not a free-floating system.
     """
     files = model_files(scenario, source, read)
-    try:
+    with source.locating():
         system = _compiled(scenario, files, "model")
         controller_model = _compiled(scenario, files, *_CONTROLLER_MODEL) if scenario.has_controller_model else None
         grasped = held_systems(
@@ -55,16 +55,7 @@ def compile_scenario(
                 scenario, files, *(_CONTROLLER_MODEL if of_controller else ("model",)), grasp=grasp
             ),
         )
-    except ScenarioFaults as faulty:
-        raise located(faulty, source) from faulty
     return system, controller_model, grasped
-
-
-def changes_of(system: System, controller_model: System | None) -> tuple[PropertyChange, ...]:
-    """Compiled properties that a scenario sets: those of the scene, then those only of the controller model."""
-    known = {change.path for change in system.changes}
-    others = controller_model.changes if controller_model is not None else ()
-    return (*system.changes, *(change for change in others if change.path not in known))
 
 
 def _compiled(scenario: ScenarioConfig, files: Mapping[str, ModelFiles], *keys: str, grasp: Grasp | None = None) -> System:
@@ -101,28 +92,24 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
         InputError: A file is missing or malformed.
     """
     readers: dict[str, Callable[[], ModelFiles]] = {}
-    faults = []
     models = {("robot",): scenario.robot} | {("objects", name): part for name, part in scenario.objects.items()}
-    for keys, part in models.items():
-        inline = part.model if isinstance(part.model, InlineModel) else None
-        name = "scene" if part.body else keys[-1]  # models of one file are stored once
-        path = _beside(source, (*keys, "mjcf"), f"{name}.xml" if inline is not None else str(part.model))
-        if inline is None and not os.path.isfile(path):  # without an exception for a name that is too long
-            what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
-            faults.append(Fault(f"{what} {path}{similar_file(path)}", (*keys, "mjcf")))
-        found: dict[str, tuple[Path, ...]] = {}
-        for key in ("asset_folders", "package_paths"):
-            found[key] = tuple(_beside(source, (*keys, key), folder) for folder in getattr(part, key))
-            for i, folder in enumerate(found[key]):
-                if not os.path.isdir(folder):
-                    faults.append(Fault(f"no such folder: {folder}", (*keys, key, i)))
-        folders = found["asset_folders"], found["package_paths"]
-        # A reader keeps files, which those in memory are already.
-        readers[keys[-1]] = (
-            partial(read, path, *folders) if inline is None else partial(read_model, path, *folders, inline.files(path.name))
-        )
-    if faults:
-        raise located(ScenarioFaults(faults), source)
+    with source.locating(), Faults() as faults:
+        for keys, part in models.items():
+            inline = part.model if isinstance(part.model, InlineModel) else None
+            name = "scene" if part.body else keys[-1]  # models of one file are stored once
+            path = source.beside((*keys, "mjcf"), f"{name}.xml" if inline is not None else str(part.model))
+            if inline is None and not os.path.isfile(path):  # without an exception for a name that is too long
+                what = "is a folder, not a model file:" if os.path.isdir(path) else "no such model file"
+                faults.add(f"{what} {path}{similar_file(path)}", *keys, "mjcf")
+            folders = []
+            for key in ("asset_folders", "package_paths"):
+                folders.append(tuple(source.beside((*keys, key), folder) for folder in getattr(part, key)))
+                for i, folder in enumerate(folders[-1]):
+                    if not os.path.isdir(folder):
+                        faults.add(f"no such folder: {folder}", *keys, key, i)
+            # A reader keeps files, which those in memory are already.
+            own = partial(read, path) if inline is None else partial(read_model, path, given=inline.files(path.name))
+            readers[keys[-1]] = partial(own, *folders)
     parts = {keys[-1]: part for keys, part in models.items()}
     kinds = {name: config.kind for name, config in scenario.actuators.items()}
     poses = {name: part.fixed_at for name, part in scenario.objects.items()}
@@ -138,8 +125,3 @@ def model_files(scenario: ScenarioConfig, source: YamlSource, read: Reader = rea
     }
     sites = tuple(AddedSite(name, site.body, site.pos_m) for name, site in scenario.robot.sites.items())
     return files | {"robot": replace(files["robot"], sites=sites, flex=scenario.robot.joint_flex)}
-
-
-def _beside(source: YamlSource, keys: tuple[str, ...], name: str) -> Path:
-    """Path in a scenario, relative to the file that sets it."""
-    return Path(os.path.normpath(source.folder(keys) / name))

@@ -10,26 +10,23 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from ffsm_mj.analysis.run import load_run
-from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.blas_threads import one_blas_thread
-from ffsm_mj.assembly.interrupts import noted
-from ffsm_mj.assembly.recorded_files import RecordedFiles
-from ffsm_mj.assembly.recording import Recording
+from ffsm_mj.assembly.assemble import CompiledScenario
+from ffsm_mj.assembly.process import noted, one_blas_thread
+from ffsm_mj.assembly.run import Recording
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.log.run_folder import BEFORE, SCENARIO, find_log, holds_log
 from ffsm_mj.model.mujoco_process import collected_warnings, stopped_clock
-from ffsm_mj.model.system import System
-from ffsm_mj.scenario.scenario import ScenarioConfig, located
+from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.similar_names import similar_file
 from ffsm_mj.simulation.loop import Simulation
@@ -51,30 +48,6 @@ _FROM, _AT = ("initial", "from"), ("initial", "at_s")
 _UNDER_WAY: ContextVar[tuple[Path, ...]] = ContextVar("scenarios that are being prepared", default=())
 
 
-class Prepared(Protocol):
-    """What a run that goes on needs of a prepared one: :class:`~ffsm_mj.assembly.prepare.PreparedRun`."""
-
-    @property
-    def scenario(self) -> ScenarioConfig: ...  # noqa: D102
-
-    @property
-    def source(self) -> YamlSource: ...  # noqa: D102
-
-    @property
-    def system(self) -> System: ...  # noqa: D102
-
-    @property
-    def recorded(self) -> RecordedFiles: ...  # noqa: D102
-
-    @property
-    def scenario_yaml(self) -> str: ...  # noqa: D102
-
-    @property
-    def logged_files(self) -> Mapping[str, bytes]: ...  # noqa: D102
-
-    def assemble(self) -> Assembly: ...  # noqa: D102
-
-
 @dataclass(eq=False)
 class Origin:
     """The instant of another run at which a run begins.
@@ -88,7 +61,7 @@ class Origin:
     """
 
     folder: Path
-    before: Prepared
+    before: CompiledScenario
     at_s: float
     new_laws: bool = False
     replaced: tuple[int, ...] = ()
@@ -152,8 +125,8 @@ class Origin:
             simulation.begin()
             if kept is not None:
                 simulation.set_state(kept)
-            elif assembly.start is not None:
-                simulation.go_on_from(assembly.start())
+            elif self.before.start is not None:
+                simulation.go_on_from(self.before.start())
             while simulation.ended is None and simulation.progress.time_s < until_s:
                 simulation.advance(to_event=True)
             if simulation.ended is None:
@@ -180,7 +153,7 @@ class Origin:
             )
 
 
-def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Path], Prepared]) -> Origin | None:
+def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Path], CompiledScenario]) -> Origin | None:
     """The instant of another run at which a scenario begins; None if it begins at t = 0.
 
     Args:
@@ -194,8 +167,8 @@ def origin_of(config: ScenarioConfig, source: YamlSource, prepare: Callable[[Pat
     initial = config.initial
     if initial.from_ is None or initial.at_s is None:
         return None
-    folder = Path(os.path.normpath(source.folder(_FROM) / initial.from_))
-    with _located(source):
+    folder = source.beside(_FROM, initial.from_)
+    with source.locating():
         file = folder / SCENARIO
         if not os.path.lexists(folder):
             raise ScenarioFaults([Fault(f"no such run {folder}{similar_file(folder)}", _FROM)])
@@ -224,7 +197,7 @@ def with_initial_state(config: ScenarioConfig, origin: Origin, source: YamlSourc
         InputError: It states another one.
     """
     told, given = origin.before.scenario.initial, config.initial
-    with _located(source):
+    with source.locating():
         for key in ("joints", "rates"):
             if getattr(given, key) not in ({}, getattr(told, key)):
                 raise ScenarioFaults([Fault(_cannot_change(origin), ("initial", key))])
@@ -232,7 +205,7 @@ def with_initial_state(config: ScenarioConfig, origin: Origin, source: YamlSourc
     return config.model_copy(update={"initial": state})
 
 
-def refuse_changes(origin: Origin, after: Prepared) -> None:
+def refuse_changes(origin: Origin, after: CompiledScenario) -> None:
     """Refuse what cannot change in the midst of a motion, and note whether the control laws do.
 
     Raises:
@@ -246,7 +219,7 @@ def refuse_changes(origin: Origin, after: Prepared) -> None:
     if not faults and old_files != new_files:
         names = sorted(name for name in old_files.keys() | new_files.keys() if old_files.get(name) != new_files.get(name))
         faults.append(Fault(f"the models are not those of {origin.folder}: {', '.join(names[:3])} differ", _FROM))
-    with _located(after.source):
+    with after.source.locating():
         if faults:
             raise ScenarioFaults(faults)
         changed_keys = [key for key in new if key not in _OF_FILE and old.get(key) != new[key]]
@@ -268,7 +241,7 @@ def _differences(old: Any, new: Any, path: tuple[str | int, ...]) -> Iterator[tu
         yield path
 
 
-def _replaced_laws(before: Prepared, after: Prepared, changed: Sequence[str]) -> tuple[int, ...]:
+def _replaced_laws(before: CompiledScenario, after: CompiledScenario, changed: Sequence[str]) -> tuple[int, ...]:
     """Phases, by position, whose control laws are of another kind: they remember nothing of the motion so far.
 
     Raises:
@@ -286,7 +259,7 @@ def _replaced_laws(before: Prepared, after: Prepared, changed: Sequence[str]) ->
     return others
 
 
-def _begun(made: Prepared) -> Any:
+def _begun(made: CompiledScenario) -> Any:
     """State of a run before its first step: it says which parts there are."""
     simulation = Recording(made.assemble(), columns=()).simulation
     simulation.begin()
@@ -304,11 +277,3 @@ def _difference(old: Any, new: Any, replaced: Sequence[int], place: str = "") ->
         return one, other
     found = (_difference(old[key], new[key], replaced, f"{place}.{key}".lstrip(".")) for key in names if key in new)
     return next(filter(None, found), None)
-
-
-@contextmanager
-def _located(source: YamlSource) -> Iterator[None]:
-    try:
-        yield
-    except ScenarioFaults as faults:
-        raise located(faults, source) from faults

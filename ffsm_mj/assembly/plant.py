@@ -1,33 +1,248 @@
-"""Builds the simulated system of a scenario, for a run and for the replay of its log."""
+"""Builds the simulated system of a scenario, for a run and for the replay of its log: contact models, steps, sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ffsm_mj.actuation.actuation import Actuation
-from ffsm_mj.assembly.contact_models import contact_models_of
-from ffsm_mj.assembly.grasps import GraspedSystem
-from ffsm_mj.assembly.step_control import step_control
+from ffsm_mj.assembly.grasps import GraspedSystem, grasp_models_of
 from ffsm_mj.balance.balance import Balance
+from ffsm_mj.balance.step_error import StepError
 from ffsm_mj.contact.joint_limit import JointLimit
-from ffsm_mj.contact.pairs import ContactPair
-from ffsm_mj.contact_models.interface import Scene
+from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
+from ffsm_mj.contact_models.grasp.records import KINDS
+from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
+from ffsm_mj.contact_models.impact.model import ImpactModel, ImpactRules
+from ffsm_mj.contact_models.impact.records import LIMIT_IMPACT
+from ffsm_mj.contact_models.impact.rest_rule import RestRule
+from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene, Source
+from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
+from ffsm_mj.contact_models.joint_friction.model import JointFriction
+from ffsm_mj.contact_models.joint_friction.record import STICK_SLIP
+from ffsm_mj.contact_models.persistent.model import PersistentContactModel
+from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
+from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.controller_protocol import Task
 from ffsm_mj.dynamics.motion import Motion, actuator_power
-from ffsm_mj.errors import Fault, ScenarioFaults
+from ffsm_mj.dynamics.springs import FastestMode, JointSprings
+from ffsm_mj.dynamics.stiff_actuators import StiffActuators
+from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.log.recorder import BLOCK_ROWS
+from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.run_kinds import EFFORT_CHANGE
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.plant import Plant, StateSignals
+from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
+from ffsm_mj.tolerances import DAMPER_STEP, EPSILON, MODE_STEP, RESOLVED_STEP, STIFF_STEP
+from ffsm_mj.verification.residuals import STRETCH_STEPS
+
+_SHARE = 0.5
+"""Of what a check allows, for the largest of a step's errors of energy, P and L of the robot, and of the objects, together.
+
+Errors of many steps add up to less than their sum, so a run is well within what the checks allow.
+"""
+
+_OF_SERVOS = 1e-9
+"""Accuracy of a run with servos whose steps do not resolve them: that of the checks."""
+_ROUNDING = 20.0 * EPSILON
+"""Relative error of a sub-step that is rounding: those of a transient are too short for the budget.
+
+It is the sum of three, of energy, P and L, each a difference of sums of a dozen terms: 2.1e-15 is seen in a robot of 500 kg.
+"""
+_TRANSIENT_PARTS, _MOST_IMPLICIT_PARTS = 400.0, 1 << 16
+"""Sub-steps of the time in which the fastest servo decays, while it does, and the largest number of a step."""
+
+
+def step_control(
+    scenario: ScenarioConfig, system: System, data: Any, balance: Balance, motion: Motion
+) -> StepControl | None:
+    """What cuts the steps of a run, or of its replay; None where the scenario asks for no accuracy, and no servo needs it.
+
+    Servos that are too fast for explicit steps make those of the motion implicit.
+
+    Args:
+        scenario: What is asked for.
+        system: Robot and objects.
+        data: Their state.
+        balance: Enters what the efforts do in a step.
+        motion: Motion of the system.
+
+    Raises:
+        ScenarioFaults: Something in the models breaks conservation, by which the error of a step is measured.
+    """
+    accuracy, parts = scenario.accuracy, MOST_PARTS
+    if has_servos(system.mj):
+        mechanical, fastest = StiffActuators(system.mj, data, motion.response).fastest()
+        of_step = scenario.time_step_s * mechanical
+        if of_step > STIFF_STEP:  # activations are known functions of the time, or no part of Newton's matrix
+            motion.make_implicit()
+            parts = max(parts, min(_MOST_IMPLICIT_PARTS, round(_TRANSIENT_PARTS * of_step)))
+        of_step = scenario.time_step_s * max(mechanical, fastest)
+        # Where no balance can tell the error, steps are as long as the scenario says.
+        if accuracy is None and of_step > RESOLVED_STEP and not system.faults:
+            accuracy = _OF_SERVOS
+    if accuracy is None:
+        return None
+    if system.faults:
+        why = f"nothing is conserved that could tell the error of a step ({system.faults[0]}); leave accuracy out"
+        raise ScenarioFaults([Fault(why, ("accuracy",))])
+    # The checks judge the sum of the errors of so many steps, whatever their length.
+    steps = float(STRETCH_STEPS)
+    if scenario.accuracy is None:
+        steps = min(steps, scenario.duration_s / scenario.time_step_s)
+    budget = _SHARE * accuracy / steps
+    least = _ROUNDING if motion.stiff is not None else 0.0
+    return StepControl(budget, scenario.time_step_s, StepError(system, data, balance), parts, least)
+
+
+def spring_lines(scenario: ScenarioConfig, system: System, data: Any) -> list[str]:
+    """Lines of ``ffsm check`` on springs and dampers; none if there are none.
+
+    Args:
+        scenario: What is asked for.
+        system: Robot and objects.
+        data: Their state.
+    """
+    mode, decay = _fastest(system, data)
+    lines, h = [], scenario.time_step_s
+    if mode.rate > 0.0:
+        taken = (h * mode.rate) ** 6 / 72.0
+        lines.append(
+            f"  joint springs: fastest mode {mode.rate:.4g} rad/s ({mode.rate / (2.0 * math.pi):.4g} Hz), mostly of joint "
+            f"{_joint(system, mode)!r}; steps up to {rounded_down(MODE_STEP / mode.rate):g} s; "
+            f"RK4 takes {taken:.1e} of its energy per step"
+        )
+    if decay.rate > 0.0:
+        lines.append(
+            f"  joint dampers: fastest decay {decay.rate:.4g} 1/s, mostly of joint {_joint(system, decay)!r}; "
+            f"steps up to {rounded_down(DAMPER_STEP / decay.rate):g} s"
+        )
+    return lines
+
+
+def refuse_coarse_steps(scenario: ScenarioConfig, system: System, data: Any) -> None:
+    """Refuse a time step that does not resolve the springs and dampers, unless ``accuracy`` divides steps.
+
+    Args:
+        scenario: What is asked for.
+        system: Robot and objects.
+        data: Their state.
+
+    Raises:
+        ScenarioFaults: The step is too long at this state; path ``time_step_s``.
+    """
+    if scenario.accuracy is not None or has_servos(system.mj):  # with servos step-size control sees to it
+        return
+    h = scenario.time_step_s
+    mode, decay = _fastest(system, data)
+    with Faults() as faults:
+        for found, limit, what in (
+            (mode, MODE_STEP, f"the spring of joint {{}} has a mode of {mode.rate:.4g} rad/s, h w ="),
+            (decay, DAMPER_STEP, f"the damper of joint {{}} has a decay rate of {decay.rate:.4g} 1/s, h d / I ="),
+        ):
+            if h * found.rate > limit:
+                text = f"{what.format(repr(_joint(system, found)))} {h * found.rate:.3g}, more than {limit:g}"
+                most = rounded_down(limit / found.rate)
+                faults.add(f"{text}; use at most {most:g}, or set 'accuracy'", "time_step_s")
+
+
+def _fastest(system: System, data: Any) -> tuple[FastestMode, FastestMode]:
+    """Fastest oscillation of the springs and fastest decay of the dampers at a state."""
+    return JointSprings(system.mj).fastest(system.mj, data)
+
+
+def _joint(system: System, mode: FastestMode) -> str:
+    return next(joint.name for joint in system.joints.values() if joint.dofs.start <= mode.dof < joint.dofs.stop)
+
+
+def rounded_down(value: float) -> float:
+    """Round a positive number down to three digits."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return float(f"{math.floor(value / unit) * unit:.3g}")
+
+
+def contact_models_of(
+    scenario: ScenarioConfig,
+    scene: Scene,
+    motion: Motion,
+    pairs: tuple[ContactPair, ...],
+    limits: tuple[JointLimit, ...],
+    held: Mapping[str, GraspedSystem],
+) -> tuple[Source, ...]:
+    """All contact models of a scenario, in the order in which simultaneous events are applied.
+
+    Args:
+        scenario: Scenario of the run.
+        scene: The logged system and its data.
+        motion: Its motion.
+        pairs: Impact pairs.
+        limits: Joint limits.
+        held: Systems with grasped objects, by the name of the grasp.
+
+    Raises:
+        ScenarioFaults: A declared model cannot be created from its configuration.
+    """
+    overlap, heat = DeepestOverlap(limits), FrictionHeat()
+    persistent = PersistentContactModel(scene, (*pairs, *limits), overlap, heat)
+    impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
+    declared = _declared(scenario, scene)
+    pushing = [each for each in declared if isinstance(each, ForceSource)]
+    others = [persistent, *pushing]
+    on = friction_coordinates(scene.system)
+    friction = JointFriction(scene, on, persistent, pushing) if on is not None else None
+    loops, grasps = grasp_models_of(scenario, scene, motion, held, others, friction)
+    return tuple(each for each in (impacts, friction, loops, persistent, grasps, *declared) if each is not None)
+
+
+def _rules(scenario: ScenarioConfig) -> ImpactRules:
+    interval = scenario.impact.rest_interval_s
+    return ImpactRules(
+        law=scenario.impact.law,
+        rest=RestRule(scenario.time_step_s if interval is None else interval, scenario.impact.rest_speed_m_s),
+        max_impacts=scenario.impact.max_impacts,
+        stop_on_impact=scenario.stop_on_impact,
+    )
+
+
+def _declared(scenario: ScenarioConfig, scene: Scene) -> tuple[ContactModel, ...]:
+    """The contact models that a scenario declares, in its order.
+
+    Raises:
+        ScenarioFaults: A model cannot be created from its configuration, e.g. for an unknown geom.
+    """
+    made: list[ContactModel] = []
+    with Faults() as faults:
+        for i, config in enumerate(scenario.contact_models):
+            with faults.below("contact_models", i):
+                made.append(contact_model_of(config.kind)(config, scene))
+    return tuple(made)
+
+
+def record_kinds(
+    scenario: ScenarioConfig, constraints: Sequence[UnilateralConstraint], sources: Sequence[Source]
+) -> tuple[str, ...]:
+    """Names of the kinds of records of friction, joint limits, delays, grasps, dry friction and declared contact models."""
+    limits = any(isinstance(each, JointLimit) for each in constraints)
+    kinds = [
+        *(FRICTION_KINDS if any(each.mu > 0.0 for each in constraints) else ()),
+        *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),
+        *((EFFORT_CHANGE,) if any(isinstance(each, DelayedControl) for each in sources) else ()),
+        *(KINDS if scenario.grasps else ()),
+        *((STICK_SLIP,) if any(isinstance(each, JointFriction) for each in sources) else ()),
+        *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
+    ]
+    return tuple(dict.fromkeys(kind.name for kind in kinds))
 
 
 def build_plant(

@@ -1,4 +1,4 @@
-"""A scenario: built or read, validated, compiled once, and run any number of times."""
+"""A scenario: built or read, validated, compiled once, and run any number of times, also from an instant of a logged run."""
 
 from __future__ import annotations
 
@@ -14,18 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, cast
 from pydantic import Field, PrivateAttr
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.assembly.assemble import Assembly, assemble
-from ffsm_mj.assembly.description import describe, notes
-from ffsm_mj.assembly.grasps import GraspedSystem
-from ffsm_mj.assembly.models import Reader, changes_of, compile_scenario
+from ffsm_mj.assembly.assemble import Assembly, CompiledScenario
+from ffsm_mj.assembly.models import Reader, compile_scenario
+from ffsm_mj.assembly.notes import describe, notes
 from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_initial_state
-from ffsm_mj.assembly.override_faults import overrides_named
-from ffsm_mj.assembly.recorded_files import RecordedFiles, recorded_files
-from ffsm_mj.assembly.resolved import resolved_yaml
+from ffsm_mj.assembly.recorded_files import recorded_files, with_waypoints
 from ffsm_mj.assembly.run import simulate
-from ffsm_mj.assembly.target_file import with_waypoints
-from ffsm_mj.errors import InputError, raised_by_plugin
-from ffsm_mj.log.run_folder import RunFolder, write_scenario
+from ffsm_mj.errors import InputError, one_line, raised_by_plugin
+from ffsm_mj.invocation import on_command_line, override
+from ffsm_mj.log.run_folder import SCENARIO, RunFolder, write_scenario
 from ffsm_mj.model.files import read_model
 from ffsm_mj.model.properties import PropertyChange
 from ffsm_mj.model.system import System
@@ -100,13 +97,9 @@ class Scenario(ScenarioConfig):
             InputError: One line per fault.
         """
         refuse_own_classes(controllers, estimators)
-
-        def validate(some: Sequence[str]) -> tuple[ScenarioConfig, YamlSource]:
-            source = base.overridden(some)
-            return validated(source, controllers, estimators), source
-
-        with overrides_named(overrides, validate):
-            config, source = validate(overrides)
+        with _naming(overrides):
+            source = base.overridden(overrides)
+            config = validated(source, controllers, estimators)
         private = {"_base": base, "_overrides": tuple(overrides), "_config": config, "_source": source}
         own = {"controllers": dict(controllers), "estimators": dict(estimators)}
         state = config.__getstate__()
@@ -153,18 +146,10 @@ class Scenario(ScenarioConfig):
         Raises:
             InputError: One line per fault of the models, the control laws or other components.
         """
-
-        def assembled(config: ScenarioConfig, source: YamlSource) -> PreparedRun:
-            made = recipe(config, source, self.controllers, estimators=self.estimators)
+        with _naming(self._overrides):
+            made = recipe(self._config, self._source, self.controllers, estimators=self.estimators)
             made.unused.append(made.assemble())  # reports faults of the components
-            return made
-
-        def prepare_with(some: Sequence[str]) -> PreparedRun:
-            source = self._base.overridden(some)
-            return assembled(validated(source, self.controllers, self.estimators), source)
-
-        with overrides_named(self._overrides, prepare_with):
-            return assembled(self._config, self._source)
+        return made
 
     def check(self) -> list[str]:
         """Compile the models and assemble a run, which stays for the next one.
@@ -237,6 +222,17 @@ class Scenario(ScenarioConfig):
         """
         prepared = self.prepared
         return write_scenario(Path(folder), prepared.scenario_yaml, prepared.logged_files)
+
+
+@contextmanager
+def _naming(overrides: Sequence[str]) -> Iterator[None]:
+    """Context that names the overrides behind each fault that is at no key of theirs: one of them may cause it."""
+    try:
+        yield
+    except InputError as error:
+        given, start = " ".join(map(override, overrides)), one_line(override(""))
+        others = f" (with {given})" if overrides else ""
+        raise InputError([line if line.startswith(start) else line + others for line in error.lines]) from error
 
 
 def scenario_of(
@@ -394,7 +390,17 @@ def recipe(
     config = with_waypoints(config, source)
     recorded = recorded_files(config, source)
     made = PreparedRun(
-        config, source, system, dict(controllers), controller_system, held, dict(estimators), recorded, origin
+        config,
+        source,
+        system,
+        dict(controllers),
+        controller_system,
+        held,
+        dict(estimators),
+        recorded,
+        origin.start if origin is not None else None,
+        origin.files if origin is not None else {},
+        origin,
     )
     if origin is not None:
         refuse_changes(origin, made)
@@ -402,55 +408,23 @@ def recipe(
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedRun:
+class PreparedRun(CompiledScenario):
     """A prepared scenario: immutable and picklable.
 
     Every run uses its own copy of the models and its own components, so runs are identical bit for bit, in sequence or in
     several threads at once.
 
     Attributes:
-        scenario: The validated scenario.
-        source: Where each of its keys stands.
-        system: Robot and objects; its model is copied, never run.
-        laws: Control laws of a script, classes by kind.
-        controller_system: System of the controller model, likewise copied; None: control laws know the plant.
-        held: The systems in which grasps hold, likewise copied, by the names of these.
-        estimators: Estimators of a script, classes by kind.
-        recorded: Files that the control laws name.
         origin: The instant of another run at which it begins; None: t = 0.
         unused: Components that were made to find their faults, and that the next run takes.
     """
 
-    scenario: ScenarioConfig
-    source: YamlSource
-    system: System
-    laws: Mapping[str, Any]
-    controller_system: System | None = None
-    held: Mapping[str, GraspedSystem] = field(default_factory=dict)
-    estimators: Mapping[str, Any] = field(default_factory=dict)
-    recorded: RecordedFiles = field(default_factory=RecordedFiles)
     origin: Origin | None = None
     unused: list[Assembly] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs: components are not picklable, and are made again."""
         return vars(self) | {"unused": []}
-
-    @property
-    def changes(self) -> tuple[PropertyChange, ...]:
-        """Properties of bodies and geoms that the scenario gives, as compiled, then those that its laws believe in."""
-        return changes_of(self.system, self.controller_system)
-
-    @cached_property
-    def scenario_yaml(self) -> str:
-        """The scenario with every default written out, as logs keep it."""
-        return resolved_yaml(self.scenario, self.system, self.recorded)
-
-    @property
-    def logged_files(self) -> dict[str, bytes]:
-        """Contents of the files of models and control laws, by their names in run folder and log."""
-        before = self.origin.files if self.origin is not None else {}
-        return self.system.logged_files | dict(self.recorded.contents) | before
 
     def changed(self, source: YamlSource) -> PreparedRun:
         """Prepare another scenario with the same control laws and estimators of a script.
@@ -461,29 +435,10 @@ class PreparedRun:
         return recipe(validated(source, self.laws, self.estimators), source, self.laws, estimators=self.estimators)
 
     def assemble(self) -> Assembly:
-        """New components of one run at t = 0.
-
-        Raises:
-            InputError: One line per fault, with the place in the scenario or the model.
-        """
+        """Components of one run at t = 0 that no other has; see :meth:`CompiledScenario.assemble`."""
         with suppress(IndexError):  # another thread may take them
             return self.unused.pop()
-        controller_system = self.controller_system.copy() if self.controller_system is not None else None
-        held = {name: each.copy() for name, each in self.held.items()}
-        system, laws = self.system.copy(), self.laws
-        recorded, origin = self.recorded, self.origin
-        return assemble(
-            self.scenario,
-            self.source,
-            system,
-            laws,
-            controller_system,
-            held,
-            estimators=self.estimators,
-            recorded=recorded,
-            start=origin.start if origin is not None else None,
-            before=origin.files if origin is not None else {},
-        )
+        return super().assemble()
 
     def run(
         self,
@@ -512,3 +467,79 @@ class PreparedRun:
         said = look(components)
         self.unused.append(components)
         return said
+
+
+def prepare_from(
+    run: str | Path,
+    from_s: float,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    controllers: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Mapping[str, Any] = MappingProxyType({}),
+    check: bool = False,
+) -> PreparedRun:
+    """Prepare a run that goes on from an instant of a logged one; see :func:`resume`.
+
+    It is the scenario of the logged run, with changes, and with its own folder and the instant as ``initial.from`` and
+    ``initial.at_s``. ``check`` is that of :func:`ffsm_mj.assembly.prepare.prepare`.
+
+    Raises:
+        InputError: The folder has no scenario, the instant is not one of the run, or a setting cannot change there.
+    """
+    file = Path(run) / SCENARIO
+    if not file.is_file():
+        raise InputError(f"{run}: is no run folder that can go on: it has no {SCENARIO}")
+    given = as_overrides(overrides)
+    begin = ["initial.from=.", f"initial.at_s={from_s!r}"]
+    try:
+        return prepare(file, [*given, *begin], controllers=controllers, estimators=estimators, check=check)
+    except InputError as error:
+        name = "--from" if on_command_line() else "from_s"
+        instant = f"{name} {from_s:g}"
+        lines = [line.replace(f"{override(begin[1])}: initial.at_s", instant) for line in error.lines]
+        lines = [line.replace(" ".join(map(override, begin)), instant) for line in lines]
+        raise InputError(lines) from error
+
+
+def resume(
+    run: str | Path,
+    from_s: float,
+    overrides: Sequence[str] | Mapping[str, Any] = (),
+    *,
+    controllers: Mapping[str, Any] = MappingProxyType({}),
+    estimators: Mapping[str, Any] = MappingProxyType({}),
+    out: str | Path | None = None,
+    force: bool = False,
+    rerun: bool | None = None,
+    live: str | None = None,
+    report: Callable[[float, float], None] | None = None,
+    check: bool = True,
+) -> Run:
+    """Simulate on from an instant of a logged run, bit for bit, or with some of its settings changed there.
+
+    Args:
+        run: Folder of the logged run.
+        from_s: The instant, s: the run goes on from the first control tick or event at or after it.
+        overrides: Settings that change there: of phases, task, contacts, grasps, actuators and limits, or the duration. If
+            phases or task change, the control law of the phase under way begins anew. Phases may have control laws of other
+            kinds there, which begin without memory.
+        controllers: See :func:`ffsm_mj.run`, likewise the others.
+        estimators: Estimators of the caller's own.
+        out: Run folder to write; None keeps the run in memory only.
+        force: Replace a run that ``out`` already holds.
+        rerun: Write ``run.rrd`` into the folder.
+        live: ``host:port`` of a Rerun viewer.
+        report: Told (simulation time, duration) in s as the run goes.
+        check: Raise what ended the run by an exception, as :func:`ffsm_mj.run` does.
+
+    Returns:
+        The run from the instant on; its times are those of the logged run.
+
+    Raises:
+        InputError: See :func:`prepare_from`; or the run cannot be made again up to the instant.
+    """
+    folder = RunFolder(Path(out), force=force) if out is not None else None
+    if folder is not None:
+        folder.refuse_earlier_run()
+    made = prepare_from(run, from_s, overrides, controllers=controllers, estimators=estimators, check=check)
+    return made.run(folder=folder, rerun=rerun, live=live, report=report, check=check)

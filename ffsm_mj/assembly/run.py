@@ -1,21 +1,224 @@
-"""Execution of an assembled run from its start to its end."""
+"""Execution of an assembled run from its start to its end, and what becomes of its rows and events."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import cache, partial
+from importlib.metadata import version
+from types import TracebackType
+from typing import Any
 
 import numpy as np
 
-from ffsm_mj.analysis.run import Run
-from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.blas_threads import one_blas_thread
-from ffsm_mj.assembly.interrupts import noted
-from ffsm_mj.assembly.recording import Recording
-from ffsm_mj.log.recorder import Sink
+from ffsm_mj._core import BUILT
+from ffsm_mj.analysis.digest import Digest
+from ffsm_mj.analysis.effort import Effort
+from ffsm_mj.analysis.run import ModelResults, Run
+from ffsm_mj.analysis.run_models import summary
+from ffsm_mj.assembly.assemble import Assembly, refuse_without_room
+from ffsm_mj.assembly.plant import record_kinds
+from ffsm_mj.assembly.process import noted, one_blas_thread, source_date
+from ffsm_mj.assembly.recorded_files import RecordedFiles, resolved_data
+from ffsm_mj.contact.watch import ContactWatch
+from ffsm_mj.errors import LogWriteError
+from ffsm_mj.log.mcap.reader import stored_rows
+from ffsm_mj.log.mcap.sink import file_sinks
+from ffsm_mj.log.recorder import BLOCK_ROWS, MemorySink, Recorder, Sink
+from ffsm_mj.log.rerun.viewer import LiveSink
 from ffsm_mj.log.run_folder import RunFolder
 from ffsm_mj.model.mujoco_process import stopped_clock
-from ffsm_mj.records.events import Outcome
-from ffsm_mj.simulation.outcome import Ended
+from ffsm_mj.model.system import System
+from ffsm_mj.records.events import Outcome, OutcomeRecord
+from ffsm_mj.records.metadata import (
+    FORMAT_VERSION,
+    conservative_metadata,
+    free_metadata,
+    gravity_metadata,
+    model_metadata,
+    phase_graph_metadata,
+    start_metadata,
+    task_metadata,
+    terminal_metadata,
+)
+from ffsm_mj.records.run_log import RunHeader
+from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
+from ffsm_mj.scenario.scenario import ScenarioConfig
+from ffsm_mj.simulation.loop import Simulation
+from ffsm_mj.simulation.outcome import Ended, internal_error
+from ffsm_mj.simulation.progress import Settings
+from ffsm_mj.simulation.rows import RowWriter
+
+_PACKAGES = ("ffsm-mj", "mujoco", "numpy", "scipy", "mcap", "rerun-sdk", "pydantic", "protobuf")
+
+
+class Recording:
+    """The simulation of an assembly, and what becomes of its rows and events. A context manager: leaving it closes the log.
+
+    Attributes:
+        simulation: The simulation.
+    """
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        folder: RunFolder | None = None,
+        *,
+        with_rerun: bool = False,
+        live: str | None = None,
+        columns: Collection[str] | None = None,
+        watchers: Sequence[Sink] = (),
+        start_s: float = 0.0,
+    ) -> None:
+        """Create the receivers; nothing is written yet.
+
+        Args:
+            assembly: Components that have not run yet.
+            folder: See :func:`ffsm_mj.assembly.run.simulate`, likewise the others.
+            with_rerun: Write ``run.rrd`` into the folder.
+            live: ``host:port`` of a Rerun viewer to stream to.
+            columns: What a run in memory keeps of its rows, beside the time; None: all.
+            watchers: Further receivers of rows and events.
+            start_s: Time of the state from which the run goes on, s.
+
+        Raises:
+            InputError: There is no room for the run.
+        """
+        config, system, layout = assembly.scenario, assembly.system, assembly.row.layout
+        clock = source_date()  # refuse a malformed date before the folder is created
+        kept = len(layout.signals) if columns is None else 1 + len(columns)
+        refuse_without_room(config.ticks, kept, folder.path if folder is not None else None)
+        self._folder, self._layout, self._effort = folder, layout, Effort(system)
+        self._compiled = partial(_models, config, system, assembly.compiled.recorded)
+        self._header = _header(assembly, start_s, is_whole=columns is None)
+        self._memory, self._digested = MemorySink(keep_rows=folder is None, columns=columns), Digest()
+        sinks: list[Sink] = [self._memory, self._digested, self._effort, *watchers]
+        if folder is not None:
+            rate_hz = config.log.view_rate_hz
+            sinks += file_sinks(folder, self._header, system, with_rerun=with_rerun, view_rate_hz=rate_hz)
+        if live is not None:
+            sinks.append(LiveSink(live, system, config.log.view_rate_hz))
+        block = np.zeros((BLOCK_ROWS, len(layout.signals)))
+        rows = RowWriter(assembly.row, assembly.plant.state.sampler, block)
+        self._recorder = Recorder(block, sinks, rows.complete, by_clock=clock is None)
+        contacts = assembly.contacts
+        watch = ContactWatch(system.mj, assembly.data, assembly.known_pairs, contacts.unsupported, contacts.left_out)
+        settings = _settings(config)
+        self.simulation = Simulation(assembly.plant, watch, assembly.controller, rows, self._recorder, settings)
+
+    def __enter__(self) -> Recording:
+        """Open the log.
+
+        Raises:
+            InputError: The folder cannot be used.
+        """
+        self._recorder.__enter__()
+        try:
+            self._recorder.open(self._header)
+        except BaseException as error:
+            self._recorder.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    def end(self, outcome: OutcomeRecord) -> None:
+        """Set the outcome of the simulation; versions are added."""
+        self._recorder.outcome = _with_versions(outcome)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> bool:
+        """Close the log. Of a run that is over, one that cannot be finished only changes the outcome."""
+        try:
+            self._recorder.__exit__(kind, error, trace)
+        except Exception as failure:
+            if self._recorder.outcome is None:
+                raise
+            error = failure
+        if self._recorder.outcome is None or not isinstance(error, Exception):
+            return False
+        # The run is over but a log could not be finished: the summary only needs data in memory.
+        self._memory.close(_unfinished(self._recorder.outcome, error))
+        return True
+
+    def run(self) -> Run:
+        """The run, when the log is closed; writes the summary into its folder."""
+        path, digest = self._folder.log.absolute() if self._folder is not None else None, self._digested
+        log = self._memory.log(stored_rows(path, self._layout) if path is not None else None)
+        finished = Run(log, path, digest, ModelResults(log, self._compiled, self._effort))
+        if self._folder is not None:
+            self._folder.write_summary(summary(finished))
+        return finished
+
+
+def _header(assembly: Assembly, start_s: float, *, is_whole: bool) -> RunHeader:
+    """Header of the log; one of a part of the columns is no log that can be made again, and carries no scenario."""
+    config, system = assembly.scenario, assembly.system
+    kinds = record_kinds(config, (*assembly.pairs, *assembly.limits), assembly.plant.integrator.sources)
+    scenario = resolved_data(config, system, assembly.compiled.recorded) if is_whole else {}
+    return RunHeader(
+        config.name,
+        scenario,
+        assembly.row.layout,
+        assembly.compiled.logged_files,
+        _metadata(assembly) | start_metadata(start_s),
+        kinds,
+    )
+
+
+def _models(config: ScenarioConfig, system: System, recorded: RecordedFiles) -> tuple[System, dict[str, Any]]:
+    """The models of a run, and its scenario as its log has it."""
+    return system, resolved_data(config, system, recorded)
+
+
+def _unfinished(outcome: OutcomeRecord, error: Exception) -> OutcomeRecord:
+    """Outcome of a run whose log could not be finished."""
+    if isinstance(error, LogWriteError):
+        return replace(outcome, outcome=Outcome.WRITE_FAILED.value, message=str(error))
+    record = internal_error(error, outcome.end_s, outcome.steps)
+    message = f"the log could not be finished: {record.error} ({record.where})"
+    return replace(outcome, outcome=Outcome.INTERNAL_ERROR.value, message=message)
+
+
+def _settings(config: ScenarioConfig) -> Settings:
+    keeps = config.log.states == "events"
+    return Settings(config.time_step_s, config.steps_per_tick, config.ticks, config.told_above_N_s, keeps)
+
+
+def _with_versions(outcome: OutcomeRecord) -> OutcomeRecord:
+    """Add versions; with a source date also remove what differs from run to run."""
+    if source_date() is not None:
+        outcome = replace(outcome, wall_s=0.0, law_wall_s=0.0)
+    return replace(outcome, versions=versions())
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of the packages that affect results, and what the core is built for."""
+    return {package: version(package) for package in _PACKAGES} | {"core": BUILT}
+
+
+def _metadata(assembly: Assembly) -> dict[str, str]:
+    config = assembly.scenario
+    metadata = {
+        "format_version": FORMAT_VERSION,
+        "scenario": config.name,
+        "created_utc": (source_date() or datetime.now(UTC)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "duration_s": repr(config.duration_s),
+        "time_step_s": repr(config.time_step_s),
+        "control_period_s": repr(config.time_step_s * config.steps_per_tick),
+        "phases": "\n".join(phase.name for phase in config.phases),
+    }
+    if is_branching(config.phases):
+        edges = phase_edges(config.phases)
+        ways = [(edge.start, trigger_text(config.phases[edge.start], edge.end), edge.to) for edge in edges]
+        metadata |= phase_graph_metadata(ways)
+    metadata |= conservative_metadata(assembly.system.faults) | free_metadata(assembly.plant.balance.free)
+    metadata |= gravity_metadata(assembly.system.mj.opt.gravity)
+    metadata |= model_metadata(assembly.compiled.changes)
+    if config.task is not None:
+        metadata |= task_metadata(config.task.axes, config.task.target_m)
+    if config.terminal is not None:
+        metadata |= terminal_metadata(config.terminal.stack_momentum_N_m_s)
+    return metadata | {f"version {name}": text for name, text in versions().items()}
 
 
 # A run ends if its state is not finite; numpy's warnings would only repeat that.
@@ -50,7 +253,7 @@ def simulate(
         InputError: The folder cannot be used, or there is no room for the run.
         Exception: With ``check``, the exception that ended the run; see :func:`with_run`.
     """
-    start = assembly.start() if assembly.start is not None else None
+    start = assembly.compiled.start() if assembly.compiled.start is not None else None
     start_s = start.time_s if start is not None else 0.0
     recording = Recording(
         assembly, folder, with_rerun=with_rerun, live=live, columns=columns, watchers=watchers, start_s=start_s

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ffsm_mj.analysis.run import Run, compare, load_run
-from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.process import noted
 from ffsm_mj.cli.exit_codes import CHECK_FAILED, DAMAGED, OK, TRUNCATED
 from ffsm_mj.cli.progress import Report, Stage
 from ffsm_mj.cli.standard_streams import Output

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from importlib import import_module
 
-from ffsm_mj.assembly.interrupts import raised
+from ffsm_mj.assembly.process import raised
 from ffsm_mj.cli.command_line import HelpRequest, parse, parser
 from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED
 from ffsm_mj.cli.quiet import quiet_libraries
@@ -63,7 +63,7 @@ def _internal_error(error: Exception) -> int:
 def one_blas_thread() -> None:
     """Limit BLAS to one thread in this process and its children; must be called before numpy is imported.
 
-    For runs from a user's own process see :mod:`ffsm_mj.assembly.blas_threads`.
+    For runs from a user's own process see :mod:`ffsm_mj.assembly.process`.
     """
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")

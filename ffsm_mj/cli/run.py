@@ -35,9 +35,11 @@ def run(options: argparse.Namespace, output: Output) -> int:
     if options.scenario is None:
         complain(f"ffsm run: name a scenario; '{command('run', '--list')}' shows the shipped ones")
         return BAD_INPUT
-    from ffsm_mj.assembly.interrupts import noted
-    from ffsm_mj.assembly.prepare import prepare  # slow imports, which --list does not need
-    from ffsm_mj.assembly.resume import prepare_from
+    from ffsm_mj.assembly.prepare import (
+        prepare,  # slow imports, which --list does not need
+        prepare_from,
+    )
+    from ffsm_mj.assembly.process import noted
     from ffsm_mj.cli.truncation import PATIENCE  # imports what replays logs
     from ffsm_mj.experiments.file import is_campaign
     from ffsm_mj.experiments.sensitivity import checked_parameters

@@ -84,7 +84,7 @@ def _without_display(run: Path | None, given: str) -> str:
 def _record(run: Path | None, scenario: str, overrides: list[str], path: Path, output: Output) -> None:
     """Write the recording of a run from its log, or of a scenario at t = 0."""
     if run is None:
-        from ffsm_mj.assembly.initial_scene import initial_scene
+        from ffsm_mj.assembly.notes import initial_scene
         from ffsm_mj.assembly.prepare import prepare
         from ffsm_mj.log.rerun.initial_scene import write_initial_scene
 

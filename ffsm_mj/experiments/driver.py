@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from itertools import islice
 from typing import Any
 
-from ffsm_mj.assembly.interrupts import noted
+from ffsm_mj.assembly.process import noted
 from ffsm_mj.errors import FfsmError, InputError, described
 from ffsm_mj.experiments.engines import Engine, WorkerLostError
 from ffsm_mj.experiments.file import CampaignFile

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ffsm_controllers import GROUP as LAWS
 from ffsm_controllers.estimators import GROUP as ESTIMATORS
-from ffsm_mj.assembly.recording import versions
+from ffsm_mj.assembly.run import versions
 from ffsm_mj.contact_models.impact.law import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
 from ffsm_mj.errors import InputError, LogWriteError, one_line

@@ -21,7 +21,6 @@ from ffsm_mj.invocation import command, on_command_line, override
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.loading import load_scenario, stated_source
-from ffsm_mj.scenario.scenario import located
 from ffsm_mj.scenario.shipped import scenario_path
 from ffsm_mj.scenario.source import YamlSource, source_of
 from ffsm_mj.yaml import KeyPath, read_node
@@ -62,7 +61,7 @@ class Plan:
         try:
             design = sample_design(kind, n, seed, self.scalars, self.bindings)
         except ScenarioFaults as faults:
-            raise located(faults, self.source) from faults
+            raise self.source.located(faults) from faults
         refuse_wrong_rows(self.base, design, self.source, self.scalars)
         return design
 
@@ -280,14 +279,14 @@ class _Planner:
             prepared = self._prepared(name, variant, config.overrides)
         if prepared.origin is not None:
             message = "a campaign needs a scenario that begins at t = 0: each of its runs has a seed of its own"
-            raise located(ScenarioFaults([Fault(message, ("initial", "from"))]), prepared.source)
+            raise prepared.source.located(ScenarioFaults([Fault(message, ("initial", "from"))]))
         try:
             self._refuse_metrics(prepared)
             refuse_levels(config)
             scalars = columns(config.dispersions)
             bindings = bind_dispersions(config.dispersions, Targets(prepared))
         except ScenarioFaults as faults:
-            raise located(faults, self.source) from faults
+            raise self.source.located(faults) from faults
         overrides = tuple(as_overrides(config.overrides))
         return Plan(config, self.source, self.own, overrides, prepared, scalars, bindings)
 

@@ -16,7 +16,6 @@ from ffsm_mj.errors import InputError, ScenarioFaults, unknown_name
 from ffsm_mj.experiments.derivatives import exact
 from ffsm_mj.experiments.uncertainty import Outcome, Parameter, Sensitivity, default_outcomes, impacts, parameters, values
 from ffsm_mj.log.run_folder import SCENARIO
-from ffsm_mj.scenario.scenario import located
 
 _SIDES = {(True, True): "both", (True, False): "minus", (False, True): "plus"}
 
@@ -149,7 +148,7 @@ def checked_parameters(prepared: PreparedRun, wrt: Mapping[str, float] = Mapping
     except ScenarioFaults as error:
         if wrt:
             raise InputError([f"{fault.path[-1]}: {fault.message}" for fault in error.faults]) from None
-        raise located(error, prepared.source) from None
+        raise prepared.source.located(error) from None
 
 
 def _written(run: Run, folder: Path) -> Path:

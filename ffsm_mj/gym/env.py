@@ -13,8 +13,7 @@ from gymnasium.spaces import Box
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.prepare import Scenario
-from ffsm_mj.assembly.simulator import Simulator
-from ffsm_mj.assembly.step import Step
+from ffsm_mj.assembly.simulator import Simulator, Step
 from ffsm_mj.controller_protocol import GivenCommand
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.gym.endings import Ending
@@ -25,7 +24,6 @@ from ffsm_mj.gym.rewards import Transition
 from ffsm_mj.gym.setup import Bound, env_of, reward_of, split_env
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.scenario.env_config import EnvConfig
-from ffsm_mj.scenario.scenario import located
 
 
 class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
@@ -111,7 +109,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         try:
             return Bound(self.config, assembly, lambda: self.simulator.unhandled_overlaps)
         except ScenarioFaults as faults:
-            raise located(faults, self._source) from faults
+            raise self._source.located(faults) from faults
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[FloatArray, dict[str, Any]]:
         """Begin an episode.

@@ -11,7 +11,7 @@ from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.experiments.bindings import Targets, bind_dispersions
 from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.planning import Plan, load_plan
-from ffsm_mj.scenario.scenario import ScenarioConfig, located
+from ffsm_mj.scenario.scenario import ScenarioConfig
 
 _SEEDS = 2**63
 
@@ -83,5 +83,5 @@ def resets_of(plan: Plan | None, base: PreparedRun) -> Resets:
     try:
         bindings = bind_dispersions(plan.config.dispersions, Targets(base))
     except ScenarioFaults as faults:
-        raise located(faults, plan.source) from faults
+        raise plan.source.located(faults) from faults
     return Resets(replace(plan, base=base, bindings=bindings).design(), base.scenario.seed)

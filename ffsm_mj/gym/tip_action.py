@@ -7,7 +7,7 @@ import numpy as np
 from ffsm_controllers.task_space.singularity import damped_inverse
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
-from ffsm_mj.assembly.task import task_of
+from ffsm_mj.assembly.control_laws import task_of
 from ffsm_mj.controller_protocol import ControllerContext, Observation
 from ffsm_mj.errors import Fault, ScenarioFaults
 from ffsm_mj.scenario.env_config import TipVelocityAction, TipWrenchAction

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.assembly.process import one_blas_thread
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling
 from ffsm_mj.model.mujoco_process import collected_warnings

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pydantic import ValidationError
 
 from ffsm_mj.assembly.contact_rules import resolve_contacts
+from ffsm_mj.assembly.control_laws import task_of
 from ffsm_mj.assembly.grasps import held_systems
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits
 from ffsm_mj.assembly.plant import build_plant
-from ffsm_mj.assembly.task import task_of
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.records.metadata import conservative_metadata, free_metadata, gravity_metadata

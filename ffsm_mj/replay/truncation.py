@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.assembly.process import one_blas_thread
 from ffsm_mj.balance.step_error import StepError
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.sampling import Sampling

@@ -23,7 +23,7 @@ from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.grasps import grasp_faults
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.phase_graph import graph_faults, is_branching
-from ffsm_mj.scenario.scenario import ScenarioConfig, located, timing_faults, with_contact_models
+from ffsm_mj.scenario.scenario import ScenarioConfig, timing_faults, with_contact_models
 from ffsm_mj.scenario.scene_file import with_scene
 from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
 from ffsm_mj.scenario.source import YamlSource, read_yaml
@@ -128,13 +128,10 @@ def validated(
             {"truth", *estimators().classes, *own_estimators},
         )
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
-    try:
+    with source.locating():
         scenario = with_contact_models(_with_script_laws(scenario, laws, own_estimators))
-    except ScenarioFaults as faulty:
-        raise located(faulty, source) from faulty
-    faults = _other_faults(scenario)
-    if faults:
-        raise located(ScenarioFaults(faults), source)
+        if faults := _other_faults(scenario):
+            raise ScenarioFaults(faults)
     return scenario
 
 

@@ -17,7 +17,7 @@ from pydantic import (
 from ffsm_mj.actuation.config import ActuatorConfig
 from ffsm_mj.config import Name, StrictModel
 from ffsm_mj.contact_models.grasp.config import GraspConfig
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults
+from ffsm_mj.errors import Fault
 from ffsm_mj.model.properties import Trees
 from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.contacts import ContactsConfig
@@ -28,7 +28,6 @@ from ffsm_mj.scenario.joint_limits import JointLimitConfig
 from ffsm_mj.scenario.model_config import REQUIRED, Model, Robot
 from ffsm_mj.scenario.phase_config import PhaseConfig
 from ffsm_mj.scenario.scene_file import SceneConfig
-from ffsm_mj.scenario.source import YamlSource
 from ffsm_mj.scenario.task_config import TaskConfig
 from ffsm_mj.sensing.config import SensorConfig
 
@@ -227,8 +226,3 @@ def with_contact_models(scenario: ScenarioConfig) -> ScenarioConfig:
         if scenario.contact_models
         else scenario
     )
-
-
-def located(error: ScenarioFaults, source: YamlSource) -> InputError:
-    """The faults as an error with their locations in the file."""
-    return InputError(source.lines(error.faults))

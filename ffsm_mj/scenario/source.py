@@ -5,14 +5,16 @@ No other module handles YAML.
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ffsm_mj.errors import Fault, InputError
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.invocation import override
 from ffsm_mj.scenario.element_names import element_name
 from ffsm_mj.scenario.inheritance import ALTERNATIVES, read_inherited
@@ -42,21 +44,43 @@ class YamlSource:
         name = ".".join(str(part) for part in fault.path)
         label = f"{name}: " if name else ""
         found = [path for path in self._overrides if _on_one_line(path, fault.path)]
-        if found:
+        if found or (found := [path for path in self._overrides if self._makes(path, fault.path)]):
             # The override of the key itself rather than that of a mapping around it.
             return f"{override(self._overrides[max(found, key=len)])}: {label}{fault.message}"
         return f"{self._root.find(fault.path).place}: {label}{fault.message}" if self._root else f"{label}{fault.message}"
+
+    def _makes(self, path: KeyPath, key: KeyPath) -> bool:
+        """Whether an override at a path makes a mapping of a key that the file does not have."""
+        root = self._root
+        shared = next((k for k, (one, other) in enumerate(zip(path, key, strict=False)) if one != other), 0)
+        return root is not None and any(root.find(path[:k]) is root.find(path[: k - 1]) for k in range(1, shared + 1))
 
     def lines(self, faults: Iterable[Fault]) -> list[str]:
         """One line per fault, in the order of the file."""
         root = self._root
         return [self.line(fault) for fault in (sorted(faults, key=lambda f: root.find(f.path).place) if root else faults)]
 
+    def located(self, error: ScenarioFaults) -> InputError:
+        """Faults by key as an error with their locations."""
+        return InputError(self.lines(error.faults))
+
+    @contextmanager
+    def locating(self) -> Iterator[None]:
+        """Context that raises faults by key as :class:`InputError` with their locations."""
+        try:
+            yield
+        except ScenarioFaults as faults:
+            raise self.located(faults) from faults
+
     def folder(self, path: KeyPath) -> Path:
         """Folder of the file that sets a key; keys of an override belong to the file given by the user."""
         if self._root is None or any(path[: len(known)] == known for known in self._overrides):
             return self.path.parent
         return self._root.find(path).place.path.parent
+
+    def beside(self, path: KeyPath, name: str) -> Path:
+        """A file or folder that a key names, relative to the file that sets the key."""
+        return Path(os.path.normpath(self.folder(path) / name))
 
     def with_data(self, data: Any) -> YamlSource:
         """The source with other data, whose keys stand where the nearest one of the file does."""

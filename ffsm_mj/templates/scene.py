@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ffsm_mj.assembly.contact_rules import resolve_contacts
-from ffsm_mj.assembly.contact_start import overlapping
+from ffsm_mj.assembly.contact_rules import overlapping, resolve_contacts
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.models import compile_scenario, model_files
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.invocation import command
 from ffsm_mj.scenario.loading import load_scenario
-from ffsm_mj.scenario.scenario import located
 from ffsm_mj.templates.robot_text import flow, word
 from ffsm_mj.templates.vendor import needed_strips
 
@@ -80,7 +78,7 @@ def _overlaps(path: Path) -> list[tuple[str, str]]:
         data = initial_state(scenario, system).data
         contacts = resolve_contacts(scenario.contacts, system)
     except ScenarioFaults as faulty:
-        raise located(faulty, source) from faulty
+        raise source.located(faulty) from faulty
     return [pair.geoms for pair, _ in overlapping(system, data, contacts)]
 
 

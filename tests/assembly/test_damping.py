@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.damping import unstable_damping
+from ffsm_mj.assembly.notes import unstable_damping
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import Damping, mass_matrix, reduced_model
 from tests.model.test_own_robot import FILES

@@ -17,9 +17,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import ffsm_mj
-from ffsm_mj.assembly.blas_threads import one_blas_thread
-from ffsm_mj.assembly.interrupts import noted
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.assembly.process import noted, one_blas_thread
 from ffsm_mj.model import composition
 from ffsm_mj.model.mujoco_process import stopped_clock
 from ffsm_mj.replay import replay_log

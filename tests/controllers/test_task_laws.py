@@ -11,7 +11,7 @@ import ffsm_mj
 from ffsm_controllers import kinds
 from ffsm_mj import Simulator
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.assembly.step import SimulatorState
+from ffsm_mj.assembly.simulator import SimulatorState
 from ffsm_mj.controller_protocol import Command, ControllerContext, Observation, ScenarioFaults, Task
 from tests.controllers.task_laws import (
     LAWS,

@@ -14,8 +14,7 @@ from ffsm_mj._core.contacts import ContactEvaluation, StageForces
 from ffsm_mj._core.forces import HeldForces
 from ffsm_mj._core.rows import RowEvaluator
 from ffsm_mj._core.stages import Smooth, StageSums
-from ffsm_mj.assembly.simulator import Simulator
-from ffsm_mj.assembly.step import SimulatorState
+from ffsm_mj.assembly.simulator import Simulator, SimulatorState
 from ffsm_mj.contact.features.search import features
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint
 from ffsm_mj.contact_models.persistent.friction.cones import own_margin

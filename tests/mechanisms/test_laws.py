@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_controllers.joint_servo import JointServo, ServoConfig
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.description import notes
+from ffsm_mj.assembly.notes import notes
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops

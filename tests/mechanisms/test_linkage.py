@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly import step_control
+from ffsm_mj.assembly import plant
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.mechanisms.reduced import closing
 from tests.mechanisms.test_motions import assert_sound
@@ -75,8 +75,8 @@ def test_explicit_steps_have_order_four(friction, reference, tmp_path, monkeypat
 
     At h lambda = .25 and .125 of the servo the next power adds a sixteenth or so to the ratio of 16.
     """
-    monkeypatch.setattr(step_control, "STIFF_STEP", math.inf)
-    monkeypatch.setattr(step_control, "RESOLVED_STEP", math.inf)
+    monkeypatch.setattr(plant, "STIFF_STEP", math.inf)
+    monkeypatch.setattr(plant, "RESOLVED_STEP", math.inf)
     errors = [differences(closed(tmp_path, friction, step_s), reference) for step_s in (2.5e-4, 1.25e-4)]
     assert errors[0] < (1e-11, 3e-9, 1e-7)
     for coarse, fine in zip(*errors, strict=True):

@@ -98,7 +98,7 @@ def test_numbers_of_a_file_that_are_rounded_leave_a_mechanism_its_motion(tmp_pat
     # Rows that are closed to 1e-8 only close another way as the bars turn: the energy changes by less than that share.
     energy = rounded["energy.total_J"]
     assert np.abs(energy - energy[0]).max() < 1e-8 * energy[0]
-    monkeypatch.setattr("ffsm_mj.assembly.closed_start.MECHANISM_RANK", RANK)
+    monkeypatch.setattr("ffsm_mj.assembly.initial_state.MECHANISM_RANK", RANK)
     data = prepare(mechanism(tmp_path, parallelogram(off=1e-8), {"bar0": 0.8}, rates)).assemble().data
     assert data.joint("robot/bar0").qpos[0] == pytest.approx(0.5 * math.pi, abs=1e-4)
     assert abs(data.joint("robot/bar0").qvel[0]) < 1e-6

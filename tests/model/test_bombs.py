@@ -16,7 +16,7 @@ import zstandard
 from mcap.reader import make_reader
 
 import ffsm_mj
-from ffsm_mj.assembly import run_size
+from ffsm_mj.assembly import assemble
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import InputError, LogError
 from ffsm_mj.hull import hull
@@ -74,12 +74,12 @@ def test_a_limit_is_raised_by_a_key(tmp_path, capsys):
 
 def test_a_run_must_fit_on_disk_or_in_memory(tmp_path, capsys, monkeypatch):
     path = two_balls(tmp_path)
-    monkeypatch.setattr(run_size, "_free", lambda folder: 1000 if folder.name == "out" else 1 << 40)
+    monkeypatch.setattr(assemble, "_free", lambda folder: 1000 if folder.name == "out" else 1 << 40)
     assert main(["run", str(path), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"{tmp_path}/out: the run takes ")
     assert not (tmp_path / "out").exists()
-    monkeypatch.setattr(run_size, "_memory", lambda: 1000)
+    monkeypatch.setattr(assemble, "_memory", lambda: 1000)
     with pytest.raises(InputError, match="of memory, this machine has 1e-06 GB; give it a folder"):
         ffsm_mj.run(path)
     assert ffsm_mj.run(path, out=tmp_path / "fits", rerun=False).outcome == "completed"
@@ -89,8 +89,8 @@ def test_the_estimate_is_an_upper_bound(tmp_path):
     """The uncompressed size bounds the samples in the file, which also has headers and topics for viewers."""
     run = ffsm_mj.run(two_balls(tmp_path, duration_s=5.0), out=tmp_path / "out", rerun=False)
     size = (tmp_path / "out" / "run.mcap").stat().st_size
-    bound = run_size.logged_bytes(len(run.time), len(run.keys))
-    assert bound / run_size._BEST_COMPRESSION / 4 < size < bound
+    bound = assemble.logged_bytes(len(run.time), len(run.keys))
+    assert bound / assemble._BEST_COMPRESSION / 4 < size < bound
 
 
 # --- models -----------------------------------------------------------------------------------------------------------

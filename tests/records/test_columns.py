@@ -18,7 +18,7 @@ import ffsm_mj
 from ffsm_controllers.phases import Phase
 from ffsm_mj._core.tick import Sampler
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.column_faults import refuse_telemetry
+from ffsm_mj.assembly.control_laws import refuse_telemetry
 from ffsm_mj.cli.main import main
 from ffsm_mj.errors import ScenarioFaults
 from ffsm_mj.log.mcap.format import SampleCodec, layout_of_schema, sample_schema

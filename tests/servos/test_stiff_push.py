@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly import step_control
+from ffsm_mj.assembly import plant
 from tests.replays import assert_replayed
 from tests.scenes import HEAD, box, scene
 from tests.servos.scenes import steps
@@ -51,8 +51,8 @@ def test_divided_steps_and_a_contact_that_ends_inside_one(tmp_path, mu):
 
 def test_whole_steps_converge(tmp_path, monkeypatch):
     """The energies close by order 5 of the method; the momentum of the body is the quadrature of the force that moves it."""
-    monkeypatch.setattr(step_control, "STIFF_STEP", 0.0)  # all steps are implicit
-    monkeypatch.setattr(step_control, "RESOLVED_STEP", np.inf)  # and none is divided
+    monkeypatch.setattr(plant, "STIFF_STEP", 0.0)  # all steps are implicit
+    monkeypatch.setattr(plant, "RESOLVED_STEP", np.inf)  # and none is divided
     left = []
     for step_s in (2e-3, 1e-3, 5e-4):
         run = push(tmp_path, 0.0, step_s, 0.004)

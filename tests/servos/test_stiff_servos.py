@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly import step_control
+from ffsm_mj.assembly import plant
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from tests.replays import assert_replayed
@@ -42,8 +42,8 @@ def test_a_stiff_servo_moves_as_its_law_says(tmp_path, step_s):
 
 
 def test_explicit_steps_diverge(tmp_path, monkeypatch):
-    monkeypatch.setattr(step_control, "STIFF_STEP", np.inf)
-    monkeypatch.setattr(step_control, "RESOLVED_STEP", np.inf)
+    monkeypatch.setattr(plant, "STIFF_STEP", np.inf)
+    monkeypatch.setattr(plant, "RESOLVED_STEP", np.inf)
     run = ffsm_mj.run(link_scene(tmp_path, HOLD, actuators=STIFF, duration_s=0.1))
     assert run.outcome != "completed"
 

@@ -16,9 +16,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.assembly.interrupts import noted
-from ffsm_mj.assembly.simulator import Simulator
-from ffsm_mj.assembly.step import SimulatorError, SimulatorState
+from ffsm_mj.assembly.process import noted
+from ffsm_mj.assembly.simulator import Simulator, SimulatorError, SimulatorState
 from ffsm_mj.cli.main import main
 from ffsm_mj.config import StrictModel
 from ffsm_mj.controller_protocol import Command
@@ -202,7 +201,7 @@ def test_in_another_process(tap, tmp_path):
     simulator.close()
     program = (
         "import sys, numpy, ffsm_mj\n"
-        "from ffsm_mj.assembly.step import SimulatorState\n"
+        "from ffsm_mj.assembly.simulator import SimulatorState\n"
         "simulator = ffsm_mj.Simulator('tap', {'duration_s': 0.4})\n"
         "simulator.set_state(SimulatorState.from_bytes(open(sys.argv[1] + '/state', 'rb').read()))\n"
         "while not simulator.ended: simulator.step()\n"

@@ -12,7 +12,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.assembly.step import SimulatorError, SimulatorState
+from ffsm_mj.assembly.simulator import SimulatorError, SimulatorState
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.reader import stored_states
 from ffsm_mj.scenario.shipped import scenario_names

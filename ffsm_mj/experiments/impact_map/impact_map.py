@@ -15,7 +15,7 @@ from scipy.optimize import Bounds, minimize
 
 from ffsm_mj.analysis.tables import Table
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.assembly.blas_threads import one_blas_thread
+from ffsm_mj.assembly.process import one_blas_thread
 from ffsm_mj.contact.watch import ContactWatch
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.experiments.impact_map.evaluation import OBJECTIVES, Configuration, Evaluation, Origin, initial_block, table_of

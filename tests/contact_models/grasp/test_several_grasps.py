@@ -10,7 +10,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.assembly.step import SimulatorState
+from ffsm_mj.assembly.simulator import SimulatorState
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
