@@ -24,7 +24,7 @@ API = {
     ),
     "Functions of a run": (
         "`ffsm_mj.explain`, `summary`, `effort`, `base_rotation`, `angular_momentum`, `plot`, `animate`, `sensitivity`.",
-        *("ffsm_mj.analysis.run_models", "ffsm_mj.report.plots.notebook.plot", "ffsm_mj.report.film.animate"),
+        *("ffsm_mj.analysis.run_models", "ffsm_mj.report.plots.notebook.plot", "ffsm_mj.report.animation.animate"),
         "ffsm_mj.experiments.sensitivity.sensitivity",
     ),
     "Campaigns": (

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ffsm_mj.experiments.impact_map.impact_map import impact_map as impact_map
     from ffsm_mj.experiments.sensitivity import sensitivity as sensitivity
     from ffsm_mj.replay import explain as explain
-    from ffsm_mj.report.film import animate as animate
+    from ffsm_mj.report.animation import animate as animate
     from ffsm_mj.report.plots.notebook import plot as plot
     from ffsm_mj.scenario.model_config import Model as Model
     from ffsm_mj.scenario.model_config import Robot as Robot
@@ -54,7 +54,7 @@ _LAZY = {
     "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
     "SimulatorState": ("ffsm_mj.assembly.simulator", "SimulatorState"),
     "angular_momentum": ("ffsm_mj.analysis.run_models", "angular_momentum"),
-    "animate": ("ffsm_mj.report.film", "animate"),
+    "animate": ("ffsm_mj.report.animation", "animate"),
     "base_rotation": ("ffsm_mj.analysis.run_models", "base_rotation"),
     "compare": ("ffsm_mj.analysis.run", "compare"),
     "effort": ("ffsm_mj.analysis.run_models", "effort"),

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from ffsm_mj.cli.exit_codes import exit_codes
 from ffsm_mj.errors import InputError, unknown_name
 from ffsm_mj.invocation import command
-from ffsm_mj.report.frame_rate import MOST_FRAMES_PER_SECOND
+from ffsm_mj.report import MOST_FRAMES_PER_SECOND
 from ffsm_mj.similar_names import did_you_mean
 
 COMMANDS = {

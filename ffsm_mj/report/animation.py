@@ -1,14 +1,16 @@
-"""Animations of a run as GIF or MP4, drawn without a display or GPU."""
+"""Animations of a run as GIF or MP4, in files and in notebooks, drawn without a display or GPU."""
 
 from __future__ import annotations
 
+import html
 import math
+from base64 import b64encode
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -16,6 +18,7 @@ from PIL import Image
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError, MissingPackageError, OutputLostError
+from ffsm_mj.report import MOST_FRAMES_PER_SECOND
 from ffsm_mj.report.output_place import new_file, usable_file
 from ffsm_mj.report.pictures import pictures
 from ffsm_mj.report.plots.style import publication
@@ -62,22 +65,61 @@ def write_animation(
     return cut.description
 
 
-def gif(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> tuple[bytes, str]:
-    """An animation of a run as the bytes of a GIF, and one line that describes it.
+@dataclass(frozen=True)
+class Film:
+    """An animated GIF.
+
+    Attributes:
+        name: Name of the scenario.
+        description: One line that describes it: frames, duration, playback speed.
+        gif: Bytes of the file.
+    """
+
+    name: str
+    description: str
+    gif: bytes = field(repr=False)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file.
+
+        Raises:
+            InputError: The name does not end in ``.gif``, or the file cannot be written.
+            OutputLostError: The file could not be written completely.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".gif":
+            raise InputError(f"{target}: must end in .gif; for .mp4 use 'ffsm export --mp4' on the command line")
+        usable_file(target)
+        with new_file(target) as place:
+            place.write_bytes(self.gif)
+        return target
+
+    def _repr_html_(self) -> str:
+        words = html.escape(f"{self.name}: {self.description}")
+        return f'<img alt="{words}" title="{words}" src="data:image/gif;base64,{b64encode(self.gif).decode("ascii")}">'
+
+
+# Values that are not finite show in the pictures; numpy's warnings would only repeat that.
+@np.errstate(all="ignore")
+def animate(run: Run, *, frames_per_second: float = 20.0, speed: float | None = None) -> Film:
+    """Animation of the motion of a run, that of ``ffsm export --gif``; a notebook displays it, ``save(path)`` writes it.
 
     Args:
-        run: A run with at least one sample.
-        frames_per_second: Frame rate.
+        run: The run.
+        frames_per_second: Frame rate, up to 50.
         speed: Playback speed relative to real time; None: at most 12 s of video.
 
     Raises:
-        InputError: No samples, models that no longer compile, or too many frames.
+        InputError: The run has no samples, its models no longer compile, or the animation would be too long.
+        ValueError: An invalid frame rate or speed.
     """
+    if not 0.0 < frames_per_second <= MOST_FRAMES_PER_SECOND:
+        raise ValueError(f"frames_per_second is {frames_per_second!r}; allowed: above 0, up to {MOST_FRAMES_PER_SECOND}")
+    if speed is not None and not 0.0 < speed < float("inf"):
+        raise ValueError(f"speed is {speed!r}; allowed: a positive number")
     cut = _cut(run, frames_per_second, speed, "", "raise speed or lower frames_per_second")
-    buffer = BytesIO()
     with publication():
-        _save_gif(buffer, cut.pictures(), frames_per_second)
-    return buffer.getvalue(), cut.description
+        return Film(run.name, cut.description, _gif(cut.pictures(), frames_per_second))
 
 
 @dataclass(frozen=True)
@@ -123,17 +165,17 @@ def _counted(pictures: Iterator[Any], count: int, report: Callable[[float, float
 
 
 def _write_gif(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:
-    buffer = BytesIO()
-    _save_gif(buffer, pictures, frames_per_second)
     with new_file(path) as place:
-        place.write_bytes(buffer.getvalue())
+        place.write_bytes(_gif(pictures, frames_per_second))
 
 
-def _save_gif(to: BinaryIO, pictures: Iterator[Any], frames_per_second: float) -> None:
+def _gif(pictures: Iterator[Any], frames_per_second: float) -> bytes:
     images = [Image.fromarray(picture).quantize(64, Image.Quantize.FASTOCTREE) for picture in pictures]
     step = max(20, round(1000 / frames_per_second / 10) * 10)  # frame durations in GIF are in hundredths of a second
     durations = [step] * (len(images) - 1) + [round(1000 * _LAST_PICTURE_S)]
-    images[0].save(to, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+    buffer = BytesIO()
+    images[0].save(buffer, "GIF", save_all=True, append_images=images[1:], duration=durations, loop=0)
+    return buffer.getvalue()
 
 
 def _write_mp4(path: Path, pictures: Iterator[Any], frames_per_second: float) -> None:

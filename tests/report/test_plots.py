@@ -11,7 +11,7 @@ from PIL import Image
 
 from ffsm_mj.hull import hull
 from ffsm_mj.report import pictures, plots
-from ffsm_mj.report.animation import gif
+from ffsm_mj.report.animation import animate
 from ffsm_mj.report.plots.motion import view_box
 from ffsm_mj.report.plots.panels import envelope, running_maximum
 from ffsm_mj.report.plots.silhouette import Plane, Silhouette
@@ -199,7 +199,7 @@ def test_a_fixed_body_is_drawn_at_its_pose(tmp_path, ffsm_run):
     assert 0.95 < right < 1.1
     assert -0.6 < bottom < -0.45
     assert 0.6 < top < 0.75
-    film, _ = gif(run)
+    film = animate(run).gif
     picture = np.array(Image.open(BytesIO(film)).convert("RGB"), dtype=int)
     grey = (np.ptp(picture, axis=2) <= 2) & (picture[:, :, 0] > 150) & (picture[:, :, 0] < 225)
     assert grey.mean() > 0.04  # with the wall 0.07; without it 0.02, the grid

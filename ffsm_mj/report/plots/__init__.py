@@ -14,14 +14,24 @@ from typing import TYPE_CHECKING
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.report.output_place import usable_folder, writing
 from ffsm_mj.report.plots.compared import MOST_RUNS, comparison
-from ffsm_mj.report.plots.contacts import contacts
-from ffsm_mj.report.plots.grasps import grasps
+from ffsm_mj.report.plots.intervals import contacts, grasps
 from ffsm_mj.report.plots.motion import motion
 from ffsm_mj.report.plots.sensing import estimates, sensors
-from ffsm_mj.report.plots.springs import has_springs, springs
 from ffsm_mj.report.plots.style import FORMATS, publication, write
 from ffsm_mj.report.plots.subject import Subject
-from ffsm_mj.report.plots.time_series import CONSERVED, base, conservation, energies, inputs, joints, momenta, tip, torques
+from ffsm_mj.report.plots.time_series import (
+    CONSERVED,
+    base,
+    conservation,
+    energies,
+    has_springs,
+    inputs,
+    joints,
+    momenta,
+    springs,
+    tip,
+    torques,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

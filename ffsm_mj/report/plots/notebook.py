@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from base64 import b64encode
-from collections.abc import Iterator, Mapping
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -21,30 +20,12 @@ if TYPE_CHECKING:
 _DPI = 110
 
 
-class Figures(Mapping[str, "Figure"]):
+class Figures(dict[str, "Figure"]):
     """Matplotlib figures by name, not registered with pyplot; ``figures["tip"].savefig(path)`` saves one."""
 
-    def __init__(self, by_name: Mapping[str, Figure]) -> None:
-        """Take figures by name, in order."""
-        self._by_name = dict(by_name)
-
-    def __getitem__(self, name: str) -> Figure:
-        """A figure.
-
-        Raises:
-            KeyError: No such figure; the message lists the names.
-        """
-        if name not in self._by_name:
-            raise KeyError(unknown_name("figure", name, self._by_name))
-        return self._by_name[name]
-
-    def __iter__(self) -> Iterator[str]:
-        """The names."""
-        return iter(self._by_name)
-
-    def __len__(self) -> int:
-        """Number of figures."""
-        return len(self._by_name)
+    def __missing__(self, name: str) -> Figure:
+        """Raise KeyError with a message that lists the names."""
+        raise KeyError(unknown_name("figure", name, self))
 
     def __repr__(self) -> str:
         """The names of the figures."""

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import blended_transform_factory
 
 from ffsm_mj.analysis.run import Run
-from ffsm_mj.arrays import FloatArray
+from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, LINE_STYLES, SKY, VERMILION, WIDTH_IN, plain
 
 _SHADES = ("#F1F1F1", "#FFFFFF")
@@ -172,6 +172,12 @@ def envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArr
         kept += [start, start + int(np.argmin(finite)), start + int(np.argmax(finite)), stop - 1]
     chosen = np.unique(kept)
     return time[chosen], values[chosen]
+
+
+def spans(time: FloatArray, on: BoolArray) -> FloatArray:
+    """Start and end of each interval in which a mask of rows is set, (n, 2), s."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
+    return time[np.minimum(edges, len(time) - 1)].reshape(-1, 2)
 
 
 def mark_events(axes: Axes, run: Run, *, names: bool, wide: bool = True) -> None:

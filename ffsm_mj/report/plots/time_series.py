@@ -1,4 +1,4 @@
-"""Figures over time: base, joints, tip, torques, inputs, momenta, energies, and residuals of the balances."""
+"""Figures over time: base, joints, springs, tip, torques, inputs, momenta, energies, and residuals of the balances."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.model.system import Joint, Tree
+from ffsm_mj.model.system import Joint, Tree, stiffness_coefficients
 from ffsm_mj.records.metadata import free_components, logged_task
 from ffsm_mj.records.signals import (
     COMPONENTS,
@@ -19,7 +20,7 @@ from ffsm_mj.records.signals import (
     identifier,
     rate_names,
 )
-from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, stacked
+from ffsm_mj.report.plots.panels import Curve, Panel, running_maximum, spans, stacked
 from ffsm_mj.report.plots.style import BLACK, BLUE, COLOURS, ORANGE, VERMILION, plain
 from ffsm_mj.report.plots.subject import Subject
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE
@@ -145,7 +146,7 @@ def inputs(subject: Subject) -> Figure:
                 Panel(f"{short(name)}, N", [Curve("force", _effort(subject, name, "applied")[0], BLUE, width=0.8)])
             )
     else:
-        bars = {short(name): _firings(subject, name) for name in thrusters}
+        bars = {short(name): spans(subject.run.time, _effort(subject, name, "applied")[0] != 0.0) for name in thrusters}
         if any(map(len, bars.values())):
             panels.append(Panel("thruster on", bars=bars, height=0.36 + 0.093 * len(bars)))
     spent = [key for n in thrusters if (key := f"actuators.{identifier(n)}_impulse_N_s") in subject.run.keys]
@@ -158,14 +159,6 @@ def inputs(subject: Subject) -> Figure:
     if subject.wheel_joints:
         panels.append(Panel("wheel speed, rad/s", [Curve(short(j.name), _rate(subject, j)) for j in subject.wheel_joints]))
     return stacked(subject.run, panels, height_in=1.4)
-
-
-def _firings(subject: Subject, thruster: str) -> FloatArray:
-    """Start and end of each firing of a thruster, (n, 2), s."""
-    time = subject.run.time
-    on = np.concatenate(([False], _effort(subject, thruster, "applied")[0] != 0.0, [False]))
-    edges = np.flatnonzero(on[1:] != on[:-1])
-    return time[np.minimum(edges, len(time) - 1)].reshape(-1, 2)
 
 
 def _named(subject: Subject, subsystem: str) -> str:
@@ -260,3 +253,36 @@ def conservation(subject: Subject) -> Figure:
             lines.append(Curve("allowed", min(allowed.values()) * stretches, _GREY, (0, (4.0, 1.5)), 0.9))
             panels.append(Panel(f"{check.replace(' ', chr(10))}\nresidual, {unit}", lines, log=True))
     return stacked(run, panels, height_in=1.6)
+
+
+_TOTAL_ELASTIC, _TOTAL_HEAT = f"energy.{ELASTIC.format('total')}", f"balance.{DAMPER_HEAT.format('total')}"
+_UNITS = {"hinge": ("deflection, mrad", 1e3), "slide": ("deflection, mm", 1e3)}
+
+
+def has_springs(run: Run) -> bool:
+    """Whether joints of the models have springs."""
+    return _TOTAL_ELASTIC in run.keys
+
+
+def springs(subject: Subject) -> Figure:
+    """Deflection of each spring of a hinge or slide from its reference, elastic energy, and heat of dampers."""
+    run, model = subject.run, subject.system.mj
+    sprung = {model.joint(j).name for j in np.flatnonzero(np.any(stiffness_coefficients(model), axis=1)).tolist()}
+
+    def zero(joint: Joint) -> float:
+        return float(model.qpos_spring[joint.qpos.start])
+
+    panels = []
+    for kind, (label, factor) in _UNITS.items():
+        joints = [joint for name, joint in subject.system.joints.items() if joint.kind == kind and name in sprung]
+        if joints:
+            panels.append(
+                Panel(
+                    label,
+                    [Curve(short(joint.name), factor * (_coordinate(subject, joint) - zero(joint))) for joint in joints],
+                )
+            )
+    energy = [Curve("elastic energy", run[_TOTAL_ELASTIC], COLOURS[0])]
+    if _TOTAL_HEAT in run.keys:
+        energy.append(Curve("heat of dampers", run[_TOTAL_HEAT], BLACK, (0, (4.0, 1.5))))
+    return stacked(run, [*panels, Panel("energy, J", energy)], height_in=1.8)
