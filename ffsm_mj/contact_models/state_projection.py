@@ -1,4 +1,4 @@
-"""Energy and momentum that a projection of the state exchanges between the subsystems."""
+"""What contacts, latches and projections of the state exchange between the subsystems."""
 
 from __future__ import annotations
 
@@ -14,12 +14,34 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.projection import ClosedRows, project
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
 from ffsm_mj.dynamics.springs import JointSprings
-from ffsm_mj.model.system import Tree
+from ffsm_mj.model.system import System, Tree
 
 
 def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
     """Sum of two exchanges."""
     return other if one is None else Exchange(*(a + b for a, b in zip(one, other, strict=True)))
+
+
+def exchange_signs(system: System, a: int, b: int, grasped: frozenset[int] = frozenset()) -> tuple[float, float, float]:
+    """Signs with which a wrench on body b, and its reaction on body a, enter the balance; zeros within a subsystem.
+
+    They are those of a wrench of the robot on the objects, and of external ones on the robot and on the objects.
+
+    Args:
+        system: The logged system.
+        a: Id of a body of it.
+        b: Id of another one.
+        grasped: Bodies of a grasped object, which is integrated as a part of the robot; see ``balance/exchange.py``.
+    """
+    robot, moves = grasped.union(system.robot.bodies), [system.tree_of_body(each) is not None for each in (a, b)]
+    if all(moves):
+        return float(a in robot) - float(b in robot), 0.0, 0.0
+    free, sign = (b, 1.0) if moves[1] else (a, -1.0)
+    if free in grasped:
+        # The force acts on an object although it is integrated with the robot: it is entered for the object, and the
+        # reaction that the robot's balance would otherwise see is subtracted.
+        return -sign, 0.0, sign
+    return (0.0, sign, 0.0) if free in robot else (0.0, 0.0, sign)
 
 
 class StateProjection:

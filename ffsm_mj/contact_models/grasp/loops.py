@@ -32,7 +32,7 @@ from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.contact_models.persistent.exchange import robot_dofs
-from ffsm_mj.contact_models.state_projection import StateProjection, sum_exchanges
+from ffsm_mj.contact_models.state_projection import StateProjection, exchange_signs, sum_exchanges
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops, RowSource
 from ffsm_mj.dynamics.loops.couplings import JointCoupling
 from ffsm_mj.dynamics.loops.equalities import Equality, equalities_of
@@ -124,7 +124,9 @@ class LoopExchange:
         """Use a motion with some rows held."""
         self._motion, self._robot = motion, robot_dofs(self._scene.system, motion)
         latches = {i: each for i, each in enumerate(sources) if isinstance(each, LatchedBodies)}
-        self._signs = np.array([self._sign(latch, motion.grasped_bodies) for latch in latches.values()]).reshape(-1, 3)
+        bodies = [(latch.first, latch.second) for latch in latches.values()]
+        signs = [exchange_signs(self._scene.system, *both, motion.grasped_bodies) for both in bodies]
+        self._signs = np.array(signs).reshape(-1, 3)
         self._places = [*latches]
         self.outside = np.any(self._signs[:, 1:] != 0.0, axis=0)
         self.taken = np.eye(6) if self.outside.any() else np.empty((0, 6))
@@ -138,18 +140,6 @@ class LoopExchange:
             return False
         robot = range(self._robot.start, self._robot.stop)
         return len({self._motion.dofs[dof] in robot for dof in (source.follower, source.leader)}) > 1
-
-    def _sign(self, latch: LatchedBodies, grasped: frozenset[int]) -> tuple[float, float, float]:
-        """Signs with which a wrench on body b is one of the robot on objects, and of fixed bodies on robot and objects."""
-        system = self._scene.system
-        fixed, robot = system.fixed_bodies, grasped.union(system.robot.bodies)
-        a, b = latch.first, latch.second
-        if a in fixed or b in fixed:
-            free, sign = (b, 1.0) if a in fixed else (a, -1.0)
-            if free in grasped:  # integrated with the robot, but an external force on the object
-                return -sign, 0.0, sign
-            return (0.0, sign, 0.0) if free in robot else (0.0, 0.0, sign)
-        return float(a in robot) - float(b in robot), 0.0, 0.0
 
     def clear(self) -> None:
         """Discard the stages of the last step."""

@@ -41,13 +41,12 @@ from ffsm_mj.contact_models.impact.resolution import (
 from ffsm_mj.contact_models.impact.rest_rule import RestingResult, RestRule, resolve_resting
 from ffsm_mj.contact_models.impact.time_of_impact import Detector
 from ffsm_mj.contact_models.interface import EventEffect, EventTime, LoggedEvent, Scene
+from ffsm_mj.contact_models.state_projection import exchange_signs
 from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import ImpactRecord, Outcome, RunEnded
 from ffsm_mj.state import Stateful
-
-_EXCHANGES = (("robot", "objects"), ("fixed", "robot"), ("fixed", "objects"))
 
 
 def impact_energies(system: System, data: Any, impact: Impact) -> FloatArray:
@@ -68,21 +67,11 @@ def impulses_between(system: System, impact: Impact) -> FloatArray:
     with itself, is within one subsystem and contributes nothing; nor does a joint at its limit.
     """
     impulses = np.zeros((3, 6))
-    for contact, vector in zip(impact.contacts, impact.vectors, strict=True):
-        if isinstance(contact, LimitContact):
-            continue
-        a, b = (_subsystem(system, body) for body in (contact.body_a, contact.body_b))
-        for number, (source, target) in enumerate(_EXCHANGES):
-            if {a, b} == {source, target}:
-                force = vector if b == target else -vector
-                impulses[number] += np.concatenate((force, np.cross(contact.point, force)))
+    for contact, force in zip(impact.contacts, impact.vectors, strict=True):
+        if not isinstance(contact, LimitContact):
+            signs = exchange_signs(system, contact.body_a, contact.body_b)
+            impulses += np.outer(signs, np.concatenate((force, np.cross(contact.point, force))))
     return impulses
-
-
-def _subsystem(system: System, body: int) -> str:
-    if body in system.fixed_bodies:
-        return "fixed"
-    return "robot" if body in system.robot.bodies else "objects"
 
 
 def _centre(system: System, data: Any, body: int) -> FloatArray:

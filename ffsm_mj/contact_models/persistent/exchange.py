@@ -19,6 +19,7 @@ from ffsm_mj.cached_property import cached_property
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import UnilateralConstraint
 from ffsm_mj.contact_models.persistent.contact_points import ContactPoint, PointRows, point_runs
+from ffsm_mj.contact_models.state_projection import exchange_signs
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.model.system import System
 
@@ -82,24 +83,9 @@ class Shares:
     @classmethod
     def of(cls, system: System, contact_points: Sequence[ContactPoint], grasped_bodies: frozenset[int]) -> Shares:
         """Signs for some contact points; grasped bodies count as parts of the robot (see ``balance/exchange.py``)."""
-        robot = grasped_bodies.union(system.robot.bodies)
-        objects = {body for tree in system.objects for body in tree.bodies} - grasped_bodies
-        from_robot, outside = np.zeros(len(contact_points)), np.zeros((2, len(contact_points)))
-        for i, contact in enumerate(contact_points):
-            a, b = contact.pair.body_a, contact.pair.body_b
-            ours = [subsystem for subsystem, bodies in enumerate((robot, objects)) if (a in bodies) != (b in bodies)]
-            if len(ours) == 2:  # contact between the robot and an object
-                from_robot[i] = 1.0 if a in robot else -1.0
-            elif ours:  # the other body is fixed: an external force
-                bodies = (robot, objects)[ours[0]]
-                sign = 1.0 if b in bodies else -1.0
-                # The force acts on an object although it is integrated with the robot: enter it for the object, and
-                # subtract the reaction that the robot's balance would otherwise see.
-                if a in grasped_bodies or b in grasped_bodies:
-                    outside[1, i], from_robot[i] = sign, -sign
-                else:
-                    outside[ours[0], i] = sign
-        return cls(from_robot, outside, contact_points)
+        bodies = [(contact.pair.body_a, contact.pair.body_b) for contact in contact_points]
+        signs = np.array([exchange_signs(system, *both, grasped_bodies) for both in bodies]).reshape(-1, 3).T
+        return cls(np.ascontiguousarray(signs[0]), np.ascontiguousarray(signs[1:]), contact_points)
 
 
 def robot_dofs(system: System, motion: Motion) -> slice:
