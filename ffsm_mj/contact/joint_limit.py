@@ -25,7 +25,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.features.body_motion import Vector
 from ffsm_mj.contact.features.gap_function import FeatureState
 from ffsm_mj.contact.motion_bound import rate_per_root_energy
-from ffsm_mj.contact.second_rate import Proximity, SecondRate
+from ffsm_mj.contact.proximity import Proximity, SecondRate
 from ffsm_mj.dynamics.loops.couplings import TendonRow
 from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.model.system import tendon_bodies, tendon_unit

@@ -1,15 +1,14 @@
-"""Refinement of a contact normal to rounding: the direction of largest separation of two convex geoms.
+"""Gap and contact normal of two convex geoms: distance queries of MuJoCo, refined on the support functions to rounding.
 
-The distance of a query is accurate to 1e-9 of the size or better, and stationary in the direction, which is known to the
-square root only. The separation along n is -h1(n) - h2(-n) with the support functions of the geoms, which are closed forms;
-its maximum is found by Newton's method on the sphere of directions. Edges and faces are kinks of the separation: a normal
-perpendicular to an edge stays perpendicular to it, and two edges or a face determine the normal.
-
-Gap and contact normal of two geoms from MuJoCo's distance queries.
+The normal is the direction of largest separation. The distance of a query is accurate to 1e-9 of the size or better, and
+stationary in the direction, which is known to the square root only. The separation along n is -h1(n) - h2(-n) with the
+support functions of the geoms, which are closed forms; its maximum is found by Newton's method on the sphere of directions.
+Edges and faces are kinks of the separation: a normal perpendicular to an edge stays perpendicular to it, and two edges or a
+face determine the normal.
 
 ``mj_geomDistance`` returns a distance and two witness points. Near contact the line between them has no defined direction,
 so the normal comes from shifted queries: geom b is moved away along the current estimate and the query repeated a few times.
-The result is then refined on the support functions (:mod:`.normal`), which also give the gap to rounding.
+The result is then refined on the support functions, which also give the gap to rounding.
 """
 
 from __future__ import annotations

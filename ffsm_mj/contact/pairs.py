@@ -10,8 +10,9 @@ one point of the rim, which is known in closed form.
 
 Unilateral constraints: what an impact or a persistent contact can act on.
 
-Both kinds have the same interface: a gap with its rate, second rate and rounding (:class:`.proximity.Proximity`), bounds on
-the closing speed, and a coefficient of restitution. Pairs of geoms add a normal, contact points, features and friction.
+Both kinds have the same interface: a gap with its rate, second rate and rounding
+(:class:`~ffsm_mj.contact.proximity.Proximity`), bounds on the closing speed, and a coefficient of restitution. Pairs of
+geoms add a normal, contact points, features and friction.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.motion_bound import MotionBound
 from ffsm_mj.contact.normal import HalfSpaceNormal, NormalSearch, separation
 from ffsm_mj.contact.patch import caps_of, facing, flush_offset, touching_set
-from ffsm_mj.contact.second_rate import Proximity, SecondRate, second_rate
+from ffsm_mj.contact.proximity import Proximity, SecondRate, second_rate
 from ffsm_mj.contact.shape import Shape, position_tolerance, side_radius
 from ffsm_mj.model.system import System
 from ffsm_mj.state import Stateful

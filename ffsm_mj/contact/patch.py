@@ -1,6 +1,4 @@
-"""Caps of cylinders: discs with a rim, and what two of them that lie on each other have in common.
-
-The contact patch of two convex geoms: a point, an edge or a face, given by its extreme points.
+"""The contact patch of two convex geoms: a point, an edge or a face, given by its extreme points; caps of cylinders.
 
 The witness point of a distance query is not defined for a flat contact: it jumps from corner to corner at a tilt of 1e-9
 rad. The contact patch is therefore built from the features of the geoms: the extreme points of each geom along the normal

@@ -1,10 +1,6 @@
 """Detection of unhandled contacts: overlaps of pairs that no contact model resolves and that are not ignored are reported.
 
 MuJoCo's broad and narrow phase lists overlapping geoms at the control rate; no forces are applied.
-
-Which geoms can collide by MuJoCo's own filters.
-
-Record kind of unhandled contacts; :mod:`.watch` detects them.
 """
 
 from __future__ import annotations

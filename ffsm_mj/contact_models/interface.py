@@ -5,8 +5,6 @@ exchange for the balance. A source of forces adds wrenches to the smooth motion 
 own, or whose forces a replay checks, is replayable. A contact model is a source of either, or both, that a scenario
 declares in its ``contact_models``: registered by kind, or through the entry-point group ``ffsm_mj.contact_models``. Impacts,
 persistent contact, grasps and delayed control are sources that a scenario has by other keys.
-
-Events of contact models: their scene, time, effect, and what a log says of them.
 """
 
 from __future__ import annotations

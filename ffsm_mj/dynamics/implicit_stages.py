@@ -8,8 +8,6 @@ three, so that it keeps most of its order where the stiffness is large, as after
 
 Stiff forces solve their part of these equations at all nodes at once, given the rest, which converges by fixed-point
 iteration; with stiff actuators by Newton's (:mod:`ffsm_mj.dynamics.stiff_actuators`).
-
-Rates of rotation vectors, in which Runge-Kutta methods integrate rotations (Runge-Kutta-Munthe-Kaas).
 """
 
 from __future__ import annotations
@@ -29,7 +27,8 @@ if TYPE_CHECKING:
 def rotation_vector_rate(turned: list[float], spin: list[float]) -> tuple[float, float, float]:
     """Rate of the rotation vector t for a body-frame angular velocity w: w + t x w / 2 + t x (t x w) / 12.
 
-    The inverse of the exponential map's differential, truncated after second order: enough for a method of order four.
+    Runge-Kutta methods integrate rotations in these vectors (Runge-Kutta-Munthe-Kaas). The inverse of the exponential map's
+    differential, truncated after second order: enough for a method of order four.
     """
     a, b, c = turned
     x, y, z = spin

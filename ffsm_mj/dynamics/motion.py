@@ -1,9 +1,4 @@
-"""Motion: integration of a model, step by step or along the path of the last step.
-
-Pairs of geoms that are on one rigid body in a motion, but not in the logged system.
-
-Prediction of a state by the model's own motion under held efforts.
-"""
+"""Motion: integration of a model, step by step or along the path of the last step, and prediction by it."""
 
 from __future__ import annotations
 

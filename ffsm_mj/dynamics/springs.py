@@ -1,13 +1,9 @@
 """Springs and dampers of joints and tendons: elastic energy, stiffness, dissipation, and the fastest modes.
 
-MuJoCo's spring of a tendon acts beyond a dead band, ``springlength``: with the length x from its nearer end, negative below
-the band, and the rate v of the length, the forces are -(a x + b x^2 + c x^3) and -(a v + b v |v| + c v^3). Both act along
-the gradient of the length.
-
-Springs and dampers of joints: elastic energy, stiffness and dissipation by degree of freedom, and the fastest modes.
-
-MuJoCo's springs and dampers are polynomials: with the displacement x from ``springref`` and the rate v, the forces are
--(a x + b x^2 + c x^3) and -(a v + b v |v| + c v^3). A ball joint has the rotation angle from its reference for x.
+MuJoCo's springs and dampers are polynomials: with the displacement x and the rate v, the forces are -(a x + b x^2 + c x^3)
+and -(a v + b v |v| + c v^3). The displacement of a hinge or slide is from ``springref``; a ball joint has the rotation angle
+from its reference. The spring of a tendon acts beyond a dead band, ``springlength``: x is the length from its nearer end,
+negative below the band, and both forces act along the gradient of the length.
 """
 
 from __future__ import annotations

@@ -3,8 +3,6 @@
 Among all paths through given positions at given times, with given position, rate and acceleration at both ends, the integral
 of the squared jerk is least for the spline of polynomials of degree 5 whose first four derivatives are continuous (Flash &
 Hogan 1985). From rest to rest in one segment it is 10 s^3 - 15 s^4 + 6 s^5.
-
-Motions of a target: along a path of least jerk, or with a site of an object.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Outlines of geoms: the cores of the features by which they can touch, of polytopes and of round geoms.
 
-Outlines of spheres, capsules, boxes and meshes: polytopes with a radius around them.
-
-Outlines of cylinders and ellipsoids.
+Spheres, capsules, boxes and meshes are polytopes with a radius around them; cylinders and ellipsoids are round.
 """
 
 from __future__ import annotations

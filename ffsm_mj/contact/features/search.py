@@ -28,7 +28,7 @@ from ffsm_mj.contact.features.rim_gaps import RimOnEllipsoid, RimOnRim, SideOnRi
 from ffsm_mj.contact.features.round_gaps import EllipsoidOnEllipsoid, OnEllipsoid, RoundOnFace
 from ffsm_mj.contact.pairs import ContactPair
 from ffsm_mj.contact.patch import flush_offset, lie_along
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.state import StateError
 from ffsm_mj.tolerances import CONTACT_GAP_M, FEATURE_BOUND_M, PARALLEL
 

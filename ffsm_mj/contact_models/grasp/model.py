@@ -4,8 +4,6 @@ Requests come from phases and control laws: ``<grasp>.arm``, ``<grasp>.disarm``,
 the start of the next step, a release first. All grasps whose conditions hold at one instant close at it. A grasp of the same
 two sites as a closed one takes over from it. The motion with closed grasps is that of
 :class:`~ffsm_mj.contact_models.grasp.closing.ClosedGrasps`.
-
-Columns of a run with the loads of its closed grasps.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Event records of grasps: arming, closing, release and near miss, with their sentences and marks.
-
-Kinds of the event records of grasps: their sentences and marks.
-"""
+"""Event records of grasps: arming, closing, release and near miss, with their sentences and marks."""
 
 from __future__ import annotations
 

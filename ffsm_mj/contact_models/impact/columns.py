@@ -1,9 +1,4 @@
-"""Columns of impacts in the log: deepest overlap, heat of friction, smallest gap of each contact rule.
-
-Heat of friction since t = 0, at impacts and in persistent contact: a column of the balance.
-
-Smallest gap of each contact rule, a column of the log.
-"""
+"""Columns of impacts in the log: deepest overlap, heat of friction, smallest gap of each contact rule."""
 
 from __future__ import annotations
 

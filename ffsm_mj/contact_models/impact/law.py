@@ -1,13 +1,8 @@
 """Impact laws: their interface with the checks of a law on its records, the built-in ones, and laws by name.
 
-See ``docs/impact-laws.md``; :mod:`ffsm_mj.contact_models.impact.law` finds the laws by name.
-
-The impact laws ``blend``, ``poisson`` and ``newton``: one closed form for one contact, three laws for several contacts.
-
-The mathematics is in :mod:`ffsm_mj.contact_models.impact.laws` and, with friction, in
+See ``docs/impact-laws.md``. The built-in laws are ``blend``, ``poisson`` and ``newton``: one closed form for one contact,
+three laws for several contacts. The mathematics is in :mod:`ffsm_mj.contact_models.impact.laws` and, with friction, in
 :mod:`ffsm_mj.contact_models.impact.friction`.
-
-Impact laws by name: built-in laws, registered laws, and laws of installed packages.
 
 A package provides a law through the entry-point group ``ffsm_mj.impact_laws``: the name of the entry point is the name of
 the law, and its object a subclass of :class:`~ffsm_mj.contact_models.impact.law.ImpactLaw` with a constructor without

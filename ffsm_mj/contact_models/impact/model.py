@@ -1,7 +1,4 @@
-"""Impacts of pairs and at joint limits as a contact model: detect, resolve, change the velocities, record.
-
-Energies, impulses and event records of a resolved impact, for the balance and the log.
-"""
+"""Impacts of pairs and at joint limits as a contact model: detect, resolve, change the velocities, record."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
 from ffsm_mj.contact.patch import manifold_name
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat, RuleGaps
 from ffsm_mj.contact_models.impact.records import IMPACT, LIMIT_IMPACT, LimitImpactRecord
 from ffsm_mj.contact_models.impact.replayed_impact import (

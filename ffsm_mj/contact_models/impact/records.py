@@ -1,7 +1,4 @@
-"""Records of impacts, of contacts and at joint limits: how logs, tables, reports and viewers present them.
-
-Event record of an impact at a joint limit, and how logs, tables, reports and viewers present it.
-"""
+"""Records of impacts, of contacts and at joint limits: how logs, tables, reports and viewers present them."""
 
 from __future__ import annotations
 

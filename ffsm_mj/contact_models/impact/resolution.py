@@ -27,7 +27,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.joint_limit import JointLimit, TendonLimit
 from ffsm_mj.contact.pairs import UnilateralConstraint
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.law import ImpactLaw, ImpactProblem, friction_of, impact_law, impact_laws, solve_impact
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.loops.closed_loops import without_rounding

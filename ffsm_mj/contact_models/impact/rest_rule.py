@@ -23,7 +23,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact.pairs import UnilateralConstraint
-from ffsm_mj.contact.second_rate import Proximity, SecondRate
+from ffsm_mj.contact.proximity import Proximity, SecondRate
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import (
     ClosedPairs,

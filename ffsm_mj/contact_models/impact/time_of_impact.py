@@ -42,7 +42,7 @@ from ffsm_mj.contact.joint_limit import JointLimit, LimitCoordinates
 from ffsm_mj.contact.motion_bound import TravelBound, speeds_per_root_energy
 from ffsm_mj.contact.normal import DISTANCE_LIMIT_M
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, PersistentContacts, closed_pairs
 from ffsm_mj.contact_models.interface import EventSource, Replayable, Scene

@@ -24,7 +24,7 @@ from ffsm_mj.contact.features.gap_function import Feature, FeatureState
 from ffsm_mj.contact.features.search import StoredFeatures, features, features_at_rest
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.contact_models.persistent.clearance import Clearance, Tilts

@@ -1,6 +1,6 @@
 """Independent check of persistent contact forces, recomputed from logged states and efforts by other functions.
 
-Contact points and gap accelerations come from the support functions of the geoms (:mod:`ffsm_mj.contact.second_rate`), not
+Contact points and gap accelerations come from the support functions of the geoms (:mod:`ffsm_mj.contact.proximity`), not
 from contact features. Without friction, all closed pairs enter one complementarity problem.
 
 A state alone cannot distinguish a closed point from one that has lifted off by a picometre and carries no force. Which of
@@ -41,7 +41,7 @@ from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.features.gap_function import FeatureState, tilt_rounding
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact.second_rate import Proximity, SecondRate
+from ffsm_mj.contact.proximity import Proximity, SecondRate
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.laws import least_norm, project
 from ffsm_mj.contact_models.impact.resolution import Contact, LimitContact, as_contact, contact_jacobian, contact_rows

@@ -26,7 +26,7 @@ from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact.broad_phase import BroadPhase
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.pairs import ContactPair, UnilateralConstraint
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.columns import DeepestOverlap, FrictionHeat
 from ffsm_mj.contact_models.impact.friction.result import tangents
 from ffsm_mj.contact_models.impact.resolution import ClosedPairs, closed_pairs

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.impact.time_of_impact import first_touch
 
 ROUNDING = 1e-14

@@ -7,7 +7,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.contact.second_rate import Proximity
+from ffsm_mj.contact.proximity import Proximity
 from ffsm_mj.contact_models.persistent.force_check import _closed_points
 from ffsm_mj.replay import replay_log
 from tests.contact_models.persistent.random_pushes import LAWS

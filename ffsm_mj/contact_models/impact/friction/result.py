@@ -1,7 +1,4 @@
-"""Result of an impact law for contacts with friction, and the axes and cones of its contacts.
-
-Two tangents of a contact, a function of its normal alone, so that a run repeats bit for bit.
-"""
+"""Result of an impact law for contacts with friction, and the axes and cones of its contacts."""
 
 from __future__ import annotations
 
@@ -17,8 +14,8 @@ from ffsm_mj.arrays import FloatArray
 def tangents(normal: FloatArray) -> FloatArray:
     """Unit vectors t1, t2 with (n, t1, t2) right-handed and orthonormal, (2, 3).
 
-    The first is built from the coordinate axis furthest from the normal; in a planar scene it is exactly the axis
-    perpendicular to the plane.
+    A function of the normal alone, so that a run repeats bit for bit. The first is built from the coordinate axis furthest
+    from the normal; in a planar scene it is exactly the axis perpendicular to the plane.
 
     Args:
         normal: Unit vector, (3,).

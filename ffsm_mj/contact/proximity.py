@@ -1,4 +1,4 @@
-"""Second rate of a gap: the second time derivative of the signed distance of two convex geoms, in closed form.
+"""Two geoms at one instant: gap, normal, contact points, gap rates, and the second rate of the gap in closed form.
 
 With the normal n from A to B, velocities v and accelerations a of the material points of both bodies at the contact point,
 and velocities s of the contact point over each surface (in the tangent plane),
@@ -8,8 +8,6 @@ and velocities s of the contact point over each surface (in the tangent plane),
 n_dot, s_A and s_B follow from the shapes: s_A = R_A (n_dot - omega_A x n) with the radii of curvature R_A (0 at a vertex);
 along flat directions (an edge, a face) the normal is fixed to the body; B likewise with its own normal -n. The contact
 points stay opposite each other: s_B - s_A = gap n_dot - (v_B - v_A) across n.
-
-Two geoms at one instant: gap, normal, contact points and gap rates.
 """
 
 from __future__ import annotations
