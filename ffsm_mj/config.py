@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
 from pydantic_core import CoreSchema
 
 from ffsm_mj.attribute_docstrings import attribute_docstrings
+from ffsm_mj.errors import one_line
 
 Name = Annotated[str, Field(min_length=1)]
 """A name that is not empty."""
@@ -22,6 +23,18 @@ class RecordedInput:
 FileName = Annotated[str, Field(min_length=1), RecordedInput()]
 """A file with recorded numbers, relative to the scenario file that names it; the run keeps a copy. A control law has its
 table as ``context.recorded[KEY]``."""
+
+
+def _no_integer(value: Any) -> Any:
+    if isinstance(value, int):
+        raise ValueError("an integer of more than 64 bits")
+    return value
+
+
+Integer = Annotated[int, Field(gt=-(2**63), lt=2**63)]
+"""An integer of SQLite and Arrow."""
+Cell = bool | Integer | Annotated[float, BeforeValidator(_no_integer)] | str
+"""A value in a table that another process has written."""
 
 
 class StrictModel(BaseModel):
@@ -61,3 +74,9 @@ def _tuples(value: Any) -> Any:
     if isinstance(value, dict) and not isinstance(value, _Converted):
         return _Converted({key: _tuples(item) for key, item in value.items()})
     return value
+
+
+def first_fault(error: ValidationError) -> str:
+    """Place and message of the first fault of values that no person has written."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    return ": ".join([*([".".join(map(str, first["loc"]))] if first["loc"] else []), one_line(first["msg"])])

@@ -51,6 +51,7 @@ from ffsm_mj.experiments.results import (
     numbers,
     runs_to_keep,
     status_of,
+    status_of_variants,
     table_rows,
 )
 from ffsm_mj.experiments.statistics import Proportion, Quantile, quantile
@@ -125,7 +126,7 @@ class Campaign:
             if folder.is_initialized and folder.has_variants != with_variants:
                 kind = "without" if with_variants else "with"
                 raise InputError(f"{out}: holds a campaign {kind} variants; choose another {option('out')}")
-            return VariantsCampaign.began(plan, folder) if isinstance(plan, VariantsPlan) else cls._began(plan, folder, out)
+            return cls._with_variants(plan, folder) if isinstance(plan, VariantsPlan) else cls._began(plan, folder, out)
 
     @classmethod
     def _began(cls, plan: Plan, folder: CampaignFolder, shown: Path) -> Campaign:
@@ -136,6 +137,49 @@ class Campaign:
             folder.write(config, plan.base.scenario_yaml, files, design, *_recorded(plan.own, {}))
         found = cls(stored_plan(folder.path / CAMPAIGN, plan.own), folder.design(), folder, plan.own)
         found._adopt(plan, shown)
+        return found
+
+    @classmethod
+    def _with_variants(cls, plan: VariantsPlan, folder: CampaignFolder) -> Campaign:
+        """The campaign of a plan in its locked folder; one that adds variants to those of the folder continues it.
+
+        Raises:
+            InputError: The folder holds something else, or a variant that the plan lacks or that has other settings.
+        """
+        if folder.is_initialized:
+            made = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
+            known = {*plan.variants, *plan.not_applicable}
+            if missing := [name for name in [*made, *folder.record().not_applicable] if name not in known]:
+                text = f"holds the variants {', '.join(missing)}, which the campaign file does not have"
+                raise InputError(f"{folder.path}: {text}")
+        else:
+            folder.refuse_other_files()
+        first: Campaign | None = None
+        for name, variant in plan.variants.items():
+            with folder.variant(name).locked():
+                begun = cls._began(variant, folder.variant(name), folder.path)
+            first = first or begun
+            if begun.design.rows != first.design.rows:
+                raise InputError(f"{begun.folder.path}: its samples are not those of {first.folder.path}")
+        config = plan.config.model_dump(mode="json", exclude_none=True)
+        folder.write_variants(config, *_recorded(plan.own, plan.not_applicable))
+        return cls._of_variants(plan.config, folder, plan.own, plan.not_applicable)
+
+    @classmethod
+    def _of_variants(
+        cls, config: CampaignFile, folder: CampaignFolder, own: ScriptClasses, not_applicable: Mapping[str, str]
+    ) -> Campaign:
+        """Open the variants in a folder.
+
+        Raises:
+            InputError: There is none, or one of them cannot be read.
+        """
+        variants = {n: cls.stored(folder.variant(n), own) for n in config.variants if n not in not_applicable}
+        if not variants:
+            raise InputError(f"{folder.path}: none of its variants is applicable")
+        first = next(iter(variants.values()))
+        found = cls(first._plan, first.design, folder, own)
+        found.config, found.variants, found.not_applicable = config, variants, not_applicable
         return found
 
     @classmethod
@@ -157,7 +201,7 @@ class Campaign:
         known = {name: functions.get(name, MissingMetric()) for name in record.metrics}
         own = ScriptClasses(dict(controllers), dict(estimators), known)
         if folder.has_variants:
-            return VariantsCampaign(read_campaign(folder.path / CAMPAIGN), folder, own, record.not_applicable)
+            return cls._of_variants(read_campaign(folder.path / CAMPAIGN), folder, own, record.not_applicable)
         return cls.stored(folder, own)
 
     @classmethod
@@ -198,6 +242,9 @@ class Campaign:
         Raises:
             InputError: The table cannot be read, or has rows that do not belong to the design.
         """
+        if self.variants:
+            names = ", ".join(self.variants)
+            raise InputError(f"{self.folder.path}: has variants; name one: campaign.variants[NAME], NAME of {names}")
         exists = self.folder.table.is_file()
         with closing(Store(self.folder.table, write=False) if exists else Store(":memory:")) as store:
             if store.last() >= len(self.design.rows):  # another process has extended the design
@@ -212,7 +259,9 @@ class Campaign:
             return store.rows()
 
     def table_rows(self) -> list[TableRow]:
-        """A dictionary per run; see :func:`ffsm_mj.experiments.results.table_rows`."""
+        """A dictionary per run, with the name of its variant first; see :func:`ffsm_mj.experiments.results.table_rows`."""
+        if self.variants:
+            return [{"variant": name, **row} for name, each in self.variants.items() for row in each.table_rows()]
         return table_rows(self.rows(), self.design, self.config.conditions)
 
     def table(self) -> Any:
@@ -220,7 +269,9 @@ class Campaign:
         return as_arrow(self.table_rows())
 
     def status(self) -> Status:
-        """Progress of the campaign."""
+        """Progress of the campaign and of each variant."""
+        if self.variants:
+            return status_of_variants(self.config.campaign, {name: each.status() for name, each in self.variants.items()})
         with self._table() as store:
             return status_of(store, self.config.campaign, len(self.design.rows))
 
@@ -233,7 +284,8 @@ class Campaign:
 
     def variant_results(self) -> VariantResults:
         """All rows so far, by variant; of a campaign without, those of the empty name."""
-        return VariantResults(self.config, {"": self.results()})
+        variants = {name: each.results() for name, each in (self.variants or {"": self}).items()}
+        return VariantResults(self.config, variants, self.not_applicable)
 
     def fraction(self, what: str = "success") -> Proportion:
         """Fraction of the runs that are a success, or for which a metric is true, with its confidence interval."""
@@ -261,11 +313,14 @@ class Campaign:
         Raises:
             InputError: The campaign has no variants.
         """
-        raise InputError(f"{self.folder.path}: has no variants to compare; ffsm_mj.compare_campaigns compares two campaigns")
+        if not self.variants:
+            how = "ffsm_mj.compare_campaigns compares two campaigns"
+            raise InputError(f"{self.folder.path}: has no variants to compare; {how}")
+        return compare_variants(self.variant_results())
 
     def sentences(self) -> list[str]:
         """What the results show so far: success, means and quantiles of metrics; of variants, their differences."""
-        return summary_lines(self.results(), self.config.conditions)
+        return self.comparison().lines() if self.variants else summary_lines(self.results(), self.config.conditions)
 
     @contextmanager
     def _writable_table(self) -> Iterator[Store]:
@@ -321,6 +376,15 @@ class Campaign:
         self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
     ) -> Status:
         """Execute the runs of a campaign whose folder is locked; see :meth:`run`."""
+        if self.variants:
+            progress = {name: each.status() for name, each in self.variants.items()}
+            total = sum(each.runs for each in progress.values())
+            for name, each in self.variants.items():
+                others = sum(status.done for other, status in progress.items() if other != name)
+                told = None if report is None else _of_whole(report, others, total)
+                with each.folder.locked():
+                    progress[name] = each._run(executor, workers, dask, retry, told)
+            return status_of_variants(self.config.campaign, progress)
         with self._writable_table() as store:
             engine = choose_engine(executor, workers, dask, self._own.every.values(), self.config.limits.workers)
             self.design = self.folder.design()  # another process may have extended it
@@ -379,13 +443,17 @@ class Campaign:
             InputError: Samples of this kind cannot be extended, or not to this number.
         """
         with self.folder.locked():
-            self.design = self._plan.extended(self.folder.design(), n)
-            self.folder.write_design(self.design)
-            self._rewrite(self._with_samples(n))
-
-    def _with_samples(self, n: int) -> CampaignFile:
-        """The campaign file with another number of samples."""
-        return self.config.model_copy(update={"samples": self.config.samples.model_copy(update={"n": n})})
+            for each in self.variants.values():
+                if each.design.n != n:  # an earlier call that was interrupted has extended it
+                    each.extend(n)
+            config = self.config.model_copy(update={"samples": self.config.samples.model_copy(update={"n": n})})
+            if not self.variants:
+                self.design = self._plan.extended(self.folder.design(), n)
+                self.folder.write_design(self.design)
+                self._rewrite(config)
+                return
+            self.config, keys = config, config.model_dump(mode="json", exclude_none=True)
+            self.folder.write_variants(keys, *_recorded(self._own, self.not_applicable, self.folder.record()))
 
     def rerun(self, index: int, variant: str = "") -> Rerun:
         """Repeat a run and write its log into the folder of the campaign.
@@ -397,9 +465,13 @@ class Campaign:
         Raises:
             InputError: There is no such run, or it cannot be prepared.
         """
-        if variant:
+        if variant and not self.variants:
             raise InputError(f"{self.folder.path}: has no variants, {variant!r} is none")
+        if variant not in (self.variants or [""]):
+            raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.variants)}")
         self._refuse_missing_metrics()
+        if variant:
+            return self.variants[variant].rerun(index)
         if not 0 <= index < len(self.design.rows):
             raise InputError(f"run {index}: the design has the runs 0 to {len(self.design.rows) - 1}")
         with self._table() as store:
@@ -412,118 +484,6 @@ class Campaign:
     def kept(self) -> list[int]:
         """Indices of the runs whose logs the campaign file asks for."""
         return runs_to_keep(self.rows(), self.config.keep)
-
-
-class VariantsCampaign(Campaign):
-    """Variants of a scenario, run with the same samples and compared run by run; see :class:`Campaign`."""
-
-    def __init__(
-        self, config: CampaignFile, folder: CampaignFolder, own: ScriptClasses, not_applicable: Mapping[str, str]
-    ) -> None:
-        """Open the variants.
-
-        Raises:
-            InputError: There is none, or one of them cannot be read.
-        """
-        applicable = [name for name in config.variants if name not in not_applicable]
-        if not applicable:
-            raise InputError(f"{folder.path}: none of its variants is applicable")
-        variants = {name: Campaign.stored(folder.variant(name), own) for name in applicable}
-        first = variants[applicable[0]]
-        super().__init__(first._plan, first.design, folder, own)
-        self.config, self.variants, self.not_applicable = config, variants, not_applicable
-
-    @classmethod
-    def began(cls, plan: VariantsPlan, folder: CampaignFolder) -> Campaign:
-        """The campaign of a plan in its locked folder; one that adds variants to those of the folder continues it.
-
-        Raises:
-            InputError: The folder holds something else, or a variant that the plan lacks or that has other settings.
-        """
-        if folder.is_initialized:
-            made = [path.name for path in sorted((folder.path / VARIANTS).iterdir())]
-            known = {*plan.variants, *plan.not_applicable}
-            if missing := [name for name in [*made, *folder.record().not_applicable] if name not in known]:
-                text = f"holds the variants {', '.join(missing)}, which the campaign file does not have"
-                raise InputError(f"{folder.path}: {text}")
-        else:
-            folder.refuse_other_files()
-        first: Campaign | None = None
-        for name, variant in plan.variants.items():
-            with folder.variant(name).locked():
-                begun = Campaign._began(variant, folder.variant(name), folder.path)
-            first = first or begun
-            if begun.design.rows != first.design.rows:
-                raise InputError(f"{begun.folder.path}: its samples are not those of {first.folder.path}")
-        config = plan.config.model_dump(mode="json", exclude_none=True)
-        folder.write_variants(config, *_recorded(plan.own, plan.not_applicable))
-        return cls(plan.config, folder, plan.own, plan.not_applicable)
-
-    @contextmanager
-    def _table(self) -> Iterator[Store]:
-        names = ", ".join(self.variants)
-        raise InputError(f"{self.folder.path}: has variants; name one: campaign.variants[NAME], NAME of {names}")
-        yield  # a generator, as the method that it replaces
-
-    def table_rows(self) -> list[TableRow]:
-        """A dictionary per run and variant, with the name of the variant first."""
-        return [{"variant": name, **row} for name, each in self.variants.items() for row in each.table_rows()]
-
-    def status(self) -> Status:
-        """Progress of the campaign and of each variant."""
-        return self._status({name: each.status() for name, each in self.variants.items()})
-
-    def _status(self, of: Mapping[str, Status]) -> Status:
-        outcomes: dict[str, int] = {}
-        for each in of.values():
-            for outcome, count in each.outcomes.items():
-                outcomes[outcome] = outcomes.get(outcome, 0) + count
-        runs, done, failed = (sum(getattr(each, key) for each in of.values()) for key in ("runs", "done", "failed"))
-        stopped = "; ".join(f"{name}: {each.stopped}" for name, each in of.items() if each.stopped)
-        return Status(self.config.campaign, runs, done, failed, outcomes, (), stopped=stopped, variants=of)
-
-    def variant_results(self) -> VariantResults:
-        """All rows so far, for comparison and report."""
-        return VariantResults(
-            self.config, {name: each.results() for name, each in self.variants.items()}, self.not_applicable
-        )
-
-    def comparison(self) -> VariantComparison:
-        """Paired differences of the variants; see :meth:`Campaign.comparison`."""
-        return compare_variants(self.variant_results())
-
-    def sentences(self) -> list[str]:
-        """What the results show so far; see :meth:`Campaign.sentences`."""
-        return self.comparison().lines()
-
-    def _run(
-        self, executor: Executor | None, workers: int | None, dask: str, retry: Sequence[str], report: Report | None
-    ) -> Status:
-        progress = {name: each.status() for name, each in self.variants.items()}
-        total = sum(each.runs for each in progress.values())
-        for name, each in self.variants.items():
-            others = sum(status.done for other, status in progress.items() if other != name)
-            told = None if report is None else _of_whole(report, others, total)
-            with each.folder.locked():
-                progress[name] = each._run(executor, workers, dask, retry, told)
-        return self._status(progress)
-
-    def extend(self, n: int) -> None:
-        """Add runs to the design of every variant; see :meth:`Campaign.extend`."""
-        with self.folder.locked():
-            for each in self.variants.values():
-                if each.design.n != n:  # an earlier call that was interrupted has extended it
-                    each.extend(n)
-            self.config = self._with_samples(n)
-            config = self.config.model_dump(mode="json", exclude_none=True)
-            self.folder.write_variants(config, *_recorded(self._own, self.not_applicable, self.folder.record()))
-
-    def rerun(self, index: int, variant: str = "") -> Rerun:
-        """Repeat a run of a variant; see :meth:`Campaign.rerun`."""
-        if variant not in self.variants:
-            raise InputError(f"{self.folder.path}: {unknown_name('variant', variant, self.variants)}")
-        self._refuse_missing_metrics()
-        return self.variants[variant].rerun(index)
 
 
 def _recorded(own: ScriptClasses, not_applicable: Mapping[str, str], before: Record | None = None) -> tuple[Record, str]:

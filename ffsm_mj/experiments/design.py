@@ -15,7 +15,8 @@ import numpy as np
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults, one_line
+from ffsm_mj.config import Cell, first_fault
+from ffsm_mj.errors import Fault, InputError, ScenarioFaults
 from ffsm_mj.experiments.distributions import Dispersion, Operation, SampledScalar, sampled_scalars
 from ffsm_mj.experiments.file import CampaignFile, Kind
 
@@ -159,10 +160,6 @@ def _replaced(value: Any, at: tuple[int, ...], new: Any) -> Any:
     return [_replaced(item, at[1:], new) if i == at[0] else item for i, item in enumerate(value)]
 
 
-_Integer = Annotated[int, Field(gt=-(2**63), lt=2**63)]  # as in the table
-_Value = bool | _Integer | float | str
-
-
 def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
@@ -200,7 +197,7 @@ class Design:
     seed: int
     n: Annotated[int, Field(ge=1)]
     parameters: tuple[str, ...]
-    rows: tuple[tuple[_Value | tuple[_Value, ...], ...], ...]
+    rows: tuple[tuple[Cell | tuple[Cell, ...], ...], ...]
     bindings: tuple[Binding, ...]
     format: Literal[1] = 1
 
@@ -236,12 +233,6 @@ class Design:
         if fault := _fault(design):
             raise InputError(f"not a design of a campaign ({fault})")
         return design
-
-
-def first_fault(error: ValidationError) -> str:
-    """Place and message of the first fault of a file of a campaign's folder."""
-    first = error.errors()[0]
-    return ": ".join([*([".".join(map(str, first["loc"]))] if first["loc"] else []), one_line(first["msg"])])
 
 
 def _fault(design: Design) -> str:

@@ -19,10 +19,11 @@ from pydantic import TypeAdapter, ValidationError
 from ffsm_controllers import GROUP as LAWS
 from ffsm_controllers.estimators import GROUP as ESTIMATORS
 from ffsm_mj.assembly.run import versions
+from ffsm_mj.config import first_fault
 from ffsm_mj.contact_models.impact.law import GROUP as IMPACT_LAWS
 from ffsm_mj.contact_models.registry import GROUP as CONTACT_MODELS
 from ffsm_mj.errors import InputError, LogWriteError, one_line
-from ffsm_mj.experiments.design import Design, first_fault
+from ffsm_mj.experiments.design import Design
 from ffsm_mj.experiments.metrics import COUNT, FileMetric, ScriptClasses
 from ffsm_mj.experiments.metrics import GROUP as PLUGIN_METRICS
 from ffsm_mj.experiments.planning import Plan

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -313,6 +314,16 @@ def status_of(store: Store, name: str, runs: int) -> Status:
     failed = store.failures(runs)
     messages = tuple(f"run {row.index}: {_why(row)}" for row in failed[:_SHOWN])
     return Status(name, runs, sum(outcomes.values()), store.failed(runs), outcomes, messages, failing_checks(failed))
+
+
+def status_of_variants(name: str, variants: Mapping[str, Status]) -> Status:
+    """Progress of a campaign with variants."""
+    outcomes: Counter[str] = Counter()
+    for each in variants.values():
+        outcomes.update(each.outcomes)
+    runs, done, failed = (sum(getattr(each, key) for each in variants.values()) for key in ("runs", "done", "failed"))
+    stopped = "; ".join(f"{name}: {each.stopped}" for name, each in variants.items() if each.stopped)
+    return Status(name, runs, done, failed, outcomes, (), stopped=stopped, variants=variants)
 
 
 def failing_checks(failed: Iterable[RunRow]) -> tuple[FailingCheck, ...]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import math
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import Field, Json, TypeAdapter, ValidationError
+
+from ffsm_mj.config import Cell, Integer, first_fault
 from ffsm_mj.errors import InputError, LogWriteError
 
 ERROR, TIMEOUT, CRASHED = "error", "timeout", "crashed"
@@ -22,7 +24,6 @@ RETRIED = (ERROR, CRASHED, TIMEOUT)
 _BESIDE = ("", "-journal", "-wal", "-shm")
 """Suffixes of the files that SQLite opens for a database."""
 _JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
-_LARGEST = 2**63
 
 
 def refuse_foreign_file(path: Path) -> None:
@@ -71,31 +72,6 @@ def fault_of_tables(db: sqlite3.Connection, tables: str) -> str:
 def _schema(db: sqlite3.Connection) -> dict[tuple[str, str, str], None]:
     found = db.execute("SELECT type, name, coalesce(sql, '') FROM sqlite_master ORDER BY type, name")
     return {(str(kind), str(name), " ".join(str(sql).split())): None for kind, name, sql in found}
-
-
-def fault_of_row(texts: tuple[Any, ...], numbers: tuple[Any, ...], mappings: tuple[Any, ...]) -> str:
-    """What is wrong with a row; empty if it is valid.
-
-    Args:
-        texts: Values that must be texts.
-        numbers: Values that must be finite and not negative.
-        mappings: Values that must map names to numbers, flags, texts, None, or lists of these.
-    """
-    if not all(isinstance(text, str) for text in texts):
-        return "a text column holds no text"
-    if not all(isinstance(number, int | float) and 0.0 <= number < math.inf for number in numbers):
-        return "a number column holds no valid number"
-    if not all(isinstance(each, Mapping) and all(map(_is_plain, each.values())) for each in mappings):
-        return "metrics or model values are no mapping of plain values"
-    return ""
-
-
-def _is_plain(value: Any) -> bool:
-    if isinstance(value, list):
-        return all(_is_plain(item) for item in value)
-    if isinstance(value, int):
-        return abs(value) < _LARGEST  # 64-bit integers of SQLite and Arrow
-    return value is None or isinstance(value, float | str)
 
 
 _TABLES = """
@@ -288,22 +264,28 @@ class Store:
     def _rows(self, which: str, *values: Any) -> list[RunRow]:
         columns = "i, outcome, message, phase, metrics, model, cpu, wall_s, cpu_s"
         with self._reading():
-            return [self._row(*found) for found in self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values)]
+            found = self._db.execute(f"SELECT {columns} FROM rows WHERE {which}", values).fetchall()
+        return [self._row(each) for each in found]
 
-    def _row(
-        self, i: Any, outcome: Any, message: Any, phase: Any, metrics: str, model: str, cpu: Any, wall_s: Any, cpu_s: Any
-    ) -> RunRow:
+    def _row(self, columns: tuple[Any, ...]) -> RunRow:
+        """A row of unknown origin.
+
+        Raises:
+            InputError: A value is of another type, or not finite.
+        """
         try:
-            measured, read = json.loads(metrics), json.loads(model)
-        except (ValueError, TypeError, RecursionError) as error:
-            raise InputError(f"{self.path}: row {i} cannot be read ({error})") from error
-        if fault := fault_of_row((outcome, message, phase, cpu), (i, wall_s, cpu_s), (measured, read)):
-            raise InputError(f"{self.path}: row {i} cannot be read ({fault})")
-        return RunRow(i, outcome, message, phase, measured, read, cpu, wall_s, cpu_s)
+            return RunRow(*_COLUMNS.validate_python(columns, strict=True))
+        except ValidationError as error:
+            raise InputError(f"{self.path}: row {columns[0]} cannot be read ({first_fault(error)})") from error
 
     def close(self) -> None:
         """Close the file."""
         self._db.close()
+
+
+_Mapping = Json[dict[str, Cell | list[Cell | None] | None]]
+_Number = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+_COLUMNS = TypeAdapter(tuple[Integer, str, str, str, _Mapping, _Mapping, str, _Number, _Number])
 
 
 def _values(digest: str, row: RunRow) -> tuple[Any, ...]:

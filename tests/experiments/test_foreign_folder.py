@@ -91,11 +91,11 @@ def test_a_database_with_more_than_the_two_tables(folder, capsys, statements, ac
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ("metrics = '{'", "Expecting property name"),
-        ("metrics = '[]'", "metrics or model values are no mapping"),
-        ("metrics = '{\"a\": 1' || replace(hex(zeroblob(200)), '0', '0') || '}'", "metrics or model values are no mapping"),
-        (f"model = replace(hex(zeroblob({50_000})), '0', '[')", "maximum recursion depth"),
-        ("wall_s = 'long'", "a number column holds no valid number"),
+        ("metrics = '{'", "4: Invalid JSON: EOF"),
+        ("metrics = '[]'", "4: Input should be a valid dictionary"),
+        ("metrics = '{\"a\": 1' || replace(hex(zeroblob(200)), '0', '0') || '}'", "4.a."),
+        (f"model = replace(hex(zeroblob({50_000})), '0', '[')", "5: Invalid JSON: recursion limit"),
+        ("wall_s = 'long'", "7: Input should be a valid number"),
         ("message = CAST(x'ff' AS TEXT)", "Could not decode to UTF-8"),
         ("i = 7", "has a row of run 7, which is not in the design"),
     ],
