@@ -171,31 +171,29 @@ class Distribution(StrictModel):
         if levels is not None:
             return [levels[i] for i in np.floor(u * len(levels)).astype(int).tolist()]
         with np.errstate(all="ignore"):
-            return self._continuous(u, 0.0 if mean is None else mean).tolist()  # type: ignore[no-any-return]
+            values = self._continuous(0.0 if mean is None else mean).ppf(u)
+        cut = self.truncated
+        return (np.clip(values, cut.low, cut.high) if cut is not None else values).tolist()  # type: ignore[no-any-return]
 
-    def _continuous(self, u: FloatArray, mean: float) -> Any:
-        from scipy.special import ndtri  # slow to import
+    def _continuous(self, mean: float) -> Any:
+        """The distribution of SciPy."""
+        from scipy import stats  # slow to import
 
         if self.uniform is not None:
             low, high = self.uniform
-            return low + (high - low) * u
-        if self.normal is not None:
-            return (mean if self.normal.mean is None else self.normal.mean) + self.normal.sd * ndtri(u)
+            return stats.uniform(low, high - low)
         if self.lognormal is not None:
-            return self.lognormal.median * np.exp(self.lognormal.sigma * ndtri(u))
-        if self.truncated is None:
+            return stats.lognorm(self.lognormal.sigma, scale=self.lognormal.median)
+        around = self.normal or self.truncated
+        if around is None:
             raise ValueError("not a continuous distribution")
-        return _truncated(self.truncated, u, mean)
-
-
-def _truncated(given: Truncated, u: FloatArray, mean: float) -> Any:
-    from scipy.stats import truncnorm  # accurate in the tails, unlike a difference of two normal integrals
-
-    centre = mean if given.mean is None else given.mean
-    low = -np.inf if given.low is None else (given.low - centre) / given.sd
-    high = np.inf if given.high is None else (given.high - centre) / given.sd
-    values = truncnorm.ppf(u, low, high, loc=centre, scale=given.sd)
-    return np.clip(values, given.low, given.high) if given.low is not None or given.high is not None else values
+        centre = mean if around.mean is None else around.mean
+        if self.truncated is None:
+            return stats.norm(centre, around.sd)
+        bounds = ((-np.inf, self.truncated.low), (np.inf, self.truncated.high))
+        # Accurate in the tails, unlike a difference of two normal integrals.
+        ends = (none if bound is None else (bound - centre) / around.sd for none, bound in bounds)
+        return stats.truncnorm(*ends, loc=centre, scale=around.sd)
 
 
 Axis = Literal["random"] | tuple[float, float, float]

@@ -86,6 +86,8 @@ _LOOK_S = 0.2
 """Greatest time between two looks for a signal, s."""
 _BATCH_S, _BATCH_RUNS = 30.0, 100
 """Greatest duration and number of runs of a batch: a lost worker costs at most this."""
+_AHEAD = 4
+"""Batches per worker that are handed out at once, so that no worker waits for the driver."""
 _LOST_ENGINES = 20
 """An engine is given up after this many losses without a row in between."""
 
@@ -199,7 +201,8 @@ class Driver:
 
     def _hand_out(self, executor: Executor) -> None:
         """Hand out batches, so that no worker waits, or else suspects, one per worker."""
-        while self._runs and len(self._pending) < self._engine.ahead * self._engine.workers:
+        most = 1 if self._engine.in_this_thread else _AHEAD * self._engine.workers
+        while self._runs and len(self._pending) < most:
             batch = [*islice(self._runs, self._size())]
             self._pending[executor.submit(execute_runs, self._job, batch)] = (batch, None)
             for _ in batch:

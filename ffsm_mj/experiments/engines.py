@@ -43,7 +43,6 @@ class Engine:
         reopens: Whether it can open another executor after one is lost.
         in_this_thread: Whether runs are executed by the calling thread, so that the interrupt of a run ends the campaign.
         batches: Whether several runs make one task, because a task costs its scheduler some milliseconds.
-        ahead: Tasks per worker that are handed out at once.
     """
 
     name: str
@@ -53,7 +52,6 @@ class Engine:
     reopens: bool = True
     in_this_thread: bool = False
     batches: bool = False
-    ahead: int = 4
 
 
 def choose_engine(
@@ -101,7 +99,7 @@ class Loop(Executor):
 
 def loop() -> Engine:
     """Engine that executes runs one after the other in this process."""
-    return Engine("this process", 1, Loop, own_processes=False, in_this_thread=True, ahead=1)
+    return Engine("this process", 1, Loop, own_processes=False, in_this_thread=True)
 
 
 def pool(workers: int | None = None) -> Engine:
