@@ -2,60 +2,80 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import PositiveFloat, ValidationError
 
-from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults
+from ffsm_mj.config import StrictModel
+from ffsm_mj.errors import THE_LOG, InputError, ScenarioFaults, one_line
 from ffsm_mj.log.mcap.format import SCENARIO_ATTACHMENT
 from ffsm_mj.model.composition import compile_system
-from ffsm_mj.model.edits import STRIPPABLE, AddedSite, JointFlex, motors_of, to_strip
+from ffsm_mj.model.edits import AddedSite, JointFlex, LimitsMode, Strippable, motors_of, to_strip
 from ffsm_mj.model.files import ModelFiles, logged_model, logged_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.properties import BodyProperties, Overrides, Pose
-from ffsm_mj.model.sensors import ADDED_KINDS, AddedSensor
+from ffsm_mj.model.sensors import AddedKind, AddedSensor
 from ffsm_mj.model.system import System
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.yaml import YamlFault, plain_value
 
 
-@dataclass(frozen=True)
-class LoggedScenario:
-    """The parts of a scenario from which the models are compiled.
+class _Part(StrictModel, extra="ignore"):
+    """Part of a scenario, of which the keys are read that the models follow from."""
 
-    Attributes:
-        robot: Name of the robot's model file in the log.
-        objects: Name of the model file of each object, by object.
-        strip: Elements that are removed from the models, by ``robot`` or object.
-        sites: Sites that are added to the robot.
-        flex: Flexible drives of the robot, by joint.
-        sensors: Sensors that are added to the scene.
-        overrides: Changed properties of bodies and geoms, by ``robot`` or object; only models with changes.
-        poses: Poses of the fixed objects, by object.
-        bodies: Body of its file that a model is, by ``robot`` or object; only models that are a part of a file.
-        time_step_s: Integration step, s.
-        conservative: Whether the models are required to be conservative.
-        view_rate_hz: Frames per simulated second for viewers.
-        kinds: Kind of each actuator with limits, by its name in the scenario.
-    """
 
-    robot: str
-    objects: Mapping[str, str]
-    strip: Mapping[str, tuple[str, ...]]
-    sites: tuple[AddedSite, ...]
-    flex: Mapping[str, JointFlex]
-    sensors: tuple[AddedSensor, ...]
-    overrides: Mapping[str, Overrides]
-    poses: Mapping[str, Pose]
-    bodies: Mapping[str, str]
-    time_step_s: float
+class _Site(_Part):
+    body: str
+    pos_m: tuple[float, float, float] | None = None
+
+
+class _Model(_Part):
+    """The robot or an object; ``mjcf`` is the name of its file in the log."""
+
+    mjcf: str
+    body: str | None = None
+    strip: tuple[Strippable, ...] | None = None
+    limits: LimitsMode | None = None
+    fixed: bool | None = None
+    pose: Pose | None = None
+    sites: dict[str, _Site] | None = None
+    joint_flex: dict[str, JointFlex] | None = None
+
+
+class _Sensor(_Part):
+    """A sensor; without ``kind`` it is one of a model file."""
+
+    kind: AddedKind | None = None
+    of: str | None = None
+    relative_to: str | None = None
+
+
+class _Actuator(_Part):
+    kind: str
+
+
+class _Log(_Part):
+    view_rate_hz: PositiveFloat
+
+
+class LoggedScenario(_Part):
+    """The parts of a scenario from which the models are compiled, and what viewers need."""
+
+    robot: _Model
+    objects: dict[str, _Model] | None = None
+    sensors: dict[str, _Sensor] | None = None
+    model: dict[str, dict[str, BodyProperties]] | None = None
+    actuators: dict[str, _Actuator] | None = None
+    time_step_s: PositiveFloat
     conservative: bool
-    view_rate_hz: float
-    kinds: Mapping[str, str]
+    log: _Log
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Kind of each actuator with limits, by its name in the scenario."""
+        return {name: actuator.kind for name, actuator in (self.actuators or {}).items()}
 
 
 def scenario_data(log: RunLog, place: str = THE_LOG) -> dict[str, Any]:
@@ -81,91 +101,19 @@ def logged_scenario(log: RunLog, place: str = THE_LOG) -> LoggedScenario:
     Raises:
         InputError: The log contains no scenario, or one of another version.
     """
-    data = scenario_data(log, place)
+    about = f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version"
     try:
-        objects = data.get("objects") or {}
-        parts = {"robot": data["robot"], **objects}
-        model = data.get("model") or {}
-        if not parts.keys() >= model.keys():
-            raise ValueError(f"model: {', '.join(map(str, model))} are not all models")
-        return LoggedScenario(
-            robot=_text(data["robot"]["mjcf"]),
-            objects={_text(name): _text(part["mjcf"]) for name, part in objects.items()},
-            strip={
-                _text(name): tuple(map(_strippable, to_strip(part.get("strip"), part.get("limits"))))
-                for name, part in parts.items()
-            },
-            sites=tuple(_site(_text(name), site) for name, site in (data["robot"].get("sites") or {}).items()),
-            flex={_text(name): _flex(part) for name, part in (data["robot"].get("joint_flex") or {}).items()},
-            sensors=tuple(
-                _sensor(_text(name), part)
-                for name, part in (data.get("sensors") or {}).items()
-                if part.get("kind") is not None
-            ),
-            overrides={_text(name): _overrides(found) for name, found in model.items()},
-            poses={name: _pose(part.get("pose")) for name, part in objects.items() if part.get("fixed") is True},
-            bodies={_text(name): _text(part["body"]) for name, part in parts.items() if part.get("body") is not None},
-            time_step_s=_positive(data["time_step_s"]),
-            conservative=data["conservative"] is not False,
-            view_rate_hz=_positive(data["log"]["view_rate_hz"]),
-            kinds={_text(name): _text(part["kind"]) for name, part in (data.get("actuators") or {}).items()},
-        )
-    except KeyError as error:
-        raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version, {error} is missing") from error
-    except (TypeError, AttributeError, ValueError) as error:
-        raise InputError(f"{place}: {SCENARIO_ATTACHMENT}: not a scenario of this version ({error})") from error
-
-
-def _strippable(value: Any) -> str:
-    if value not in STRIPPABLE:
-        raise ValueError(f"strip: {value!r} is none of {', '.join(STRIPPABLE)}")
-    return str(value)
-
-
-def _site(name: str, data: Any) -> AddedSite:
-    place = data.get("pos_m") or (0.0, 0.0, 0.0)
-    if len(place) != 3 or not all(isinstance(x, int | float) and math.isfinite(x) for x in place):
-        raise ValueError(f"sites: {place!r} is not a position")
-    return AddedSite(name, _text(data["body"]), (float(place[0]), float(place[1]), float(place[2])))
-
-
-def _flex(value: Any) -> JointFlex:
-    try:
-        return JointFlex.model_validate(value)
+        found = LoggedScenario.model_validate(scenario_data(log, place))
     except ValidationError as error:
-        raise ValueError(f"joint_flex: {error.errors()[0]['msg']}") from error
-
-
-def _sensor(name: str, data: Any) -> AddedSensor:
-    if data["kind"] not in ADDED_KINDS:
-        raise ValueError(f"sensors: {data['kind']!r} is none of {', '.join(ADDED_KINDS)}")
-    return AddedSensor(name, data["kind"], _text(data["of"]), _text(data.get("relative_to") or ""))
-
-
-def _overrides(bodies: Any) -> Overrides:
-    try:
-        return Overrides("model", {_text(body): BodyProperties.model_validate(given) for body, given in bodies.items()})
-    except ValidationError as error:
-        raise ValueError(f"model: {error.errors()[0]['msg']}") from error
-
-
-def _pose(value: Any) -> Pose:
-    try:
-        return Pose.model_validate({} if value is None else value)
-    except ValidationError as error:
-        raise ValueError(f"pose: {error.errors()[0]['msg']}") from error
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r} should be text")
-    return value
-
-
-def _positive(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-        raise TypeError(f"{value!r} should be a positive number")
-    return float(value)
+        fault = error.errors()[0]
+        key = one_line(".".join(map(str, fault["loc"])))
+        what = f", {key!r} is missing" if fault["type"] == "missing" else f" ({key}: {fault['msg']})"
+        raise InputError(about + what) from error
+    if unknown := set(found.model or ()) - {"robot", *(found.objects or ())}:
+        raise InputError(f"{about} (model: {one_line(', '.join(sorted(unknown)))} are no models)")
+    if bad := [name for name, sensor in (found.sensors or {}).items() if sensor.kind is not None and sensor.of is None]:
+        raise InputError(f"{about}, {one_line(f'sensors.{bad[0]}.of')!r} is missing")
+    return found
 
 
 def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -> System:
@@ -182,34 +130,40 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
         InputError: The log contains no scenario, or a model that is incomplete or no longer compiles.
     """
     scenario = logged_scenario(log, place)
+    objects = scenario.objects or {}
 
-    def model_of(name: str, main: str) -> ModelFiles:
+    def model_of(name: str, part: _Model) -> ModelFiles:
         # Models of one file are stored with the first of them.
-        owners = ("robot", *scenario.objects) if name in scenario.bodies else (name,)
-        prefix = next((each for owner in owners if main.startswith(each := logged_name(owner, ""))), "")
+        owners = ("robot", *objects) if part.body is not None else (name,)
+        prefix = next((each for owner in owners if part.mjcf.startswith(each := logged_name(owner, ""))), "")
         if not prefix:
-            raise InputError(f"{place}: the model of {name} is {main!r}, which is not below {logged_name(name, '')}")
+            raise InputError(f"{place}: the model of {name} is {part.mjcf!r}, which is not below {logged_name(name, '')}")
         files = {key.removeprefix(prefix): content for key, content in log.header.files.items() if key.startswith(prefix)}
-        model = logged_model(main.removeprefix(prefix), files, f"{place}: {prefix}")
-        changed = (scenario.overrides[name],) if scenario.overrides.get(name) else ()
-        body = scenario.bodies.get(name, "")
+        bodies = (scenario.model or {}).get(name)
         return replace(
-            model,
-            strip=scenario.strip[name],
+            logged_model(part.mjcf.removeprefix(prefix), files, f"{place}: {prefix}"),
+            strip=to_strip(part.strip, part.limits),
             motors=motors_of(name, scenario.kinds),
-            overrides=changed,
-            pose=scenario.poses.get(name),
-            body=body,
+            overrides=(Overrides("model", bodies),) if bodies is not None else (),
+            pose=(part.pose or Pose()) if part.fixed and name != "robot" else None,
+            body=part.body or "",
+            sites=tuple(
+                AddedSite(name, each.body, each.pos_m or (0.0, 0.0, 0.0)) for name, each in (part.sites or {}).items()
+            ),
+            flex=part.joint_flex or {},
         )
 
+    sensors = [(name, each) for name, each in (scenario.sensors or {}).items() if each.kind is not None]
     try:
         return compile_system(
-            replace(model_of("robot", scenario.robot), sites=scenario.sites, flex=scenario.flex),
-            {name: model_of(name, main) for name, main in scenario.objects.items()},
+            model_of("robot", scenario.robot),
+            {name: model_of(name, part) for name, part in objects.items()},
             time_step_s=scenario.time_step_s,
             conservative=scenario.conservative,
             grasp=grasp,
-            sensors=scenario.sensors,
+            sensors=tuple(
+                AddedSensor(name, each.kind or "", each.of or "", each.relative_to or "") for name, each in sensors
+            ),
         )
     except ScenarioFaults as error:
         raise InputError([f"{place}: {fault.message}" for fault in error.faults]) from error

@@ -178,8 +178,8 @@ def test_a_log_cannot_refer_to_files_outside_it(tmp_path, log, monkeypatch, head
             {"time_step_s:": "time_step:"},
             "not a scenario of this version, 'time_step_s' is missing",
         ),
-        ({"time_step_s: 0.001": "time_step_s: .nan"}, "nan should be a positive number"),
-        ({"view_rate_hz: 50.0": "view_rate_hz: [1]"}, "[1] should be a positive number"),
+        ({"time_step_s: 0.001": "time_step_s: .nan"}, "(time_step_s: Input should be a finite number)"),
+        ({"view_rate_hz: 50.0": "view_rate_hz: [1]"}, "(log.view_rate_hz: Input should be a valid number)"),
     ],
 )
 def test_scenarios_of_unknown_origin_are_validated(tmp_path, log, change, expected):

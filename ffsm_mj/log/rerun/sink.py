@@ -290,7 +290,7 @@ def write_recording(log: RunLog, path: Path) -> None:
     system = compile_log(log)
     if missing := set(coordinate_keys(system.joints.values())) - set(log.header.layout.keys):
         raise InputError(f"{THE_LOG} has no {min(missing)}, a coordinate of its models")
-    sink = RerunSink(lambda: path, system, logged_scenario(log).view_rate_hz)
+    sink = RerunSink(lambda: path, system, logged_scenario(log).log.view_rate_hz)
     sink.open(log.header)
     for event in log.events():
         sink.event(event)
