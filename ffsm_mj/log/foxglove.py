@@ -8,7 +8,7 @@ of a topic, so each message contains everything that its topic shows from then o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any
 
@@ -35,10 +35,8 @@ from ffsm_mj.log import limits
 from ffsm_mj.log.drawing import DrawnShape, FramePicker, Frames, marker_scale, posed_bodies, shapes_by_body
 from ffsm_mj.log.markers import (
     SHOWN_S,
-    ArrowSeries,
     DrawnMark,
     MarkSequence,
-    Thruster,
     arrow_colour,
     arrow_series,
     declared_arrows,
@@ -53,6 +51,7 @@ from ffsm_mj.records.kinds import RecordKind, kind_of, kinds_of
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.run_log import RunHeader
 
+ROOT_FRAME = "world"
 TRANSFORMS_TOPIC = "/tf"
 SCENE_TOPIC = "/scene"
 TARGET_TOPIC = "/scene/target"
@@ -124,19 +123,30 @@ class ViewerTopics:
         if not self._begun:
             self._begun = True
             first = int(times[0])
-            yield _packet(SCENE_TOPIC, first, bodies_update(self._system, self._drawn, self._target, self._scale, first))
-            yield from self._outlines(first)
+            yield from self._bodies(first)
         if self._target_columns:
             for time, place in zip(times.tolist(), frames.rows[:, self._target_columns], strict=True):
-                yield _packet(TARGET_TOPIC, time, target_update(place, self._scale, time))
+                update = _Update(self._scale, time)
+                update.add_cross(place)
+                yield update.packet(TARGET_TOPIC)
         yield from self._arrow_updates(frames, times)
         if self._thrusters:
             yield from self._plume_updates(frames, times)
 
-    def _outlines(self, time_ns: int) -> Iterator[Packet]:
-        for body, drawn in self._drawn.items():
-            frame = frame_id(self._system, body)
-            yield _packet(outline_topic(self._system, body), time_ns, outline_cloud(drawn, frame, time_ns))
+    def _bodies(self, time_ns: int) -> Iterator[Packet]:
+        """All drawn geoms, one entity per body, with a cross at a target that stands still; then their outlines."""
+        update = _Update(self._scale, time_ns)
+        for body, shapes in self._drawn.items():
+            name = frame_id(self._system, body)
+            entity = update.entity(name, name)
+            for shape in shapes:
+                _add_shape(entity, shape)
+        if self._target is not None:
+            update.add_cross(self._target)
+        yield update.packet(SCENE_TOPIC)
+        for body, shapes in self._drawn.items():
+            cloud = outline_cloud(shapes, frame_id(self._system, body), time_ns)
+            yield _packet(outline_topic(self._system, body), time_ns, cloud)
 
     def _arrow_updates(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Arrows in every frame in which a force acts, and an empty update when the last one ends."""
@@ -147,7 +157,12 @@ class ViewerTopics:
         for i, (time, acts) in enumerate(zip(times.tolist(), shown, strict=True)):
             if acts or self._arrows_shown:
                 self._arrows_shown = acts
-                yield _packet(ARROWS_TOPIC, time, arrows_update(series, i, self._scale, time))
+                update = _Update(self._scale, time, replaces=True)
+                for arrow in series:
+                    if arrow.acts[i]:
+                        entity, rgba = update.entity(arrow.columns.name), shares(arrow_colour(arrow.columns))
+                        update.add_arrow(entity, arrow.origins[i], arrow.vectors[i], rgba)
+                yield update.packet(ARROWS_TOPIC)
 
     def _plume_updates(self, frames: Frames, times: npt.NDArray[np.int64]) -> Iterator[Packet]:
         """Plumes when the set of firing thrusters changes; in every frame while one fires that does not turn with its body.
@@ -159,7 +174,12 @@ class ViewerTopics:
             firing = [(thruster, sign) for thruster, sign in zip(self._thrusters, row, strict=True) if sign]
             if row != self._signs or not all(thruster.turns for thruster, _ in firing):
                 self._signs = row
-                yield _packet(PLUMES_TOPIC, time, plumes_update(self._system, firing, positions, self._scale, time))
+                update = _Update(self._scale, time, replaces=True)
+                for thruster, sign in firing:
+                    frame = frame_id(self._system, thruster.body) if thruster.turns else ROOT_FRAME
+                    start = thruster.point if thruster.turns else positions[thruster.body]
+                    update.add_plume(update.entity(thruster.name, frame), start, sign * thruster.exhaust)
+                yield update.packet(PLUMES_TOPIC)
 
     def event(self, event: Event | OutcomeRecord) -> Iterator[Packet]:
         """Text of an event, and its marks together with the earlier ones of that instant."""
@@ -171,8 +191,10 @@ class ViewerTopics:
             # Viewers that jump in time get the last message only: it repeats the earlier marks of the instant.
             drawn = self._marks.of_instant(kind)
             name = f"{kind.name.replace('_', ' ')} {drawn[0].instant + 1}, contact"
-            marks = [(f"{name} {mark.number + 1}", mark) for mark in drawn]
-            yield _packet(marks_topic(kind), time, marks_update(marks, self._scale, time))
+            update = _Update(self._scale, time)
+            for mark in drawn:
+                update.add_mark(update.entity(f"{name} {mark.number + 1}"), mark)
+            yield update.packet(marks_topic(kind))
 
 
 def _packet(topic: str, time_ns: int, message: Any) -> Packet:
@@ -191,51 +213,39 @@ def frame_id(system: System, body: int) -> str:
     return str(system.mj.body(body).name) if body else ROOT_FRAME
 
 
-def bodies_update(
-    system: System, drawn: Mapping[int, Sequence[DrawnShape]], target_m: FloatArray | None, scale: float, time_ns: int
-) -> SceneUpdate:
-    """All drawn geoms, one entity per body, and a cross at a target of the tip that stands still, at a scale of markers."""
-    update = SceneUpdate()
-    for body, shapes in drawn.items():
-        name = frame_id(system, body)
-        entity = _entity(update, name, name, time_ns)
-        for shape in shapes:
-            _add_shape(entity, shape)
-    if target_m is not None:
-        _add_cross(update, target_m, scale, time_ns)
-    return update
+class _Update:
+    """A ``foxglove.SceneUpdate`` at a time, with markers at their scale."""
 
+    def __init__(self, scale: float, time_ns: int, *, replaces: bool = False) -> None:
+        """Start without entities; with ``replaces`` those of the earlier messages of the topic are removed."""
+        self._scale, self._time_ns, self._message = scale, time_ns, SceneUpdate()
+        if replaces:
+            self._message.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
 
-def target_update(target_m: FloatArray, scale: float, time_ns: int) -> SceneUpdate:
-    """A cross at a target that moves."""
-    update = SceneUpdate()
-    _add_cross(update, target_m, scale, time_ns)
-    return update
+    def packet(self, topic: str) -> Packet:
+        """The message on a topic."""
+        return _packet(topic, self._time_ns, self._message)
 
+    def entity(self, name: str, frame: str = ROOT_FRAME) -> Any:
+        """Add an entity, which is fixed to a frame."""
+        entity: SceneEntity = self._message.entities.add(id=name, frame_id=frame, frame_locked=True)
+        entity.timestamp.CopyFrom(timestamp(self._time_ns))
+        return entity
 
-def _add_cross(update: SceneUpdate, target_m: FloatArray, scale: float, time_ns: int) -> None:
-    cross = _entity(update, "target", ROOT_FRAME, time_ns)
-    for axis in range(3):
-        size = np.full(3, 0.024 * scale)
-        size[axis] = 0.3 * scale
-        cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_TARGET))
+    def add_cross(self, target_m: FloatArray) -> None:
+        """Add a cross at the target of the tip."""
+        cross = self.entity("target")
+        for axis in range(3):
+            size = np.full(3, 0.024 * self._scale)
+            size[axis] = 0.3 * self._scale
+            cross.cubes.add(pose=_pose(target_m, _NO_TURN), size=_vector(size), color=_colour(_TARGET))
 
-
-def marks_update(marks: Sequence[tuple[str, DrawnMark]], scale: float, time_ns: int) -> SceneUpdate:
-    """Marks of records of one instant, shown for two seconds: an arrow or a dot, and a text.
-
-    Args:
-        marks: A unique name for each mark, and the mark.
-        scale: Scale of markers.
-        time_ns: Time of the records.
-    """
-    update = SceneUpdate()
-    for name, drawn in marks:
-        entity = _entity(update, name, ROOT_FRAME, time_ns)
+    def add_mark(self, entity: Any, drawn: DrawnMark) -> None:
+        """Add a mark of a record, shown for two seconds: an arrow or a dot, and a text."""
+        scale, point, vector = self._scale, np.array(drawn.mark.point_m), drawn.vector
         entity.lifetime.CopyFrom(duration(SHOWN_S))
-        point, vector = np.array(drawn.mark.point_m), drawn.vector
         if vector.any():
-            _add_arrow(entity, point - vector, vector, _MARK, scale)
+            self.add_arrow(entity, point - vector, vector, _MARK)
             away = -vector - 0.15 * scale * np.array(drawn.mark.direction)
         else:
             away = np.array([0.0, 0.0, 0.15 * scale])
@@ -247,69 +257,25 @@ def marks_update(marks: Sequence[tuple[str, DrawnMark]], scale: float, time_ns: 
             color=_colour(_MARK),
             text=drawn.mark.text,
         )
-    return update
 
+    def add_arrow(self, entity: Any, origin: FloatArray, vector: FloatArray, rgba: tuple[float, ...]) -> None:
+        """Add an arrow of a vector that starts at a point."""
+        length = float(np.linalg.norm(vector))
+        head = min(0.12 * self._scale, 0.4 * length)
+        entity.arrows.add(
+            pose=_pose(origin, _turn(np.array([1.0, 0.0, 0.0]), vector / length)),
+            shaft_length=length - head,
+            shaft_diameter=0.05 * self._scale,
+            head_length=head,
+            head_diameter=0.1 * self._scale,
+            color=_colour(rgba),
+        )
 
-def _add_arrow(entity: Any, origin: FloatArray, vector: FloatArray, rgba: tuple[float, ...], scale: float) -> None:
-    length = float(np.linalg.norm(vector))
-    head = min(0.12 * scale, 0.4 * length)
-    entity.arrows.add(
-        pose=_pose(origin, _turn(np.array([1.0, 0.0, 0.0]), vector / length)),
-        shaft_length=length - head,
-        shaft_diameter=0.05 * scale,
-        head_length=head,
-        head_diameter=0.1 * scale,
-        color=_colour(rgba),
-    )
-
-
-def arrows_update(arrows: Sequence[ArrowSeries], row: int, scale: float, time_ns: int) -> SceneUpdate:
-    """The arrows of forces and torques that act in a row, and no others.
-
-    Args:
-        arrows: All arrows of the run.
-        row: Index of the row in these series.
-        scale: Scale of markers.
-        time_ns: Time of the row.
-    """
-    update = SceneUpdate()
-    update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
-    for series in arrows:
-        if series.acts[row]:
-            entity = _entity(update, series.columns.name, ROOT_FRAME, time_ns)
-            rgba = shares(arrow_colour(series.columns))
-            _add_arrow(entity, series.origins[row], series.vectors[row], rgba, scale)
-    return update
-
-
-def plumes_update(
-    system: System, firing: Sequence[tuple[Thruster, int]], positions: FloatArray, scale: float, time_ns: int
-) -> SceneUpdate:
-    """A cone at every thruster that fires, and no others.
-
-    Args:
-        system: The model.
-        firing: Thrusters that fire and the signs of their forces.
-        positions: World positions of all bodies, (nbody, 3), m.
-        scale: Scale of markers.
-        time_ns: Time from which they fire.
-    """
-    update = SceneUpdate()
-    update.deletions.add(type=SceneEntityDeletion.ALL, timestamp=timestamp(time_ns))
-    for thruster, sign in firing:
-        frame = frame_id(system, thruster.body) if thruster.turns else ROOT_FRAME
-        start = thruster.point if thruster.turns else positions[thruster.body]
-        entity, exhaust = _entity(update, thruster.name, frame, time_ns), sign * thruster.exhaust
-        pose = _pose(start + 0.5 * scale * _PLUME_M * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
-        size = _vector(scale * np.array([0.16, 0.16, _PLUME_M]))
+    def add_plume(self, entity: Any, start: FloatArray, exhaust: FloatArray) -> None:
+        """Add a cone at a thruster, along the unit vector of its exhaust."""
+        pose = _pose(start + 0.5 * self._scale * _PLUME_M * exhaust, _turn(np.array([0.0, 0.0, 1.0]), exhaust))
+        size = _vector(self._scale * np.array([0.16, 0.16, _PLUME_M]))
         entity.cylinders.add(pose=pose, size=size, bottom_scale=0.2, top_scale=1.0, color=_colour(_PLUME))
-    return update
-
-
-def _entity(update: SceneUpdate, name: str, frame: str, time_ns: int) -> Any:
-    entity: SceneEntity = update.entities.add(id=name, frame_id=frame, frame_locked=True)
-    entity.timestamp.CopyFrom(timestamp(time_ns))
-    return entity
 
 
 def _add_shape(entity: Any, shape: DrawnShape) -> None:
@@ -439,7 +405,6 @@ def _along(line: FloatArray, spacing: float) -> FloatArray:
     return np.column_stack([np.interp(at, length, line[:, i]) for i in range(3)])
 
 
-ROOT_FRAME = "world"
 _NS = 1_000_000_000
 _VARINT = 5  # bytes of a padded varint
 

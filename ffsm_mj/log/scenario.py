@@ -28,7 +28,7 @@ class _Part(StrictModel, extra="ignore"):
 
 class _Site(_Part):
     body: str
-    pos_m: tuple[float, float, float] | None = None
+    pos_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class _Model(_Part):
@@ -147,13 +147,15 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             overrides=(Overrides("model", bodies),) if bodies is not None else (),
             pose=(part.pose or Pose()) if part.fixed and name != "robot" else None,
             body=part.body or "",
-            sites=tuple(
-                AddedSite(name, each.body, each.pos_m or (0.0, 0.0, 0.0)) for name, each in (part.sites or {}).items()
-            ),
+            sites=tuple(AddedSite(site, each.body, each.pos_m) for site, each in (part.sites or {}).items()),
             flex=part.joint_flex or {},
         )
 
-    sensors = [(name, each) for name, each in (scenario.sensors or {}).items() if each.kind is not None]
+    sensors = tuple(
+        AddedSensor(name, each.kind, each.of or "", each.relative_to or "")
+        for name, each in (scenario.sensors or {}).items()
+        if each.kind is not None
+    )
     try:
         return compile_system(
             model_of("robot", scenario.robot),
@@ -161,9 +163,7 @@ def compile_log(log: RunLog, place: str = THE_LOG, grasp: Grasp | None = None) -
             time_step_s=scenario.time_step_s,
             conservative=scenario.conservative,
             grasp=grasp,
-            sensors=tuple(
-                AddedSensor(name, each.kind or "", each.of or "", each.relative_to or "") for name, each in sensors
-            ),
+            sensors=sensors,
         )
     except ScenarioFaults as error:
         raise InputError([f"{place}: {fault.message}" for fault in error.faults]) from error
