@@ -19,9 +19,8 @@ except ImportError as error:
 
 from ffsm_mj.assembly.prepare import Scenario
 from ffsm_mj.gym.env import ScenarioEnv
-from ffsm_mj.gym.errors import EnvError
 from ffsm_mj.gym.rendering import RenderError
-from ffsm_mj.gym.rewards import Transition
+from ffsm_mj.gym.rewards import EnvError, Transition
 from ffsm_mj.scenario.shipped import scenarios_dir
 
 __all__ = ["EnvError", "RenderError", "ScenarioEnv", "Transition", "make"]

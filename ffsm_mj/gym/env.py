@@ -17,11 +17,9 @@ from ffsm_mj.assembly.simulator import Simulator, Step
 from ffsm_mj.controller_protocol import GivenCommand
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.gym.endings import Ending
-from ffsm_mj.gym.errors import EnvError
 from ffsm_mj.gym.rendering import Camera
-from ffsm_mj.gym.resets import campaign_of, resets_of
-from ffsm_mj.gym.rewards import Transition
-from ffsm_mj.gym.setup import Bound, env_of, reward_of, split_env
+from ffsm_mj.gym.rewards import EnvError, Transition
+from ffsm_mj.gym.setup import Bound, bind, campaign_of, env_of, resets_of, reward_of, split_env
 from ffsm_mj.records.events import Outcome
 from ffsm_mj.scenario.env_config import EnvConfig
 
@@ -93,9 +91,9 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
         self._reward = reward_of(reward, prepared)
         self._resets, self._stride, self._next = resets_of(plan, prepared), stride, 0
         self._source = prepared.source
-        bound = self._bind(prepared.assemble())
-        self.action_space = Box(-1.0, 1.0, (bound.actions.size,), np.float32)
-        self.observation_space = Box(bound.observations.low, bound.observations.high, dtype=np.float64)
+        parts = self._bind(prepared.assemble())
+        self.action_space = Box(-1.0, 1.0, (parts.actions.size,), np.float32)
+        self.observation_space = Box(parts.observations.low, parts.observations.high, dtype=np.float64)
         period_s = prepared.scenario.control_period_s * self.config.ticks_per_step
         self.metadata = {**self.metadata, "render_fps": 1.0 / period_s}
         self.render_mode = render_mode
@@ -107,7 +105,7 @@ class ScenarioEnv(gymnasium.Env[FloatArray, FloatArray]):
 
     def _bind(self, assembly: Any) -> Bound:
         try:
-            return Bound(self.config, assembly, lambda: self.simulator.unhandled_overlaps)
+            return bind(self.config, assembly, lambda: self.simulator.unhandled_overlaps)
         except ScenarioFaults as faults:
             raise self._source.located(faults) from faults
 

@@ -13,11 +13,14 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.controller_protocol import ImpactRecord, Observation, System
-from ffsm_mj.errors import described, raised_at, unknown_name
-from ffsm_mj.gym.errors import EnvError
+from ffsm_mj.errors import FfsmError, described, raised_at, unknown_name
 
 GROUP = "ffsm_mj.rewards"
 """Entry-point group of reward functions of other packages."""
+
+
+class EnvError(FfsmError):
+    """An environment was used in a way that its state does not allow, or a part of it, such as a reward, failed."""
 
 
 @dataclass(frozen=True)
