@@ -15,7 +15,7 @@ API = {
         "`ffsm_mj.Scenario`, `run`, `load_run`, `compare` and their results.",
         *(
             "ffsm_mj.assembly.prepare.Scenario",
-            "ffsm_mj.scenario.model_config",
+            "ffsm_mj.scenario.models",
             "ffsm_mj.assembly.prepare.run",
             "ffsm_mj.analysis.run.load_run",
             "ffsm_mj.analysis.run.Run",

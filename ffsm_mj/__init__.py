@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from ffsm_mj.replay import explain as explain
     from ffsm_mj.report.animation import animate as animate
     from ffsm_mj.report.plots.notebook import plot as plot
-    from ffsm_mj.scenario.model_config import Model as Model
-    from ffsm_mj.scenario.model_config import Robot as Robot
+    from ffsm_mj.scenario.models import Model as Model
+    from ffsm_mj.scenario.models import Robot as Robot
 
 _LAZY = {
     "Campaign": ("ffsm_mj.experiments.campaign", "Campaign"),
@@ -64,8 +64,8 @@ _LAZY = {
     "sensitivity": ("ffsm_mj.experiments.sensitivity", "sensitivity"),
     "summary": ("ffsm_mj.analysis.run_models", "summary"),
     "Run": ("ffsm_mj.analysis.run", "Run"),
-    "Robot": ("ffsm_mj.scenario.model_config", "Robot"),
-    "Model": ("ffsm_mj.scenario.model_config", "Model"),
+    "Robot": ("ffsm_mj.scenario.models", "Robot"),
+    "Model": ("ffsm_mj.scenario.models", "Model"),
     "impact": ("ffsm_mj.impact", None),
     "impact_map": ("ffsm_mj.experiments.impact_map.impact_map", "impact_map"),
 }

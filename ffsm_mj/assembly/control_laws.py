@@ -32,9 +32,8 @@ from ffsm_mj.records.columns import Columns, same_names
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
 from ffsm_mj.records.signals import Signal
-from ffsm_mj.scenario.phase_config import PhaseConfig, PhaseEnd, SensorEndConfig
-from ffsm_mj.scenario.scenario import ScenarioConfig
-from ffsm_mj.scenario.task_config import TaskConfig
+from ffsm_mj.scenario.phases import PhaseConfig, PhaseEnd, SensorEndConfig
+from ffsm_mj.scenario.scenario import ScenarioConfig, TaskConfig
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 

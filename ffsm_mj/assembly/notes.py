@@ -40,8 +40,8 @@ from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inputs import further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
-from ffsm_mj.scenario.grasps import never_armed
-from ffsm_mj.scenario.phase_graph import graph_lines, is_branching
+from ffsm_mj.scenario.loading import never_armed
+from ffsm_mj.scenario.phases import graph_lines, is_branching
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sensor import Sensor
 from ffsm_mj.tolerances import MECHANISM_RANK

@@ -20,9 +20,8 @@ from ffsm_mj.log.run_folder import BEFORE, RECORDED
 from ffsm_mj.model.files import logged_name, stored_with
 from ffsm_mj.model.system import System
 from ffsm_mj.records.recorded_table import RecordedTable, TableError
-from ffsm_mj.scenario.scenario import ScenarioConfig
+from ffsm_mj.scenario.scenario import ScenarioConfig, TargetWaypoint, TaskConfig, TrajectoryConfig
 from ffsm_mj.scenario.source import YamlSource
-from ffsm_mj.scenario.task_config import TargetWaypoint, TaskConfig, TrajectoryConfig
 from ffsm_mj.similar_names import similar_file
 from ffsm_mj.yaml import KeyPath, write_yaml
 

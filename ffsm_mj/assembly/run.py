@@ -43,7 +43,7 @@ from ffsm_mj.records.metadata import (
     terminal_metadata,
 )
 from ffsm_mj.records.run_log import RunHeader
-from ffsm_mj.scenario.phase_graph import is_branching, phase_edges, trigger_text
+from ffsm_mj.scenario.phases import is_branching, phase_edges, trigger_text
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.simulation.loop import Simulation
 from ffsm_mj.simulation.outcome import Ended, internal_error

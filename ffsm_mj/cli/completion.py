@@ -122,7 +122,7 @@ def _complete_by(option: argparse.Action, function: str) -> None:
 def _keys(words: Sequence[str]) -> list[str]:
     """Keys that ``-s`` can set, dotted: of the file that a command line names, else of any scenario."""
     from ffsm_mj.experiments.file import campaign_path, campaign_schema
-    from ffsm_mj.scenario.key_paths import ANY, key_paths
+    from ffsm_mj.scenario.faults import ANY, key_paths
     from ffsm_mj.scenario.scenario import ScenarioConfig
     from ffsm_mj.scenario.source import read_yaml
     from ffsm_mj.yaml import read_node

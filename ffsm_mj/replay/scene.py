@@ -16,8 +16,8 @@ from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.records.metadata import conservative_metadata, free_metadata, gravity_metadata
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.scenario.impact_law import UNUSABLE_LAW
-from ffsm_mj.scenario.scenario import ScenarioConfig, timing_faults, with_contact_models
+from ffsm_mj.scenario.loading import with_contact_models
+from ffsm_mj.scenario.scenario import UNUSABLE_LAW, ScenarioConfig, timing_faults
 from ffsm_mj.simulation.plant import Plant
 
 _NO_CONTROL = {

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ffsm_mj.config import Name, StrictModel
-from ffsm_mj.scenario.element_names import element_name
+from ffsm_mj.scenario.source import element_name
 
 Sides = Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)]
 

@@ -1,9 +1,9 @@
-"""Validation errors of pydantic as messages: the key as in the file, what is wrong, what is allowed."""
+"""Validation errors of pydantic as messages: the key as in the file, what is wrong, what is allowed; and keys of a schema."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from types import UnionType
@@ -13,11 +13,78 @@ from pydantic import BaseModel, ValidationError
 
 from ffsm_mj.errors import Fault, unknown_name
 from ffsm_mj.scenario.env_config import ACTION_KINDS
-from ffsm_mj.scenario.key_paths import nested_key
+from ffsm_mj.scenario.source import element_name
+from ffsm_mj.yaml import KeyPath
+
+ANY = "*"
+"""In place of a list position, or of a name that the file chooses."""
+_DEEPEST = 8
+_BRANCHES = ("anyOf", "oneOf", "allOf")
+_KIND = "kind"
+_UNKNOWN = object()
+_ABSENT = object()
+"""A value that the file does not give: its keys are listed, those below them are not."""
+
+
+def key_paths(schema: Mapping[str, Any], data: Any = _UNKNOWN) -> Iterator[tuple[str, ...]]:
+    """Every key of a schema with the keys that lead to it, outer keys first.
+
+    Args:
+        schema: JSON Schema.
+        data: A file: its entries and named list items take the place of :data:`ANY`, and of kinds only those in use count.
+    """
+    yield from dict.fromkeys(_paths(schema, schema.get("$defs", {}), data, ()))
+
+
+def _paths(node: Any, definitions: Mapping[str, Any], data: Any, above: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    if not isinstance(node, Mapping) or len(above) > _DEEPEST:
+        return
+    if "$ref" in node:
+        yield from _paths(definitions.get(node["$ref"].rpartition("/")[2]), definitions, data, above)
+    for name, value in node.get("properties", {}).items():
+        yield (*above, name)
+        if data is _UNKNOWN:
+            yield from _paths(value, definitions, _UNKNOWN, (*above, name))
+        elif isinstance(data, Mapping):
+            yield from _paths(value, definitions, data.get(name, _ABSENT), (*above, name))
+    for key in ("additionalProperties", "items"):
+        if key in node:
+            for name, inner in _entries(data, key):
+                if data is not _UNKNOWN:
+                    yield (*above, name)
+                yield from _paths(node[key], definitions, inner, (*above, name))
+    for branch in (each for name in _BRANCHES for each in node.get(name, ())):
+        if _is_in_use(branch, definitions, data):
+            yield from _paths(branch, definitions, data, above)
+
+
+def _entries(data: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """Names of entries of a mapping or list, with their values."""
+    if data is _UNKNOWN:
+        yield ANY, _UNKNOWN
+    elif key == "additionalProperties" and isinstance(data, Mapping):
+        yield from data.items()
+    elif key == "items" and isinstance(data, list) and any(isinstance(item, Mapping) for item in data):
+        for i, item in enumerate(data):
+            yield element_name(item) or str(i), item
+
+
+def _is_in_use(branch: Any, definitions: Mapping[str, Any], data: Any) -> bool:
+    """Whether a member of a union can describe the data: a member with another kind cannot."""
+    if not isinstance(data, Mapping) or _KIND not in data:
+        return True
+    model = definitions.get(branch.get("$ref", "").rpartition("/")[2], branch)
+    kind = model.get("properties", {}).get(_KIND, {}).get("const", data[_KIND])
+    return bool(kind == data[_KIND])
+
+
+def nested_key(name: str, schema: Mapping[str, Any]) -> str:
+    """Dotted path of the key of this name that is nested least deep, e.g. ``task.target_m``; empty if there is none."""
+    found = sorted((path for path in key_paths(schema) if path[-1] == name and len(path) > 1), key=len)
+    return ".".join(found[0]).replace(ANY, "NAME") if found else ""
+
 
 _ALMOST_EQUAL = 0.85
-
-KeyPath = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)

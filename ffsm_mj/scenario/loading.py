@@ -1,32 +1,203 @@
-"""Loading of scenarios: read, apply overrides, validate; every fault is reported with its location."""
+"""Loading of scenarios: read, apply overrides, validate; every fault is reported with its location.
+
+A script may pass control laws and estimators, classes by kind, without a package.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal, Union, cast
 
 import mujoco
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError, create_model
 
 from ffsm_controllers import kinds
 from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.config import ACTUATOR_KINDS
+from ffsm_mj.config import PartName, StrictModel
 from ffsm_mj.contact_models.impact.law import impact_law, plugin_fault
-from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
+from ffsm_mj.contact_models.registry import contact_model_of, contact_models, record_kinds_of
+from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, faults_below, unknown_name
 from ffsm_mj.model.inline import inline_model
-from ffsm_mj.scenario.contact_models import fault_of_ending
-from ffsm_mj.scenario.estimator_config import TruthConfig
+from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
-from ffsm_mj.scenario.grasps import grasp_faults
-from ffsm_mj.scenario.phase_config import PhaseConfig
-from ffsm_mj.scenario.phase_graph import graph_faults, is_branching
-from ffsm_mj.scenario.scenario import ScenarioConfig, timing_faults, with_contact_models
-from ffsm_mj.scenario.scene_file import with_scene
-from ffsm_mj.scenario.script_laws import as_phases, config_of, importable, model_with, refuse_script_classes
+from ffsm_mj.scenario.models import with_scene
+from ffsm_mj.scenario.phases import PhaseConfig, graph_faults, is_branching
+from ffsm_mj.scenario.scenario import ScenarioConfig, TruthConfig, timing_faults
 from ffsm_mj.scenario.source import YamlSource, read_yaml
+
+_METHODS = {"controllers": ("start", "control", "telemetry"), "estimators": ("start", "update", "telemetry")}
+
+
+class NoSettings(StrictModel):
+    """Configuration of a control law or estimator without a ``Config``."""
+
+    kind: str
+
+
+def refuse_script_classes(option: str, classes: Mapping[str, Any], installed: Collection[str]) -> None:
+    """Refuse classes that are not control laws, or not estimators.
+
+    Args:
+        option: How they are passed, ``controllers`` or ``estimators``.
+        classes: Classes by kind.
+        installed: Installed kinds.
+
+    Raises:
+        InputError: One line per fault.
+    """
+    if not isinstance(classes, Mapping):
+        raise InputError(f"{option}: must be a mapping of classes by kind, and is {type(classes).__name__}")
+    lines, methods = [], _METHODS[option]
+    for kind, law in classes.items():
+        missing = [name for name in methods if not callable(getattr(law, name, None))]
+        config = getattr(law, "Config", NoSettings)
+        if kind in installed:
+            lines.append(f"{option}: {kind!r} is the name of an existing kind; choose another name")
+        elif not isinstance(law, type) or missing:
+            lines.append(f"{option}: {kind!r} is no class with the methods {', '.join(methods)}")
+        elif not isinstance(getattr(law, "telemetry_signals", None), tuple | list | property):
+            lines.append(f"{option}: {kind!r} has no telemetry_signals; () reports nothing")
+        elif not (isinstance(config, type) and issubclass(config, StrictModel)):
+            lines.append(f"{option}: the Config of {kind!r} is no ffsm_mj.controller_protocol.StrictModel")
+        elif config is not NoSettings and _kind_of(config) != kind:
+            lines.append(f"{option}: the Config of {kind!r} needs the field kind: Literal[{kind!r}]")
+    if lines:
+        raise InputError(lines)
+
+
+def _kind_of(config: type[StrictModel]) -> str | None:
+    field = config.model_fields.get("kind")
+    values: tuple[Any, ...] = getattr(field.annotation, "__args__", ()) if field is not None else ()
+    return str(values[0]) if len(values) == 1 else None
+
+
+def config_of(law: Any, kind: str) -> type[StrictModel]:
+    """Configuration model of a law."""
+    if hasattr(law, "Config"):
+        return law.Config  # type: ignore[no-any-return]
+    only: Any = Literal[kind]
+    return create_model(f"{law.__name__}Config", __base__=NoSettings, kind=(only, ...))
+
+
+def _importable(config: Any, classes: Mapping[str, Any]) -> Any:
+    """A configuration as an instance of an importable class: one that a class of a script leaves out has its kind only."""
+    settled = config is None or config.kind not in classes or hasattr(classes[config.kind], "Config")
+    return config if settled else NoSettings(kind=config.kind)
+
+
+def with_contact_models(scenario: ScenarioConfig) -> ScenarioConfig:
+    """The scenario with validated contact models.
+
+    Raises:
+        ScenarioFaults: An unknown kind, or an invalid configuration.
+    """
+    configs: list[StrictModel] = []
+    with Faults() as faults:
+        for i, given in enumerate(scenario.contact_models):
+            with faults.below("contact_models", i):
+                configs.append(given if isinstance(given, StrictModel) else _contact_model(given))
+    return scenario.model_copy(update={"contact_models": tuple(configs)}) if configs else scenario
+
+
+def _contact_model(given: Any) -> StrictModel:
+    if not isinstance(given, Mapping) or not isinstance(given.get("kind"), str):
+        raise LookupError(f"needs a 'kind'; allowed: {', '.join(sorted(contact_models())) or 'none is installed'}")
+    with faults_below("kind"):
+        config = contact_model_of(given["kind"]).Config
+    try:
+        return config.model_validate(given)
+    except ValidationError as error:
+        raise ScenarioFaults(plain_faults(error, KindNames(config, (), (), {}))) from error
+
+
+def endings(configs: tuple[Any, ...], *, grasps: bool) -> tuple[str, ...]:
+    """Events that may end a phase: of contacts and joint limits, grasps, releases, records of contact models."""
+    named = (kind.name for config in configs for kind in record_kinds_of(config.kind))
+    contacts = ("impact", "contact_begins", "contact_ends", "contact_slips", "contact_sticks")
+    return (*contacts, "limit_impact", "limit_begins", "limit_ends", *(("grasp", "release") if grasps else ()), *named)
+
+
+def fault_of_ending(until: str | None, configs: tuple[Any, ...], *, grasps: bool) -> str:
+    """What is wrong with a phase's ``until``; empty if it is valid."""
+    allowed = (*endings(configs, grasps=grasps), "settled", "finished", "end")
+    return "" if until is None or until in allowed else unknown_name("end of a phase", until, allowed)
+
+
+_OWN = "ffsm_controllers"
+
+
+def grasp_faults(scenario: ScenarioConfig) -> list[Fault]:
+    """Faults of grasps in phases: unknown grasps, and a grasp armed while it is closed."""
+    faults = []
+    for i, phase in enumerate(scenario.phases):
+        for key, names in (("arm", phase.arm), ("release", phase.release)):
+            unknown = ((k, name) for k, name in enumerate(names) if name not in scenario.grasps)
+            faults += [Fault(unknown_name("grasp", name, scenario.grasps), ("phases", i, key, k)) for k, name in unknown]
+    first: dict[str, str] = {}
+    for name in scenario.grasps:
+        other = first.setdefault(identifier(name), name)
+        if other != name:
+            faults.append(Fault(f"its columns would have the names of those of {other!r}; rename it", ("grasps", name)))
+    if is_branching(scenario.phases):
+        return faults  # what was armed or closed before depends on the way that the run takes
+    return faults or [*_armed_while_closed(scenario), *_ends_at_no_grasp(scenario)]
+
+
+def never_armed(scenario: ScenarioConfig) -> Iterator[str]:
+    """Messages for grasps that no phase arms; a control law may still request them."""
+    armed = {name for phase in scenario.phases for name in phase.arm}
+    asking = [phase.name for phase in scenario.phases if not _asks_for_nothing(phase)]
+    for name in scenario.grasps:
+        if name not in armed:
+            law = f" unless the control law of phase {asking[0]!r} requests it" if asking else ""
+            yield f"no phase arms the grasp {name!r}, so it never closes{law}; write 'arm: [{name}]' in a phase"
+
+
+def _ends_at_no_grasp(scenario: ScenarioConfig) -> Iterator[Fault]:
+    """Phases that wait for a grasp that cannot close: no grasp is armed, and no control law may request one."""
+    for i, phase in enumerate(scenario.phases):
+        if not _asks_for_nothing(phase):
+            return
+        if phase.until == "grasp" and phase.for_s is None and not phase.arm and scenario.grasps:
+            message = f"no grasp is armed, so none ends this phase; write 'arm: [{next(iter(scenario.grasps))}]'"
+            yield Fault(message, ("phases", i, "until"))
+
+
+def _armed_while_closed(scenario: ScenarioConfig) -> Iterator[Fault]:
+    """Grasps that a phase arms while they are certainly closed: alone armed they ended a phase, and nothing ended them."""
+    closed: dict[str, str] = {}
+    for i, phase in enumerate(scenario.phases):
+        closed = {name: since for name, since in closed.items() if name not in phase.release}
+        for k, name in enumerate(phase.arm):
+            if name in closed:
+                reason = f"it is closed since the end of phase {closed[name]!r}; release it first"
+                yield Fault(f"{name!r} cannot close: {reason}", ("phases", i, "arm", k))
+        waiting = [name for name in phase.arm if name not in closed]
+        bears_any_load = all(scenario.grasps[name].load_limit is None for name in waiting)
+        if phase.until == "release" or not _asks_for_nothing(phase):
+            closed = {}
+        elif phase.until == "grasp" and phase.for_s is None and len(waiting) == 1 and bears_any_load:
+            # One of the same two sites has taken over from another.
+            sites = _sites(scenario, waiting[0])
+            closed = {name: since for name, since in closed.items() if _sites(scenario, name) != sites}
+            closed[waiting[0]] = phase.name
+
+
+def _sites(scenario: ScenarioConfig, name: str) -> tuple[str, str]:
+    """Sites that a grasp joins, without prefixes that may be left out."""
+    config = scenario.grasps[name]
+    return config.robot_site.rpartition("/")[2], config.object_site.rpartition("/")[2]
+
+
+def _asks_for_nothing(phase: PhaseConfig) -> bool:
+    """Whether the phase's control laws certainly request no grasp or release: built-in ones do not, others may."""
+    classes = [kinds().classes.get(law.kind) for law in phase.laws.values()]
+    return all(law is not None and law.__module__.partition(".")[0] == _OWN for law in classes)
+
 
 _MOST_FRAMES = 1e6
 
@@ -71,7 +242,7 @@ def stated_source(keys: Mapping[str, Any], name: str = "scenario") -> YamlSource
 
     Args:
         keys: Values by key: plain ones, arrays, paths, models, configurations such as
-            :class:`~ffsm_mj.scenario.model_config.Robot`, and mappings and sequences of them.
+            :class:`~ffsm_mj.scenario.models.Robot`, and mappings and sequences of them.
         name: What it is.
     """
     return YamlSource(Path(name), plain(keys), None)
@@ -138,10 +309,16 @@ def validated(
 def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[ScenarioConfig]:
     """Scenario model that accepts these beside what is installed."""
     configs = [
-        (*installed.configs.values(), *(config_of(each, kind) for kind, each in own.items()))
-        for installed, own in ((kinds(), laws), (estimators(), own_estimators))
+        (*first, *installed.configs.values(), *(config_of(each, kind) for kind, each in own.items()))
+        for first, installed, own in (((), kinds(), laws), ((TruthConfig,), estimators(), own_estimators))
     ]
-    return model_with(ScenarioConfig, PhaseConfig, configs[0], (TruthConfig, *configs[1]))
+    law, estimator = (cast("Any", Annotated[Union.__getitem__(each), Field(discriminator="kind")]) for each in configs)
+    parts: Any = Annotated[dict[PartName, law], Field(min_length=1)] | None
+    name = PhaseConfig.__name__
+    phase: Any = create_model(name, __base__=PhaseConfig, controller=(law | None, None), controllers=(parts, None))
+    phases: Any = Annotated[tuple[phase, ...], Field(min_length=1)]
+    name, default = ScenarioConfig.__name__, ScenarioConfig.model_fields["estimator"].default
+    return create_model(name, __base__=ScenarioConfig, phases=(phases, ...), estimator=(estimator, default))
 
 
 def controller_kinds() -> tuple[str, ...]:
@@ -163,47 +340,58 @@ def _with_script_laws(
         return scenario.model_copy(update={"script_laws": None})
     used = tuple(kind for kind in laws if any(law.kind == kind for phase in scenario.phases for law in phase.laws.values()))
     used += tuple(kind for kind in own_estimators if scenario.estimator.kind == kind)
-    phases, estimator = as_phases(scenario.phases, PhaseConfig, laws), importable(scenario.estimator, own_estimators)
+    # Instances of importable classes can be pickled.
+    phases = tuple(
+        PhaseConfig.model_construct(
+            **dict(each)
+            | {
+                "controller": _importable(each.controller, laws),
+                "controllers": each.controllers and {name: _importable(law, laws) for name, law in each.controllers.items()},
+            }
+        )
+        for each in scenario.phases
+    )
+    estimator = _importable(scenario.estimator, own_estimators)
     changes = {"phases": phases, "estimator": estimator, "script_laws": used or None}
     return ScenarioConfig.model_construct(**dict(scenario) | changes)
 
 
 def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
-    faults = timing_faults(scenario) + _impact_law_faults(scenario)
+    """Faults of keys that do not fit each other."""
+    faults = Faults()
+    faults.found += [*timing_faults(scenario), *_impact_law_faults(scenario)]
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
-    if frames > _MOST_FRAMES and not faults:
-        faults.append(Fault(f"gives {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", ("log", "view_rate_hz")))
+    if frames > _MOST_FRAMES and not faults.found:
+        faults.add(f"gives {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", "log", "view_rate_hz")
     if scenario.extends is not None:
-        faults.append(Fault("can only stand in a scenario file", ("extends",)))
+        faults.add("can only stand in a scenario file", "extends")
     for reserved in {"robot", "world"} & set(scenario.objects):
-        faults.append(Fault("this name is taken; choose another", ("objects", reserved)))
+        faults.add("this name is taken; choose another", "objects", reserved)
     trees = ("robot", *scenario.objects)
     for key in ("model", "controller_model"):
-        unknown = (tree for tree in getattr(scenario, key) if tree not in trees)
-        faults += [Fault(unknown_name("model", tree, trees), (key, tree)) for tree in unknown]
-    names = [phase.name for phase in scenario.phases]
+        for tree in set(getattr(scenario, key)).difference(trees):
+            faults.add(unknown_name("model", tree, trees), key, tree)
     for i, phase in enumerate(scenario.phases):
-        if phase.name in names[:i]:
-            faults.append(Fault(f"another phase has the name {phase.name!r}", ("phases", i, "name")))
-        for end in phase.ends:
-            if fault := fault_of_ending(end.event, scenario.contact_models, grasps=bool(scenario.grasps)):
-                faults.append(Fault(fault, ("phases", i, *end.keys)))
-            if end.event == "settled" and scenario.task is None:
-                faults.append(Fault("nothing settles: the scenario has no task", ("phases", i, *end.keys)))
-        faults += [Fault(fault, ("phases", i, *keys)) for keys, fault in _broken_plugins(phase)]
-    faults += grasp_faults(scenario)
-    branching = is_branching(scenario.phases)
-    for i, phase in enumerate(scenario.phases[:-1]):
-        if phase.until == "end" and not branching:
-            faults.append(Fault("only the last phase can last until the end", ("phases", i, "until")))
-    return faults + (graph_faults(scenario.phases) if branching else [])
+        with faults.below("phases", i), Faults() as own:
+            _check_phase(scenario, i, phase, own)
+    graph = graph_faults(scenario.phases) if is_branching(scenario.phases) else []
+    return [*faults.found, *grasp_faults(scenario), *graph]
 
 
-def _broken_plugins(phase: PhaseConfig) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Keys in the phase, and message, for each control law whose plug-in cannot be used."""
+def _check_phase(scenario: ScenarioConfig, i: int, phase: PhaseConfig, faults: Faults) -> None:
+    """Add faults of a phase at position i that depend on other keys; paths in the phase."""
+    if phase.name in [each.name for each in scenario.phases[:i]]:
+        faults.add(f"another phase has the name {phase.name!r}", "name")
+    for end in phase.ends:
+        if fault := fault_of_ending(end.event, scenario.contact_models, grasps=bool(scenario.grasps)):
+            faults.add(fault, *end.keys)
+        if end.event == "settled" and scenario.task is None:
+            faults.add("nothing settles: the scenario has no task", *end.keys)
     for keys, law in phase.laws.items():
         if reason := kinds().broken.get(law.kind):
-            yield (*keys, "kind"), f"the plugin for kind {law.kind!r} cannot be used ({reason})"
+            faults.add(f"the plugin for kind {law.kind!r} cannot be used ({reason})", *keys, "kind")
+    if phase.until == "end" and phase is not scenario.phases[-1] and not is_branching(scenario.phases):
+        faults.add("only the last phase can last until the end", "until")
 
 
 def _impact_law_faults(scenario: ScenarioConfig) -> list[Fault]:

@@ -3,38 +3,178 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, ClassVar, Literal
+from itertools import pairwise
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias, Union
 
 from pydantic import (
     ConfigDict,
     Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     NonNegativeFloat,
     PositiveFloat,
+    PositiveInt,
     SerializeAsAny,
+    WithJsonSchema,
     model_validator,
 )
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.config import ActuatorConfig
-from ffsm_mj.config import Name, StrictModel
+from ffsm_mj.config import FileName, Name, StrictModel
 from ffsm_mj.contact_models.grasp.config import GraspConfig
+from ffsm_mj.contact_models.impact.law import impact_laws, plugin_fault
 from ffsm_mj.errors import Fault
 from ffsm_mj.model.properties import Trees
-from ffsm_mj.scenario.contact_models import REGIME_SCHEMA, validated_contact_models
 from ffsm_mj.scenario.contacts import ContactsConfig
 from ffsm_mj.scenario.env_config import EnvConfig
-from ffsm_mj.scenario.estimator_config import EstimatorConfig, ToldAboveConfig, TruthConfig
-from ffsm_mj.scenario.impact_config import ImpactConfig
-from ffsm_mj.scenario.joint_limits import JointLimitConfig
-from ffsm_mj.scenario.model_config import REQUIRED, Model, Robot
-from ffsm_mj.scenario.phase_config import PhaseConfig
-from ffsm_mj.scenario.scene_file import SceneConfig
-from ffsm_mj.scenario.task_config import TaskConfig
+from ffsm_mj.scenario.models import REQUIRED, Model, Robot, SceneConfig
+from ffsm_mj.scenario.phases import PhaseConfig
 from ffsm_mj.sensing.config import SensorConfig
+
+Axis = Literal["x", "y", "z"]
+
+
+class TargetWaypoint(StrictModel):
+    """Where the target is at a time."""
+
+    at_s: PositiveFloat
+    """Simulation time, s."""
+    position_m: tuple[float, ...]
+    """Position along the axes of the task in world coordinates, m."""
+
+
+class TrajectoryConfig(StrictModel):
+    """Motion of the target: through waypoints, through those of a file, or with a site of an object."""
+
+    start_s: NonNegativeFloat = 0.0
+    """Simulation time at which the target leaves ``target_m``, s; with ``waypoints`` or ``file``."""
+    waypoints: Annotated[tuple[TargetWaypoint, ...], Field(min_length=1)] | None = None
+    """Waypoints in the order of their times; between them the target is on the path of least jerk, from rest at ``target_m``
+    to rest at the last one."""
+    file: FileName | None = None
+    """Table with the waypoints, at most 2000 rows: columns ``time_s`` and ``x_m``, ``y_m``, ``z_m`` by axis of the task."""
+    site: Name | None = None
+    """Site of an object: the target is fixed to it."""
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """With ``site``: position of the target in the frame of the site, m."""
+
+    @model_validator(mode="after")
+    def _is_one_motion(self) -> TrajectoryConfig:
+        if sum(given is not None for given in (self.waypoints, self.file, self.site)) != 1:
+            raise ValueError("needs 'waypoints', 'file' or 'site', one of the three")
+        if self.site is None and self.offset_m != (0.0, 0.0, 0.0):
+            raise ValueError("'offset_m' has no effect without 'site'; leave it out")
+        if self.site is not None and self.start_s > 0.0:
+            raise ValueError("'start_s' has no effect with 'site'; leave it out")
+        times = [self.start_s, *(waypoint.at_s for waypoint in self.waypoints or ())]
+        for one, other in pairwise(times):
+            if other <= one:
+                raise ValueError(f"the times of waypoints must ascend from start_s; {other:g} s follows {one:g} s")
+        return self
+
+
+class TaskConfig(StrictModel):
+    """Task of the arm: bring a site of the robot to a point, which may move."""
+
+    tip: Name
+    """Site of the robot to regulate."""
+    axes: Annotated[tuple[Axis, ...], Field(min_length=2, max_length=3)] = ("x", "y", "z")
+    """Regulated world axes: two for a planar task, three in space."""
+    target_m: tuple[float, ...]
+    """Target of the tip along these axes in world coordinates, m; with a trajectory through waypoints where it begins."""
+    trajectory: TrajectoryConfig | None = None
+    """Motion of the target; left out: it is at rest."""
+
+    @model_validator(mode="after")
+    def _one_number_per_axis(self) -> TaskConfig:
+        if len(set(self.axes)) != len(self.axes):
+            raise ValueError("axes must be different")
+        if len(self.target_m) != len(self.axes):
+            raise ValueError(f"target_m has {len(self.target_m)} numbers for {len(self.axes)} axes")
+        for i, waypoint in enumerate((self.trajectory and self.trajectory.waypoints) or ()):
+            if len(waypoint.position_m) != len(self.axes):
+                raise ValueError(f"waypoint {i} has {len(waypoint.position_m)} numbers for {len(self.axes)} axes")
+        return self
+
+
+class TruthConfig(StrictModel):
+    """Control laws see the true state."""
+
+    kind: Literal["truth"]
+
+
+class ToldAboveConfig(StrictModel):
+    """Impacts of which control laws are told."""
+
+    above_N_s: Annotated[float, Field(ge=0.0)]
+    """Least impulse, N s; of contacts that begin or end, stick or slip, nothing is told."""
+
+
+if TYPE_CHECKING:
+    EstimatorConfig: TypeAlias = Any
+else:
+    EstimatorConfig = Annotated[
+        Union[TruthConfig, *estimators().configs.values()],
+        Field(discriminator="kind"),
+    ]
+
+
+class JointLimitConfig(StrictModel):
+    """Limits of one joint; their values are those of the model."""
+
+    restitution: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Coefficient of restitution e at both ends of the range: 0 the joint stays at the limit while pressed, 1 elastic."""
+
+
+UNUSABLE_LAW = "impact_law"
+"""Type of the pydantic error of a name that no usable law has."""
+
+
+class _Known:
+    """Asks for the laws at every validation and every JSON schema: one may be registered after this module is imported."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _: Any, __: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(_known_law)
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, _: CoreSchema, __: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"enum": list(impact_laws()), "type": "string"}
+
+
+LawName = Annotated[str, _Known]
+
+
+def _known_law(name: Any) -> str:
+    laws = impact_laws()
+    if isinstance(name, str) and name in laws:
+        return name
+    if isinstance(name, str) and (fault := plugin_fault(name)):
+        raise PydanticCustomError(UNUSABLE_LAW, "{fault}", {"fault": fault})
+    *first, last = map(repr, laws)
+    raise PydanticCustomError(UNUSABLE_LAW, "Input should be {allowed}", {"allowed": f"{', '.join(first)} or {last}"})
+
+
+class ImpactConfig(StrictModel):
+    """Impact law, and limits of impact resolution."""
+
+    law: LawName = "blend"
+    """An installed impact law; the built-in ones differ where several contacts meet at once. No ``newton`` with mu."""
+    rest_interval_s: Annotated[float, Field(ge=0.0)] | None = None
+    """A contact with e < 1 becomes persistent when its next bounce would be shorter, s; default: time_step_s."""
+    rest_speed_m_s: Annotated[float, Field(ge=0.0)] = 0.0
+    """A pressed contact with e < 1 becomes persistent if it would separate more slowly than this, m/s."""
+    max_impacts: PositiveInt = 10_000
+    """The run ends after this many impacts, those at joint limits included."""
+
 
 # Ratios are compared with integers to a relative 1e-9; beyond this ratio that is half a period, and any would pass.
 _MOST_PERIODS = 5e8
 
 JointValue = float | tuple[float, ...]
+_OF_CONTACT_MODEL = WithJsonSchema({"type": "object", "required": ["kind"], "properties": {"kind": {"type": "string"}}})
 
 
 class InitialConfig(StrictModel):
@@ -154,7 +294,7 @@ class ScenarioConfig(StrictModel):
     impact: ImpactConfig = ImpactConfig()
     terminal: TerminalConfig | None = None
     """Checks of the state at the end of the run; left out: none."""
-    contact_models: tuple[Annotated[Any, REGIME_SCHEMA], ...] = ()
+    contact_models: tuple[Annotated[Any, _OF_CONTACT_MODEL], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     log: LogConfig = LogConfig()
     uncertainties: dict[Name, PositiveFloat] = {}
@@ -213,16 +353,3 @@ def timing_faults(scenario: ScenarioConfig) -> list[Fault]:
             nearest = max(1, round(ratio)) * unit
             faults.append(Fault(f"must be a multiple of {unit_key} ({unit:g} s); the nearest is {nearest:g}", (key,)))
     return faults
-
-
-def with_contact_models(scenario: ScenarioConfig) -> ScenarioConfig:
-    """The scenario with validated contact models.
-
-    Raises:
-        ScenarioFaults: One of them is invalid.
-    """
-    return (
-        scenario.model_copy(update={"contact_models": validated_contact_models(scenario.contact_models)})
-        if scenario.contact_models
-        else scenario
-    )

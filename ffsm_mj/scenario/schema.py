@@ -8,9 +8,9 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import Any
 
-from ffsm_mj.scenario.inheritance import EXTENDS
+from ffsm_mj.scenario.models import SCENE
 from ffsm_mj.scenario.scenario import ScenarioConfig
-from ffsm_mj.scenario.scene_file import SCENE
+from ffsm_mj.scenario.source import EXTENDS
 
 _WHOLE, _CHANGES = "Scenario", "Changes"
 _NAMED_ITEMS = ("PhaseConfig", "ContactRuleConfig")  # list items that are merged with the parent's item of the same name

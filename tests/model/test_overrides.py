@@ -423,7 +423,7 @@ def test_every_model_is_prepared_by_one_function():
     allowed = {
         "model/composition.py",
         "model/source.py",
-        "scenario/scene_file.py",
+        "scenario/models.py",
         "templates/vendor.py",
     }
     package = Path(ffsm_mj.__file__).parent

@@ -12,9 +12,9 @@ from ruamel.yaml import YAML
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
-from ffsm_mj.scenario.inheritance import MAX_DEPTH
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
+from ffsm_mj.scenario.source import MAX_DEPTH
 from tests.scenario import editor
 from tests.scenes import two_balls
 
