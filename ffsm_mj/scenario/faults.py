@@ -1,4 +1,4 @@
-"""Validation errors of pydantic as messages: the key as in the file, what is wrong, what is allowed; and keys of a schema."""
+"""Validation errors of pydantic as messages: the key as in the file, what is wrong, what is allowed; keys of a schema."""
 
 from __future__ import annotations
 

@@ -313,7 +313,7 @@ def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> t
         for first, installed, own in (((), kinds(), laws), ((TruthConfig,), estimators(), own_estimators))
     ]
     law, estimator = (cast("Any", Annotated[Union.__getitem__(each), Field(discriminator="kind")]) for each in configs)
-    parts: Any = Annotated[dict[PartName, law], Field(min_length=1)] | None
+    parts: Any = Annotated[dict[PartName, law], Field(min_length=1)] | None  # type: ignore[valid-type]
     name = PhaseConfig.__name__
     phase: Any = create_model(name, __base__=PhaseConfig, controller=(law | None, None), controllers=(parts, None))
     phases: Any = Annotated[tuple[phase, ...], Field(min_length=1)]
