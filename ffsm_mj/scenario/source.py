@@ -43,7 +43,7 @@ def element_name(element: Any) -> str | None:
 
 
 EXTENDS = "extends"
-_MAX_FILES = 8
+MAX_EXTENDED = 8
 _NOT_INHERITED = ("name", "description")
 ALTERNATIVES = ("controller", "controllers")
 """Keys of a phase of which one replaces the other."""
@@ -68,8 +68,8 @@ def _resolve(path: Path, descendants: tuple[Path, ...]) -> Node:
     if any(parent.resolve() == known.resolve() for known in chain):
         circle = " -> ".join(file.name for file in (*chain, parent))
         raise _fault(reference, f"is circular: {circle}")
-    if len(chain) >= _MAX_FILES:
-        raise _fault(reference, f"more than {_MAX_FILES} scenarios extend one another; allowed: at most {_MAX_FILES}")
+    if len(chain) >= MAX_EXTENDED:
+        raise _fault(reference, f"more than {MAX_EXTENDED} scenarios extend one another; allowed: at most {MAX_EXTENDED}")
     base = _resolve(parent, chain)
     inherited = {key: node for key, node in base.value.items() if key not in _NOT_INHERITED}
     changes = {key: node for key, node in root.value.items() if key != EXTENDS}

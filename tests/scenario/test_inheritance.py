@@ -14,7 +14,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.scenario.shipped import scenario_names, scenario_path
-from ffsm_mj.scenario.source import MAX_DEPTH
+from ffsm_mj.scenario.source import MAX_EXTENDED
 from tests.scenario import editor
 from tests.scenes import two_balls
 
@@ -155,13 +155,13 @@ def test_circles_and_towers(folder):
     (folder / "other.yaml").write_text("extends: child.yaml\nname: other\n")
     (line,) = faults(child(folder, "", "other.yaml"))
     assert line == f"{folder}/other.yaml:1:1: extends: is circular: child.yaml -> other.yaml -> child.yaml"
-    for i in range(MAX_DEPTH + 1):
+    for i in range(MAX_EXTENDED + 1):
         (folder / f"{i}.yaml").write_text(f"extends: {f'{i - 1}.yaml' if i else 'parent/parent.yaml'}\nname: n{i}\n")
-    load_scenario(folder / f"{MAX_DEPTH - 2}.yaml")
-    (line,) = faults(folder / f"{MAX_DEPTH - 1}.yaml")
+    load_scenario(folder / f"{MAX_EXTENDED - 2}.yaml")
+    (line,) = faults(folder / f"{MAX_EXTENDED - 1}.yaml")
     assert (
         line
-        == f"{folder}/0.yaml:1:1: extends: more than {MAX_DEPTH} scenarios extend one another; allowed: at most {MAX_DEPTH}"
+        == f"{folder}/0.yaml:1:1: extends: more than {MAX_EXTENDED} scenarios extend one another; allowed: at most {MAX_EXTENDED}"
     )
 
 
