@@ -160,8 +160,8 @@ def test_circles_and_towers(folder):
     load_scenario(folder / f"{MAX_EXTENDED - 2}.yaml")
     (line,) = faults(folder / f"{MAX_EXTENDED - 1}.yaml")
     assert (
-        line
-        == f"{folder}/0.yaml:1:1: extends: more than {MAX_EXTENDED} scenarios extend one another; allowed: at most {MAX_EXTENDED}"
+        line == f"{folder}/0.yaml:1:1: extends: more than {MAX_EXTENDED} scenarios extend one another; "
+        f"allowed: at most {MAX_EXTENDED}"
     )
 
 
