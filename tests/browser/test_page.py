@@ -48,7 +48,7 @@ def page(tmp_path_factory):
     header = replace(run.log.header, scenario_name=EVIL)
     named = Run(replace(run.log, header=header, records=run.log.records | {"phases": (phase,)}))
     with pytest.MonkeyPatch.context() as patch:  # figures cost most of the time
-        patch.setattr("ffsm_mj.report.page.inline_figures._SHOWN", ("energies", "conservation"))
+        patch.setattr("ffsm_mj.report.page.document._FIGURES", {"energies": "Energies", "conservation": "Residuals"})
         write_page(named, folder / "run.html")
     return folder / "run.html"
 

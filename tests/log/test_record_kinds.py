@@ -22,8 +22,8 @@ from ffsm_mj.log.recorder import MemorySink
 from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.records import kinds as register_of_kinds
 from ffsm_mj.records.kinds import Mark, kinds, register
-from ffsm_mj.report.page import moving
-from ffsm_mj.report.page.poses import poses
+from ffsm_mj.report.page import scene as page_scene
+from ffsm_mj.report.page.scene import poses
 from ffsm_mj.report.pictures import _arrows, pictures
 from ffsm_mj.report.plots import comparison, figures
 from ffsm_mj.report.plots.silhouette import Plane
@@ -106,8 +106,8 @@ def test_arrows_that_a_kind_declares_are_drawn_alike_in_every_view(plain_run, tm
     np.testing.assert_allclose(drawn[0], vector, rtol=1e-6)
     assert ("/world/contacts/twist", "vectors") not in data
     subject = Subject(read, [])
-    (mesh,) = moving.forces(read.log.header, poses(subject), scale_of(read))
-    matrix = mesh.model_matrix[moving.tick(float(read.time[row]))]
+    (mesh,) = page_scene.forces(read.log.header, poses(subject), scale_of(read))
+    matrix = mesh.model_matrix[page_scene.tick(float(read.time[row]))]
     np.testing.assert_allclose((matrix[:3, 2], matrix[:3, 3]), (vector, end - vector), rtol=1e-6)
     (line, *_) = _arrows(
         declared_arrows(read.log.header), read.log.rows[row : row + 1], Plane(0, 1), (0.0, 10.0, 0.0, 10.0)

@@ -24,8 +24,7 @@ from ffsm_mj.records.kinds import Mark
 from ffsm_mj.records.signals import Layout, Signal, coordinate_keys
 from ffsm_mj.report.page import scene, write_page
 from ffsm_mj.report.page.document import _check
-from ffsm_mj.report.page.moving import plumes
-from ffsm_mj.report.page.poses import Poses
+from ffsm_mj.report.page.scene import Poses, plumes
 from ffsm_mj.report.page.solids import arrow_solid, triangles
 from tests.log.markers import scale_of
 from tests.log.test_viewer_topics import ALL_SHAPES
@@ -36,7 +35,7 @@ from tests.scenes import CHAIN, HEAD, compile_paths, three_balls, two_balls
 def one_figure():
     """Limit a page to one figure: figures take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ffsm_mj.report.page.inline_figures._SHOWN", ("energies",))
+        patch.setattr("ffsm_mj.report.page.document._FIGURES", {"energies": "Energies"})
         yield
 
 

@@ -35,8 +35,7 @@ def write_page(run: Run, path: Path) -> str:
     except ImportError as error:
         raise MissingPackageError("--html", "k3d", "html") from error
     from ffsm_mj.report.page.document import document
-    from ffsm_mj.report.page.poses import picked_times, poses
-    from ffsm_mj.report.page.scene import scene
+    from ffsm_mj.report.page.scene import picked_times, poses, scene
 
     usable_file(path)
     subject = Subject(run, picked_times(run).tolist())

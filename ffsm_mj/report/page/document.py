@@ -1,4 +1,4 @@
-"""HTML of the page around the scene and the figures. Text from the log is always escaped."""
+"""HTML of the page around the scene, with figures as inline SVG; text from the log is always escaped."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from base64 import b64encode
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
+from io import StringIO
 from pathlib import Path
 from string import Template
 from typing import Any
 
 import k3d
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.analysis.run_models import all_checks
@@ -27,15 +30,15 @@ from ffsm_mj.log.palette import hexadecimal, packed
 from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.report.check_report import verdict
 from ffsm_mj.report.momentum_report import MOMENTUM_HEAD, momentum_cells, momentum_residual
-from ffsm_mj.report.page import moving, scene
-from ffsm_mj.report.page.inline_figures import inline_figures
+from ffsm_mj.report.page import scene
 from ffsm_mj.report.page.phase_graph import phase_graph
-from ffsm_mj.report.page.poses import Poses
-from ffsm_mj.report.page.scene import PageScene
+from ffsm_mj.report.page.scene import PageScene, Poses
+from ffsm_mj.report.plots import figures as draw_figures
+from ffsm_mj.report.plots.style import publication
 from ffsm_mj.report.verification_report import stated_sensitivity
 from ffsm_mj.verification.check_result import Check
 
-_TITLES = {
+_FIGURES = {
     "tip": "Tip",
     "energies": "Energies",
     "momenta": "Momenta",
@@ -44,6 +47,45 @@ _TITLES = {
     "inputs": "Thrusters and wheels",
     "conservation": "Residuals of the balances",
 }
+"""Titles of the most important figures, in the order of the page."""
+_THEMED = {"000000": "ink", "ffffff": "paper", "d5d5d5": "grid", "f1f1f1": "shade", "0072b2": "blue", "444444": "faint"}
+"""Colours that are replaced by CSS variables of the page."""
+_COLOUR = re.compile("#(" + "|".join(_THEMED) + ")", re.IGNORECASE)
+_NOISE = re.compile(r'<metadata>.*?</metadata>|<!--.*?-->| id="[a-z0-9]+_\d+"', re.DOTALL)
+"""Parts of an SVG to remove: metadata, comments, and ids that are not unique in the page."""
+
+
+def inline_figures(run: Run) -> dict[str, str]:
+    """SVG elements by figure name, for the most important figures that the run has."""
+    drawn = draw_figures(run, tuple(_FIGURES))
+    return {name: _inline(drawn[name], name) for name in _FIGURES if name in drawn}
+
+
+def _inline(figure: Figure, name: str) -> str:
+    buffer = StringIO()
+    with publication():
+        mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": name})
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
+    svg = _NOISE.sub("", svg[svg.index("<svg") :])
+    svg = _COLOUR.sub(lambda found: f"var(--{_THEMED[found[1].lower()]})", svg)
+    return svg.replace("</svg>", "".join(_cursors(figure)) + "</svg>")
+
+
+def _cursors(figure: Figure) -> list[str]:
+    """A time cursor for each axes, moved by the script of the page."""
+    width, height = (72.0 * inches for inches in figure.get_size_inches())
+    lines = []
+    for axes in figure.axes:
+        place, (start, end) = axes.get_position(), map(float, axes.get_xlim())
+        if axes.axison:
+            across = f'data-left="{place.x0 * width:.2f}" data-right="{place.x1 * width:.2f}"'
+            span = f'data-start="{start!r}" data-end="{end!r}"'
+            along = f'y1="{(1.0 - place.y1) * height:.2f}" y2="{(1.0 - place.y0) * height:.2f}"'
+            lines.append(f'<line class="cursor" {across} {span} {along}/>')
+    return lines
+
+
 _MOST_EVENTS = 200
 
 
@@ -66,7 +108,7 @@ def document(run: Run, drawn: PageScene, poses: Poses) -> str:
         sensitivity=sensitivity_html(run),
         phases=_phases(run),
         figures="\n".join(
-            f"<figure><figcaption>{_TITLES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
+            f"<figure><figcaption>{_FIGURES[name]}</figcaption>{svg}</figure>" for name, svg in inline_figures(run).items()
         ),
         data=json.dumps(_script_data(run, drawn, poses)).replace("<", "\\u003c"),
         library=_library(),
@@ -169,7 +211,7 @@ def _key(run: Run, drawn: PageScene) -> list[str]:
         scene.AFTER: "after the first event",
         scene.MARK: "events",
         **_meanings(run),
-        moving.PLUME: "firing thruster",
+        scene.PLUME: "firing thruster",
         scene.TARGET: "target",
     }
     return [
@@ -215,7 +257,7 @@ def _script_data(run: Run, drawn: PageScene, poses: Poses) -> dict[str, Any]:
     return {
         "start": times[0] if times else 0.0,
         "end": float(poses.times[-1]),
-        "ticks_per_s": moving.TICKS_PER_S,
+        "ticks_per_s": scene.TICKS_PER_S,
         "marks": times[: scene.MOST_MARKS],
         "phases": [[phase.start_s, phase.name.replace("_", " ")] for phase in run.phases],
         "centre": drawn.centre.tolist(),

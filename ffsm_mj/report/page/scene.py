@@ -1,27 +1,172 @@
-"""The scene of a page, drawn by K3D: bodies that move, the target, the tip's path, marks of records, forces, plumes."""
+"""The scene of a page, drawn by K3D at keyframes: moving bodies, target, path of the tip, marks, forces, plumes."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import k3d
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import one_line
 from ffsm_mj.log import palette
-from ffsm_mj.log.drawing import DrawnShape, box_corners, camera_path, geoms_to_draw, marker_scale, robot_boxes, shapes
-from ffsm_mj.log.markers import DrawnMark, drawn_marks
+from ffsm_mj.log.drawing import (
+    DrawnShape,
+    Frames,
+    box_corners,
+    camera_path,
+    geoms_to_draw,
+    marker_scale,
+    robot_boxes,
+    shapes,
+)
+from ffsm_mj.log.markers import DrawnMark, arrow_colour, arrow_series, declared_arrows, drawn_marks, plume_series, thrusters
 from ffsm_mj.log.palette import packed
+from ffsm_mj.model.system import System
+from ffsm_mj.records.kinds import kind_of
 from ffsm_mj.records.metadata import LoggedTask, logged_task
-from ffsm_mj.report.page.moving import FAR_M, SWITCH_S, along_z, during, forces, plumes, single, solid, tick
-from ffsm_mj.report.page.poses import Poses
-from ffsm_mj.report.page.solids import arrow_solid, joined, triangles
+from ffsm_mj.records.run_log import RunHeader
+from ffsm_mj.records.signals import Layout
+from ffsm_mj.report.page.solids import Triangles, arrow_solid, joined, plume_solid, triangles
 from ffsm_mj.report.plots.subject import Subject
+
+_MOST, _PER_SECOND = 600, 50.0
+"""Greatest and, for a short run, least number of poses besides events; a browser interpolates between them."""
+
+
+@dataclass(frozen=True)
+class Poses(Frames):
+    """Poses of all bodies at increasing times of a run, each from the first row at or after the time.
+
+    Attributes:
+        events: Number of the times that are events.
+    """
+
+    events: int
+
+    @property
+    def description(self) -> str:
+        """One line with the number of poses."""
+        at = f", {self.events} of them at events" if self.events else ""
+        return f"{len(self.times)} poses over {self.times[-1]:g} s{at}"
+
+    def nearest(self, time: float) -> int:
+        """Index of the pose nearest to a time."""
+        return int(np.argmin(np.abs(self.times - time)))
+
+
+def picked_times(run: Run) -> FloatArray:
+    """Evenly spaced times over a run, s."""
+    end = run.digest.end_s
+    return np.linspace(0.0, end, max(2, min(_MOST, 1 + math.ceil(end * _PER_SECOND))))
+
+
+def poses(subject: Subject) -> Poses:
+    """Poses at evenly spaced times, and at each event from its record."""
+    run = subject.run
+    rows = np.unique(np.clip(np.searchsorted(run.time, picked_times(run) - 1e-9), 0, len(run.time) - 1))
+    found = dict(zip(run.time[rows].tolist(), run.qpos[rows], strict=True))
+    # A log may hold any numbers: use a record only if its number of coordinates is that of the models.
+    records = [record for record in run.log.events() if hasattr(record, "qpos")]
+    at_events = {
+        kind_of(record).time(record): np.array(record.qpos)
+        for record in records
+        if len(record.qpos) == subject.system.mj.nq and np.isfinite(record.qpos).all()
+    }
+    found |= at_events
+    times = np.array(sorted(found))
+    bodies = subject.system.mj.nbody
+    positions, quaternions = np.empty((len(times), bodies, 3)), np.empty((len(times), bodies, 4))
+    for i, time in enumerate(times.tolist()):
+        data = subject.silhouette.place(found[time])
+        positions[i], quaternions[i] = data.xpos, data.xquat
+    after = np.clip(np.searchsorted(run.time, times - 1e-9), 0, len(run.time) - 1)
+    return Poses(times, np.asarray(run.log.rows[after]), positions, quaternions, len(at_events))
+
+
+PLUME = packed(palette.PLUME)
+"""Colour of plumes."""
+TICKS_PER_S = 1000.0
+"""K3D's time in ms: it merges times that differ by less than 0.001, whatever their unit."""
+FAR_M = 1e6
+"""Positions beyond this are clipped: they come from a run that diverged."""
+SWITCH_S = 1e-5
+"""Transition time to appear or disappear: K3D switches values half-way between two times."""
+
+
+def forces(header: RunHeader, poses: Poses, scale: float) -> Iterator[Any]:
+    """An arrow along each force and torque that a contact model declares; it ends at the point of application."""
+    for arrow in declared_arrows(header):
+        series = arrow_series(arrow, poses.rows, scale)
+        colour = packed(arrow_colour(arrow))
+        yield from _while(series.acts, arrow_solid(scale), colour, poses.times, series.origins, series.vectors)
+
+
+def plumes(layout: Layout, system: System, poses: Poses, scale: float) -> Iterator[Any]:
+    """A cone along the exhaust of each firing thruster, with length proportional to force over maximum force."""
+    for thruster in thrusters(system, layout):
+        series = plume_series(thruster, poses, scale)
+        yield from _while(series.fires, plume_solid(scale), PLUME, poses.times, series.origins, series.vectors)
+
+
+def _while(
+    on: npt.NDArray[np.bool_], made: Triangles, colour: int, times: FloatArray, starts: FloatArray, vectors: FloatArray
+) -> Iterator[Any]:
+    """A solid along vectors, visible while the mask is set, (n,); nothing if it never is."""
+    if on.any():
+        matrices = map(along_z, starts[on], vectors[on])
+        moving = dict(zip(map(tick, times[on].tolist()), matrices, strict=True))
+        yield solid(made, colour, moving, during(_spans(times, on)))
+
+
+def solid(made: Triangles, colour: int, matrix: Any, shown: dict[str, bool]) -> Any:
+    """A mesh of one colour with a constant or time-dependent pose and visibility."""
+    corners, faces = made
+    mesh = k3d.mesh(single(corners), faces.astype(np.uint32), color=colour, flat_shading=False, visible=shown)
+    mesh.model_matrix = matrix
+    return mesh
+
+
+def along_z(start: FloatArray, vector: FloatArray) -> Any:
+    """Transform of a solid of 1 m along the z axis to a start point and a vector; it is scaled along its axis only."""
+    length = np.linalg.norm(vector)
+    across = np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))])
+    across /= np.linalg.norm(across)
+    matrix = np.eye(4)
+    matrix[:3] = np.column_stack((across, np.cross(vector / length, across), vector, start))
+    return single(matrix)
+
+
+def _spans(times: FloatArray, on: npt.NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """First and last time of each interval in which the mask is set."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
+    return [(float(times[first]), float(times[end - 1])) for first, end in edges.reshape(-1, 2)]
+
+
+def during(spans: Iterable[tuple[float, float]]) -> dict[str, bool]:
+    """Visibility by time for some closed intervals."""
+    found = {0.0: False}
+    for start, end in spans:
+        found |= {max(start - SWITCH_S, 0.0): False, start: True, end: True, end + SWITCH_S: False}
+    return {tick(time): on for time, on in sorted(found.items())}
+
+
+def tick(time: float) -> str:
+    """K3D's key of a time in s."""
+    return repr(TICKS_PER_S * time)
+
+
+def single(values: Any) -> Any:
+    """Finite numbers in single precision."""
+    return np.nan_to_num(np.clip(values, -FAR_M, FAR_M)).astype(np.float32)
+
 
 BEFORE, AFTER, MARK, TARGET = map(packed, (palette.ROBOT_ON_DARK, palette.TIP_AFTER, palette.MARK, palette.ON_ANY_GROUND))
 """Colours of the tip's path before and after the first mark, of marks and of the target."""
