@@ -44,66 +44,31 @@ if TYPE_CHECKING:
     from ffsm_mj.scenario.models import Model as Model
     from ffsm_mj.scenario.models import Robot as Robot
 
-_LAZY = {
-    "Campaign": ("ffsm_mj.experiments.campaign", "Campaign"),
-    "compare_campaigns": ("ffsm_mj.experiments.campaign", "compare_campaigns"),
-    "sweep": ("ffsm_mj.experiments.campaign", "sweep"),
-    "resume": ("ffsm_mj.assembly.prepare", "resume"),
-    "Scenario": ("ffsm_mj.assembly.prepare", "Scenario"),
-    "run": ("ffsm_mj.assembly.prepare", "run"),
-    "Simulator": ("ffsm_mj.assembly.simulator", "Simulator"),
-    "SimulatorState": ("ffsm_mj.assembly.simulator", "SimulatorState"),
-    "angular_momentum": ("ffsm_mj.analysis.run_models", "angular_momentum"),
-    "animate": ("ffsm_mj.report.animation", "animate"),
-    "base_rotation": ("ffsm_mj.analysis.run_models", "base_rotation"),
-    "compare": ("ffsm_mj.analysis.run", "compare"),
-    "effort": ("ffsm_mj.analysis.run_models", "effort"),
-    "explain": ("ffsm_mj.replay", "explain"),
-    "load_run": ("ffsm_mj.analysis.run", "load_run"),
-    "plot": ("ffsm_mj.report.plots.notebook", "plot"),
-    "sensitivity": ("ffsm_mj.experiments.sensitivity", "sensitivity"),
-    "summary": ("ffsm_mj.analysis.run_models", "summary"),
-    "Run": ("ffsm_mj.analysis.run", "Run"),
-    "Robot": ("ffsm_mj.scenario.models", "Robot"),
-    "Model": ("ffsm_mj.scenario.models", "Model"),
-    "impact": ("ffsm_mj.impact", None),
-    "impact_map": ("ffsm_mj.experiments.impact_map.impact_map", "impact_map"),
+_NAMES = {
+    "ffsm_mj.analysis.run": ("Run", "compare", "load_run"),
+    "ffsm_mj.analysis.run_models": ("angular_momentum", "base_rotation", "effort", "summary"),
+    "ffsm_mj.assembly.prepare": ("Scenario", "resume", "run"),
+    "ffsm_mj.assembly.simulator": ("Simulator", "SimulatorState"),
+    "ffsm_mj.experiments.campaign": ("Campaign", "compare_campaigns", "sweep"),
+    "ffsm_mj.experiments.impact_map.impact_map": ("impact_map",),
+    "ffsm_mj.experiments.sensitivity": ("sensitivity",),
+    "ffsm_mj.replay": ("explain",),
+    "ffsm_mj.report.animation": ("animate",),
+    "ffsm_mj.report.plots.notebook": ("plot",),
+    "ffsm_mj.scenario.models": ("Model", "Robot"),
 }
+"""Public names by the modules that have them."""
+_LAZY = {name: module for module, names in _NAMES.items() for name in names}
 
-__all__ = [
-    "Campaign",
-    "Model",
-    "Robot",
-    "Run",
-    "Scenario",
-    "Simulator",
-    "SimulatorState",
-    "angular_momentum",
-    "animate",
-    "base_rotation",
-    "compare",
-    "compare_campaigns",
-    "effort",
-    "explain",
-    "impact",
-    "impact_map",
-    "load_run",
-    "plot",
-    "resume",
-    "run",
-    "sensitivity",
-    "summary",
-    "sweep",
-]
+__all__ = sorted((*_LAZY, "impact"))  # noqa: PLE0605
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name on first use (PEP 562)."""
-    if name not in _LAZY:
+    if name not in __all__:
         raise AttributeError(f"module 'ffsm_mj' has no attribute {name!r}; it has {', '.join(__all__)}")
-    module_name, attribute = _LAZY[name]
-    module = importlib.import_module(module_name)
-    value = module if attribute is None else getattr(module, attribute)
+    module = importlib.import_module(_LAZY.get(name, f"ffsm_mj.{name}"))
+    value = getattr(module, name) if name in _LAZY else module
     globals()[name] = value
     return value
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
 
 from ffsm_mj.assembly.process import raised
 from ffsm_mj.cli.command_line import HelpRequest, parse, parser
 from ffsm_mj.cli.exit_codes import BAD_INPUT, INTERRUPTED, OK, OUTPUT_LOST, RUN_FAILED
-from ffsm_mj.cli.quiet import quiet_libraries
 from ffsm_mj.cli.standard_streams import Output, complain, secure
 from ffsm_mj.invocation import command_line
 from ffsm_mj.module_path import without_current_folder
@@ -69,6 +70,23 @@ def one_blas_thread() -> None:
         os.environ.setdefault(variable, "1")
 
 
+@contextmanager
+def _quiet_libraries() -> Iterator[None]:
+    """Keep warnings of NumPy, Matplotlib, MuJoCo and other libraries from stderr; faults have messages of our own."""
+    import numpy as np
+
+    from ffsm_mj.model.mujoco_process import collected_warnings
+
+    nobody = logging.NullHandler()  # without a handler, logging writes to stderr itself
+    logging.getLogger().addHandler(nobody)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"), collected_warnings([]):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.getLogger().removeHandler(nobody)
+
+
 def _perform(arguments: Sequence[str], output: Output) -> int:
     """Perform the command; report errors in one line per fault."""
     from ffsm_mj.errors import FfsmError, InputError, LogWriteError, OutputLostError
@@ -77,7 +95,7 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
     try:
         with raised(), without_current_folder():
             options = parse(arguments)
-            with quiet_libraries() if options.command in _READERS else nullcontext():
+            with _quiet_libraries() if options.command in _READERS else nullcontext():
                 return _implementation(options.command)(options, output)
     except HelpRequest as asked:
         output.write(str(asked))

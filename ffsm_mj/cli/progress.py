@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 Report = Callable[[float, float], None]
 """Callback (amount done, total amount), called as often as convenient."""
@@ -34,22 +32,6 @@ class Progress:
     def hidden(self) -> AbstractContextManager[None]:
         """Hide the display while something else is printed."""
         return nullcontext()
-
-
-@contextmanager
-def progress() -> Iterator[Progress]:
-    """Display progress on the last line of the terminal; the line is removed at exit of the context."""
-    # Standard error must be a terminal that can redraw a line.
-    if not sys.stderr.isatty() or (os.name != "nt" and os.environ.get("TERM", "").lower() in ("", "dumb", "unknown")):
-        yield Progress()
-        return
-    from ffsm_mj.cli.progress_line import ProgressLine  # rich is slow to import
-
-    line = ProgressLine()
-    try:
-        yield line
-    finally:
-        line.hide()
 
 
 def lines_of_runs(name: str, complain: Callable[[str], None]) -> Report:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-from ffsm_mj.cli.progress import Progress, Stage, progress
+from ffsm_mj.cli.progress import Progress, Stage
 from ffsm_mj.errors import one_line, printable
 from ffsm_mj.report.terminal import wrapped
 
@@ -24,7 +24,7 @@ _COLOURS = (
     (re.compile(r"^all \d+ checks pass"), "32"),
 )
 """Colours of lines by their text: what fails is in capitals, so that it is seen without colours too."""
-_NO_COLOURS = ("", "dumb", "unknown")
+_DUMB = ("", "dumb", "unknown")
 _GONE = {errno.EPIPE, errno.EBADF}
 """Errors of a pipe that its reader has closed (``| head``), or of a stdout that was closed from the start."""
 
@@ -45,6 +45,22 @@ def secure() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """Display progress on the last line of the terminal; the line is removed at exit of the context."""
+    # Standard error must be a terminal that can redraw a line.
+    if not sys.stderr.isatty() or (os.name != "nt" and os.environ.get("TERM", "").lower() in _DUMB):
+        yield Progress()
+        return
+    from ffsm_mj.cli.progress_line import ProgressLine  # rich is slow to import
+
+    line = ProgressLine()
+    try:
+        yield line
+    finally:
+        line.hide()
 
 
 class Output:
@@ -97,7 +113,7 @@ def complain(text: str) -> None:
 
 def _coloured(line: str, shown: str, stream: TextIO) -> str:
     """What is shown of a line, in its colour, if the stream is a terminal that shows colours and the user wants them."""
-    if os.environ.get("NO_COLOR") or os.environ.get("TERM", "").lower() in _NO_COLOURS or not stream.isatty():
+    if os.environ.get("NO_COLOR") or os.environ.get("TERM", "").lower() in _DUMB or not stream.isatty():
         return shown
     colour = next((code for pattern, code in _COLOURS if pattern.search(line)), "")
     return "\n".join(f"\x1b[{colour}m{part}\x1b[0m" for part in shown.split("\n")) if colour else shown

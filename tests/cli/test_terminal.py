@@ -161,7 +161,7 @@ def test_an_interrupted_command_leaves_a_clean_terminal(tmp_path):
 
 NAMED = r"""
 import time
-from ffsm_mj.cli.progress import progress
+from ffsm_mj.cli.standard_streams import progress
 
 with progress() as shown:
     report = shown.stage("[red]a\x1b[31m\nb[/red]:smile:", "s", 30.0)
