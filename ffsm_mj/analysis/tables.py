@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from math import nan
 from typing import Any
@@ -103,30 +103,18 @@ def table(log: RunLog, name: str) -> Table:
     if name == "samples":
         return samples(log.header.layout, np.asarray(log.rows[:]))
     if name == "contacts":
-        return _of_columns(
-            name, columns_of(ContactInterval), [_ended(contact) for contact in digest(log).contacts.intervals()]
-        )
+        return _of_columns(name, columns_of(ContactInterval), digest(log).contacts.intervals())
     if name == "grasps" and GRASP in log.kinds:
-        return _of_columns(name, columns_of(GraspInterval), [_released(grasp) for grasp in digest(log).grasps.intervals()])
+        return _of_columns(name, columns_of(GraspInterval), digest(log).grasps.intervals())
     for kind in log.kinds:
         if kind.plural == name:
             return _of_columns(name, kind.columns, log.records.get(name, ()))
     raise KeyError(unknown_name("table", name, table_names(log)))
 
 
-def _ended(contact: ContactInterval) -> ContactInterval:
-    """Contact with NaN in place of a missing end."""
-    return replace(contact, end_s=nan) if contact.end_s is None else contact
-
-
-def _joined(values: Sequence[Any]) -> Sequence[Any]:
-    """Values of a column; lists of names, of any length, are joined."""
-    return [", ".join(value) if isinstance(value, tuple) else value for value in values]
-
-
-def _released(grasp: GraspInterval) -> GraspInterval:
-    """Capture with NaN in place of a missing release."""
-    return replace(grasp, release_s=nan) if grasp.release_s is None else grasp
+def _cell(value: Any) -> Any:
+    """A value of a column; names, of any number, are joined, and what has not ended ends at NaN."""
+    return ", ".join(value) if isinstance(value, tuple) else nan if value is None else value
 
 
 def samples(layout: Layout, rows: FloatArray) -> Table:
@@ -147,7 +135,7 @@ def _of_columns(name: str, meaning: Mapping[str, tuple[str, str]], records: Sequ
         field, letters = field_of(column)
         values = [getattr(record, field) for record in records]
         if not letters:
-            columns[column], about[column] = np.array(_joined(values)), words
+            columns[column], about[column] = np.array([_cell(value) for value in values]), words
             continue
         for i, letter in enumerate(letters):
             each = column.replace(f"{{{letters}}}", letter)

@@ -127,10 +127,23 @@ def shapes(system: System, geoms: Iterable[int] | None = None) -> Iterator[Drawn
         )
 
 
+def rotated(vector: FloatArray, quaternion: FloatArray) -> FloatArray:
+    """A vector rotated by a quaternion, (3,)."""
+    out = np.zeros(3)
+    mujoco.mju_rotVecQuat(out, vector, quaternion)
+    return out
+
+
+def rotation(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrix of a quaternion, (3, 3)."""
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)
+
+
 def _slab(size: FloatArray, position: FloatArray, quaternion: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Half sizes and centre of a thin box whose upper face is the plane."""
-    normal = np.zeros(3)
-    mujoco.mju_rotVecQuat(normal, np.array([0.0, 0.0, 1.0]), quaternion)
+    normal = rotated(np.array([0.0, 0.0, 1.0]), quaternion)
     return np.array([size[0] or _PLANE_M, size[1] or _PLANE_M, _THICK_M]), position - _THICK_M * normal
 
 
@@ -250,19 +263,13 @@ def _root(model: Any, geom: int) -> int:
 def _covered(model: Any, geom: int, visual: list[int]) -> bool:
     """Whether the bounding boxes of visual geoms of one body cover that of a geom of the same body."""
     around = model.geom_aabb[geom]
-    points = (around[:3] + _GRID * around[3:]) @ _rotation(model, geom).T + model.geom_pos[geom]
+    points = (around[:3] + _GRID * around[3:]) @ rotation(model.geom_quat[geom]).T + model.geom_pos[geom]
     inside = np.zeros(len(points), dtype=bool)
     for other in visual:
         box = model.geom_aabb[other]
-        local = (points - model.geom_pos[other]) @ _rotation(model, other) - box[:3]
+        local = (points - model.geom_pos[other]) @ rotation(model.geom_quat[other]) - box[:3]
         inside |= (np.abs(local) <= (1.0 + _MARGIN) * box[3:] + _MARGIN * around[3:].max()).all(axis=1)
     return bool(inside.mean() >= _COVERED)
-
-
-def _rotation(model: Any, geom: int) -> FloatArray:
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-    return rotation.reshape(3, 3)
 
 
 def _material_colour(model: Any, material: int) -> tuple[float, ...]:
@@ -303,13 +310,11 @@ def box_corners(model: Any, geoms: Iterable[int], positions: FloatArray, quatern
         positions: World positions of all bodies, (nbody, 3), m.
         quaternions: World orientations of all bodies, wxyz, (nbody, 4).
     """
-    rotation, corners = np.empty(9), [np.empty((0, 3))]
+    corners = [np.empty((0, 3))]
     for geom in geoms:
         body, around = int(model.geom_bodyid[geom]), model.geom_aabb[geom]
-        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-        local = (around[:3] + _SIGNS * around[3:]) @ rotation.reshape(3, 3).T + model.geom_pos[geom]
-        mujoco.mju_quat2Mat(rotation, quaternions[body])
-        corners.append(local @ rotation.reshape(3, 3).T + positions[body])
+        local = (around[:3] + _SIGNS * around[3:]) @ rotation(model.geom_quat[geom]).T + model.geom_pos[geom]
+        corners.append(local @ rotation(quaternions[body]).T + positions[body])
     return np.vstack(corners)
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import Any
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
 from foxglove_schemas_protobuf.Color_pb2 import Color
@@ -32,7 +31,16 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log import limits
-from ffsm_mj.log.drawing import DrawnShape, FramePicker, Frames, marker_scale, posed_bodies, shapes_by_body
+from ffsm_mj.log.drawing import (
+    DrawnShape,
+    FramePicker,
+    Frames,
+    marker_scale,
+    posed_bodies,
+    rotated,
+    rotation,
+    shapes_by_body,
+)
 from ffsm_mj.log.markers import (
     SHOWN_S,
     DrawnMark,
@@ -299,8 +307,7 @@ def _add_shape(entity: Any, shape: DrawnShape) -> None:
 def _add_caps(entity: Any, shape: DrawnShape) -> None:
     """Add a sphere at each end of the cylinder: Foxglove has no capsule."""
     radius, half_length = shape.size[:2]
-    axis = np.zeros(3)
-    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half_length]), shape.quaternion)
+    axis = rotated(np.array([0.0, 0.0, half_length]), shape.quaternion)
     for end in (shape.position - axis, shape.position + axis):
         size = _vector(np.full(3, 2 * radius))
         entity.spheres.add(pose=_pose(end, shape.quaternion), size=size, color=_colour(shape.rgba))
@@ -366,9 +373,7 @@ def _thinned(points: FloatArray) -> FloatArray:
 
 def _placed(shape: DrawnShape, local: FloatArray) -> FloatArray:
     """Transform points from the frame of the geom to that of the body, (n, 3), m."""
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, shape.quaternion)
-    return np.asarray(local @ rotation.reshape(3, 3).T + shape.position)
+    return np.asarray(local @ rotation(shape.quaternion).T + shape.position)
 
 
 def _edges(shape: DrawnShape) -> list[FloatArray]:

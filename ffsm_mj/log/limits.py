@@ -1,4 +1,4 @@
-"""Limits on what is read of files of unknown origin, far above those of any run; see *Threat model* in docs/user-guide.md.
+"""Limits on what is read of files of unknown origin, far above those of any run; see docs/threat-model.md.
 
 What exceeds one is refused in a line, or counts as damage, before memory is allocated for it.
 """

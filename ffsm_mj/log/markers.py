@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.dynamics.rigid_body import external_actuators
-from ffsm_mj.log.drawing import Frames
+from ffsm_mj.log.drawing import Frames, rotated
 from ffsm_mj.log.palette import FORCE, PART_OF_FORCE, TORQUE, Colour
 from ffsm_mj.model.system import System
 from ffsm_mj.records.kinds import ArrowColumns, Mark, RecordKind, kind_of, kinds_of
@@ -228,8 +228,8 @@ def _jet(model: Any, actuator: int) -> tuple[int, FloatArray, FloatArray, bool]:
     target = int(model.actuator_trnid[actuator, 0])
     if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
         return int(model.jnt_bodyid[target]), np.zeros(3), -model.jnt_axis[target], False
-    push, exhaust = model.actuator_gear[actuator, :3], np.zeros(3)
-    mujoco.mju_rotVecQuat(exhaust, -push / np.linalg.norm(push), model.site_quat[target])
+    push = model.actuator_gear[actuator, :3]
+    exhaust = rotated(-push / np.linalg.norm(push), model.site_quat[target])
     return int(model.site_bodyid[target]), model.site_pos[target].copy(), exhaust, True
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,24 +33,29 @@ _HUGE = 1e10
 """MuJoCo rejects states with larger values."""
 
 
-class Whole(NamedTuple):
-    """Agreement before the first part of a log that is lost, and the time of the first row after it, s."""
+@dataclass
+class Agreements:
+    """Agreement of a log with its states.
 
-    until_s: float
-    motion: Agreement
-    columns: Agreement
-    impacts: Agreement
+    Attributes:
+        motion: Agreement of each sample with the state integrated from the previous one.
+        columns: Agreement of each recomputed column with the logged one.
+        impacts: Agreement of each field of the events, and of the states before them.
+    """
+
+    motion: Agreement = field(default_factory=Agreement)
+    columns: Agreement = field(default_factory=Agreement)
+    impacts: Agreement = field(default_factory=Agreement)
 
 
 class LogReplay:
     """Integrates from each sample to the next, and recomputes all columns that follow from states and efforts.
 
     Attributes:
-        motion: Agreement of each sample with the state integrated from the previous one.
-        columns: Agreement of each recomputed column with the logged one.
-        impacts: Agreement of each field of the events, and of the states before them.
-        whole: The three of the rows before the first part of the log that is lost, once the replay is past it: an event
-            that is lost may have closed a contact or a grasp, of which later rows do not say enough to recompute them.
+        found: Agreement so far, since the last part of the log that is lost.
+        whole: The time of the first row after the first part of the log that is lost, s, and the agreement before that part,
+            once the replay is past it: an event that is lost may have closed a contact or a grasp, of which later rows do
+            not say enough to recompute them.
     """
 
     def __init__(self, scene: LogScene, log: RunLog) -> None:
@@ -65,14 +69,14 @@ class LogReplay:
         self._period_s, self._told_above_N_s = self._step_s * self._steps, scenario.told_above_N_s
         self._system_motion = self._plant.integrator.motion
         self._command = Command.off(int(self._plant.system.mj.nu))
-        self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
-        self._check = EventCheck(self._plant.integrator.event_sources, self.impacts)
-        self._events = LoggedEvents(self._plant.system, log, self._step_s, self.impacts, self._check.fault_of)
+        self.found = Agreements()
+        self._check = EventCheck(self._plant.integrator.event_sources, self.found.impacts)
+        self._events = LoggedEvents(self._plant.system, log, self._step_s, self.found.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
         self._logged: LoggedRows
         self._flight = LoggedFlight.of(self._plant, self._rows, self._command, self._step_s, self._steps)
         self._lost_from, self._time = np.array([start for start, _ in log.lost]), log.header.layout.time
-        self.whole: Whole | None = None
+        self.whole: tuple[float, Agreements] | None = None
         self._last_s = -math.inf
         self._tick: int | None = None
         self._left = 0.0
@@ -108,9 +112,8 @@ class LogReplay:
         if np.any((self._last_s <= self._lost_from) & (self._lost_from < time_s)):
             self._tick = None
             if self.whole is None:
-                self.whole = Whole(time_s, self.motion, self.columns, self.impacts)
-                self.motion, self.columns, self.impacts = Agreement(), Agreement(), Agreement()
-                self._check.found = self._events.found = self.impacts
+                self.whole, self.found = (time_s, self.found), Agreements()
+                self._check.found = self._events.found = self.found.impacts
 
     def finish(self) -> None:
         """Integrate from the last sample to the events after it, one of which may have ended the run."""
@@ -128,12 +131,12 @@ class LogReplay:
 
         What follows a lost part counts if it agrees, and else says nothing.
         """
-        last = {"motion": self.motion, "columns": self.columns, "impacts": self.impacts}
+        last: dict[str, Agreement] = vars(self.found)
         if self.whole is None:
             return last, math.inf
-        first = {"motion": self.whole.motion, "columns": self.whole.columns, "impacts": self.whole.impacts}
+        until_s, first = self.whole[0], vars(self.whole[1])
         if not all(each.worst is None or each.worst.passes for each in last.values()):
-            return first, self.whole.until_s
+            return first, until_s
         for name, each in last.items():
             first[name].numbers += each.numbers
             if each.worst is not None:
@@ -154,7 +157,7 @@ class LogReplay:
                 self._rows.skip(line)
                 self._tick = None
                 line += 1
-        return self._rows.compare(block, self.motion, self.columns)
+        return self._rows.compare(block, self.found.motion, self.found.columns)
 
     def _lines(self, line: int, tick: int) -> int:
         """Integrate to a sample, and write its row as the run does; returns the number of rows written, from it on."""
@@ -222,13 +225,13 @@ class LogReplay:
         if plant.sampler is not None:
             plant.sampler.begin_after_gap(time_s)
         plant.scene.numbers.mark_unknown()
-        self._hold(logged.applied[line], time_s, self.columns)
+        self._hold(logged.applied[line], time_s, self.found.columns)
         plant.actuation.table[:, 0] = logged.asked[line]
 
     def _decide(self, line: int, time_s: float) -> None:
         """Apply the logged command within the actuator limits."""
         self._command.effort[:], self._command.powered[:] = self._logged.asked[line], self._logged.powered[line]
-        with self._no_law_commands(time_s, self.columns):
+        with self._no_law_commands(time_s, self.found.columns):
             self._plant.actuation.apply(self._command, self._plant.data, time_s)
 
     def _hold(self, efforts: FloatArray, time_s: float, found: Agreement) -> None:
@@ -292,9 +295,9 @@ class LogReplay:
         """
         actuation, data = self._plant.actuation, self._plant.data
         if not np.array_equal(event.efforts, actuation.applied) or effect is None or self._decides(effect):
-            self._hold(event.efforts, event.time_s, self.impacts)
+            self._hold(event.efforts, event.time_s, self.found.impacts)
         name = f"{event.name} efforts_after"
-        self.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
+        self.found.impacts.vector(name, event.efforts, actuation.applied.copy(), actuation.applied, "", event.time_s)
         data.ctrl[:] = event.efforts / actuation.gear
 
     def _decides(self, effect: EventEffect) -> bool:
@@ -335,7 +338,7 @@ class LogReplay:
                 done_s = self._plant.integrate(duration_s, left)
             except (RunEnded, StepLimitError) as end:
                 # Integration is refused here, for example as a pair with friction carries a force.
-                self.motion.keep(impossible(str(end), float(self._plant.data.time)))
+                self.found.motion.keep(impossible(str(end), float(self._plant.data.time)))
                 return 0.0
             if logged(done_s, duration_s, float(self._plant.data.time)) == duration_s:
                 return done_s
@@ -349,7 +352,7 @@ class LogReplay:
         integrator = self._plant.integrator
         for contact_model in integrator.replayable:
             if missing := contact_model.missing_event():
-                self.impacts.keep(impossible(f"{missing} missing", time_s))
+                self.found.impacts.keep(impossible(f"{missing} missing", time_s))
         integrator.discard_idle()
 
     def _before_substep(self, duration_s: float, left_s: float) -> None:

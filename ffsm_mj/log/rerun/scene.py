@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 import rerun as rr
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.log.drawing import DrawnShape, Poser, shapes
+from ffsm_mj.log.drawing import DrawnShape, Poser, rotated, rotation, shapes
 from ffsm_mj.log.markers import SHOWN_S, DrawnMark, MarkSequence, arrow_series, declared_arrows
 from ffsm_mj.log.palette import BLUE, FORCE, GHOST, MARK, ORANGE, PURPLE, SKY, TARGET_ON_DARK, TORQUE, VERMILION
 from ffsm_mj.log.rerun.layout import Opening
@@ -52,9 +51,7 @@ def archetype(shape: DrawnShape) -> Any:
     colour = tuple(round(255 * c) for c in shape.rgba)
     if shape.kind != "mesh":
         return primitive(shape, colour)
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, shape.quaternion)
-    turn = rotation.reshape(3, 3)
+    turn = rotation(shape.quaternion)
     return rr.Mesh3D(  # without normals it would not be shaded
         vertex_positions=shape.vertices @ turn.T + shape.position,
         vertex_normals=shape.normals @ turn.T,
@@ -80,9 +77,7 @@ def primitive(shape: DrawnShape, colour: Sequence[int], fill_mode: str = "solid"
         size, centre = shape.size, shape.position
         if shape.kind == "mesh":
             low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-            offset = np.empty(3)
-            mujoco.mju_rotVecQuat(offset, 0.5 * (low + high), shape.quaternion)
-            size, centre = 0.5 * (high - low), shape.position + offset
+            size, centre = 0.5 * (high - low), shape.position + rotated(0.5 * (low + high), shape.quaternion)
         return rr.Boxes3D(half_sizes=[size], centers=[centre], **look)
     if shape.kind == "ellipsoid":
         return rr.Ellipsoids3D(half_sizes=[shape.size], centers=[shape.position], **look)
@@ -90,8 +85,7 @@ def primitive(shape: DrawnShape, colour: Sequence[int], fill_mode: str = "solid"
     if shape.kind == "cylinder":
         return rr.Cylinders3D(lengths=[2 * half_length], radii=[radius], centers=[shape.position], **look)
     # A capsule of Rerun extends from its origin along +z; MuJoCo's is centred.
-    axis = np.zeros(3)
-    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, half_length]), shape.quaternion)
+    axis = rotated(np.array([0.0, 0.0, half_length]), shape.quaternion)
     return rr.Capsules3D(lengths=[2 * half_length], radii=[radius], translations=[shape.position - axis], **look)
 
 
