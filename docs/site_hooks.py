@@ -29,7 +29,7 @@ API = {
     ),
     "Campaigns": (
         "`ffsm_mj.Campaign` and `ffsm_mj.sweep`.",
-        *("ffsm_mj.experiments.campaign.Campaign", "ffsm_mj.experiments.sweep.sweep"),
+        *("ffsm_mj.experiments.campaign.Campaign", "ffsm_mj.experiments.campaign.sweep"),
     ),
     "Gymnasium": (
         "`ffsm_mj.gym`: scenarios as environments.",

@@ -199,6 +199,8 @@ def _variants(results: VariantResults) -> str:
 def _outcomes(results: VariantResults) -> Iterator[str]:
     several = bool(results.config.variants)
     rows = [row for name in results.variants for row in _shares(results, name)]
+    order = [*dict.fromkeys(row[0] for row in rows)]
+    rows.sort(key=lambda row: order.index(row[0]))
     head = ("", *(["variant"] if several else []), "runs", "fraction", "interval")
     yield markdown_table(head, [row if several else [row[0], *row[2:]] for row in rows], texts=("variant",))
     for column, what in _ACCURACY.items():
