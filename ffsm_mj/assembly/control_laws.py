@@ -31,7 +31,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns, same_names
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.records.kinds import kind_named
-from ffsm_mj.records.signals import Signal
+from ffsm_mj.records.signals import Signal, identifier
 from ffsm_mj.scenario.phases import PhaseConfig, PhaseEnd, SensorEndConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig, TaskConfig
 
@@ -105,6 +105,12 @@ def refuse_same_names(columns: Iterable[Columns], system: System) -> None:
         names = f"{one.element or one.description!r} and {other.element or other.description!r}"
         message = f"{_place(system, other.element)}: {names} are both logged as {other.key}; rename one of them"
         lines.setdefault((one.element, other.element), message)
+    first: dict[str, str] = {}
+    for name in system.names("actuator"):  # their columns may differ in the unit alone, by which they are not looked up
+        if (before := first.setdefault(identifier(name), name)) != name:
+            place, both = _place(system, f"actuator {name}"), f"'actuator {before}' and 'actuator {name}'"
+            message = f"{place}: {both} are both logged as actuators.{identifier(name)}; rename one of them"
+            lines.setdefault((f"actuator {before}", f"actuator {name}"), message)
     if lines:
         raise InputError(list(lines.values()))
 

@@ -30,7 +30,7 @@ from ffsm_mj.model.audit import (
 from ffsm_mj.model.edits import add_flex, add_sites, make_motors, strip
 from ffsm_mj.model.files import ModelFiles
 from ffsm_mj.model.grasp import Grasp, join
-from ffsm_mj.model.inputs import separate_inputs
+from ffsm_mj.model.inputs import separate_inputs, taken_inputs
 from ffsm_mj.model.mujoco_process import collected_warnings, warning_lines
 from ffsm_mj.model.one_file import add_shared_elements
 from ffsm_mj.model.overrides import ModelOverrides, override
@@ -100,8 +100,8 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
         f"{files.place}: interp of {what} has no effect: delayed values are those of the last sample"
         for what in timing.interpolated
     ]
-    ranges = ((kind, f"{name}/{joint}", what) for kind, joint, what in empty_ranges(spec))
-    faults = Places(spec, {name: files}).sentences(ranges)
+    findings = ((kind, f"{name}/{each}", what) for kind, each, what in (*empty_ranges(spec), *taken_inputs(spec)))
+    faults = Places(spec, {name: files}).sentences(findings)
     if faults := [*faults, *setting_faults(spec, files), *outermost_faults(spec, files)]:
         raise InputError(faults)
     overridden = override(spec, name, files, vfs) if files.overrides else None

@@ -15,6 +15,8 @@ from ffsm_mj.model.actuators import external_servos, servo_mask
 from ffsm_mj.model.inputs import controller_of, input_of
 from ffsm_mj.model.system import Joint, System, followers
 
+_SCALAR = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
 
 @dataclass(frozen=True)
 class DrivenJoints:
@@ -213,9 +215,12 @@ def _motors(system: System) -> dict[str, int]:
 
 def drives_rotation(model: Any, actuator: int) -> bool:
     """Whether the effort of an actuator is a torque; otherwise it is a force."""
-    if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+    kind = mujoco.mjtJoint.mjJNT_FREE
+    if mujoco.mjtTrn(model.actuator_trntype[actuator]) in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        kind = mujoco.mjtJoint(model.jnt_type[model.actuator_trnid[actuator, 0]])
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
         return not np.any(model.actuator_gear[actuator, :3])
-    return bool(model.jnt_type[model.actuator_trnid[actuator, 0]] == mujoco.mjtJoint.mjJNT_HINGE)
+    return bool(kind != mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def control_unit(model: Any, actuator: int) -> str:
@@ -233,6 +238,8 @@ def control_unit(model: Any, actuator: int) -> str:
         return "V"
     gain, (_, of_length, of_rate) = float(model.actuator_gainprm[actuator, 0]), model.actuator_biasprm[actuator, :3].tolist()
     if not on_joint or model.actuator_gear[actuator, 0] != 1.0:
+        return ""
+    if mujoco.mjtJoint(model.jnt_type[model.actuator_trnid[actuator, 0]]) not in _SCALAR:
         return ""
     if not token and gain != 0.0:
         token = "pos" if gain == -of_length else "vel" if of_length == 0.0 and gain == -of_rate else ""

@@ -7,6 +7,7 @@ its servo: then every index of an actuator is that of its control and of its for
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,15 @@ def signature_inputs(gaintype: Any, signature: int) -> tuple[str, ...]:
     if kind not in _DEFAULT:
         return ()
     return tuple(token for token, bit in _TOKENS if (int(signature) or _DEFAULT[kind]) & bit)
+
+
+def taken_inputs(spec: Any) -> Iterator[tuple[str, str, str]]:
+    """Controllers of a specification one of whose further inputs has the name of an actuator: kind, name, and what."""
+    names = {each.name for each in spec.actuators}
+    for each in spec.actuators:
+        for token in signature_inputs(each.gaintype, each.ctrlspec)[1:]:
+            if (name := f"{each.name}.{token}") in names:
+                yield "actuator", each.name, f" has an input {name!r}, and so is another actuator called; rename it"
 
 
 def separate_inputs(spec: Any) -> dict[str, str]:

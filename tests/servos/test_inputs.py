@@ -240,6 +240,21 @@ def test_a_motor_without_inputs_brakes_and_takes_no_command(tmp_path):
     assert passes(held)
 
 
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ("servo.vel", "has an input 'servo.vel', and so is another"),
+        ("servo_vel", "both logged as actuators.robot_servo_vel;"),
+    ],
+)
+def test_the_name_of_an_input_is_free(tmp_path, other, message):
+    """In the model, and in columns that differ in their units alone."""
+    path = link_scene(tmp_path, {"kind": "off"}, actuators=f'{PID}<motor name="{other}" joint="j"/>')
+    (fault,) = faults(path=path)
+    assert "robot.xml:" in fault
+    assert message in fault
+
+
 def test_names_in_a_scenario_are_those_of_inputs(tmp_path):
     """Delays are those of the controller unless stated; ``kind: torque`` is of the controller, and is told."""
     model = both(FIRST, OTHER).replace('name="other"', 'name="other" delay=".004" nsample="9"')

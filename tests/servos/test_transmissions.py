@@ -54,6 +54,23 @@ def test_work_and_momenta_are_balanced(tmp_path, actuator):
     assert_replayed(run)
 
 
+@pytest.mark.parametrize(
+    ("where", "unit", "ending"),
+    [
+        ('joint="wrist" gear="1 0 0"', "N_m", ""),
+        ('jointinparent="wrist"', "N_m", ""),
+        ('joint="free"', "N", ""),
+        ('joint="j"', "N_m", "_rad_s"),
+    ],
+)
+def test_a_force_has_its_unit(tmp_path, where, unit, ending):
+    """A torque on a ball joint, as on a hinge; a setpoint has one on hinges and slides alone."""
+    actuator = f'<velocity name="servo" {where} kv="1"/>'
+    run = run_link(tmp_path, {"kind": "off"}, model=link(actuator, link_body=BALL), initial={}, duration_s=0.01)
+    assert f"actuators.robot_servo_force_{unit}" in run.keys
+    assert f"actuators.robot_servo_command{ending}" in run.keys
+
+
 _COMPONENTS = [("P", "x_N_s"), ("P", "y_N_s"), ("P", "z_N_s"), ("L", "x_N_m_s"), ("L", "y_N_m_s"), ("L", "z_N_m_s")]
 
 
