@@ -197,6 +197,7 @@ class ContactPair(Stateful):
         shapes = Shape(model, data, self._g1), Shape(model, data, self._g2)
         normal, features, witness = self._search.normal(model, data, shapes)
         points = touching_set(*features, normal, CONTACT_GAP_M + self.position_tolerance, self.flush_offset)
+        # Features that do not overlap in projection, as corners that are too close: the middle of the witness points serves.
         points = points if len(points) else witness[None]
         rounding = _GAP_ROUNDING_M + 4.0 * EPSILON * float(np.abs(points).max())
         rates, tolerance = self._rates(data, normal, points)

@@ -196,6 +196,7 @@ class Activations:
         targets = self._slopes[slews].copy()
         self._slopes[slews] = self._slew_rates * np.sign(targets - starts[slews])
         self._low[slews], self._high[slews] = np.minimum(starts[slews], targets), np.maximum(starts[slews], targets)
+        # A ramp has a kink where it ends, at the end of its range or at its target: a step of order four must end there.
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = (np.where(self._slopes > 0.0, self._high, self._low) - starts) / self._slopes
         inside = reach[(reach > 0.0) & (reach < duration_s)]

@@ -19,6 +19,7 @@ from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.tolerances import PROJECTED_GAP_M, PROJECTED_RATE_M_S, PROJECTED_SLIP_M_S, RANK
 
 _PASSES = 3
+"""Largest number of Newton's steps: from a drift of rounding and truncation they converge quadratically."""
 
 
 class ClosedRows(NamedTuple):
@@ -77,10 +78,13 @@ def project(motion: Motion, rows_now: Callable[[], ClosedRows], free: BoolArray,
         mujoco.mj_fwdVelocity(model, data)
         motion.follow()
     rows = rows_now()
+    # Velocities in one pass: the constraints are linear in them. The change is the nearest in the norm of the kinetic
+    # energy.
     constraints = np.vstack((rows.normals, rows.sticking))
     if motion.loops is not None:
         constraints = np.vstack((constraints, motion.loops.independent()[0]))
     wanted = np.zeros(len(constraints))
+    # The nearest velocities alone would change the momenta of the system by what no body outside could have taken.
     kept = _conserved_directions(free, taken)
     if len(kept):
         of_all = kept @ momentum_matrix(model, data, 0)

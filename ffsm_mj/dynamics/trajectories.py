@@ -18,6 +18,7 @@ from ffsm_mj.dynamics.site_motion import MovingFrame
 
 _DEGREE = 5
 _REAL = 1e-6
+"""A root with an imaginary part below this share of a segment is real."""
 
 
 class MinimumJerk:

@@ -288,6 +288,8 @@ class ClosedGrasps:
         closing = GraspClosing(self._scene, latch, instant, latches.index(latch) + 1, replaces)
         if gone is not None:
             self._rows.pop(replaces, None)
+        # One object at most is a child body of the link: its model has no loop. Every other closed grasp closes one, by
+        # rows.
         attaches = latch.held is not None and self._attached in (gone, None)
         if latch.held is not None and attaches and not self._rows and not self._loops.equalities:
             record, exchange = closing.first(latch.held)

@@ -31,6 +31,7 @@ from ffsm_mj.state import entries, fitting
 
 _ROUNDING = 1e-15
 _MAX_ITERATIONS = 8
+"""Largest number of Newton's steps: they start from the last coordinates, and converge quadratically."""
 _TWO_PI = 2.0 * math.pi
 
 
@@ -191,7 +192,9 @@ class BaseJointSolver:
 
 
 _POSE_TOLERANCE = 1e-12
+"""Poses in m and rad that differ by more, relative to 1 + their size, are others: some thousand roundings."""
 _CONFIGURATIONS = 4
+"""Configurations in which it is tried whether base joints can follow the link."""
 
 
 class GraspedMotion(Motion):
@@ -259,6 +262,7 @@ class GraspedMotion(Motion):
         data.qpos[self._held_qpos] = free.qpos[self._qpos]
         data.qvel[:] = self.own_rates(free.qvel)
         data.ctrl[:], data.act[:], data.time = free.ctrl, free.act, free.time
+        # The logged system has no coordinates for the joints of the latch: they follow from the poses of the two bodies.
         self.joints.write_coordinates(free, data.qpos)
         self._refresh()
 

@@ -58,6 +58,8 @@ class InterfaceLoad:
         """Update MuJoCo's interface force under the current efforts; returns the wrench of others on the object, (6,)."""
         self._copy_efforts()
         of_others = _NO_WRENCH
+        # The interface force holds the object under all that acts on it: what contacts and springs exert is no load of the
+        # latch.
         for contact_model in self._others:
             if contact_model.active and contact_model.pushes:
                 of_others = self._other_forces()

@@ -370,6 +370,7 @@ class LoopForces(ForceSource):
         if loops is None:
             return
         loops.begin_step()
+        # Rows are held as accelerations: positions and rates drift by rounding and truncation (Hairer & Wanner, sec. VII.2).
         if needs_projection(*loops.drift(), 0.0):
             nv = self.motion.model.nv
             taken, outside = self._exchanged.taken, self._exchanged.outside

@@ -26,7 +26,9 @@ IMMOVABLE = "neither body can move along the contact normal"
 _VELOCITY_ROUNDING = 1e-13
 """Rounding of a contact velocity, relative to the norm of the mass-weighted velocity: some hundred EPSILON."""
 _MAX_REFLECTIONS = 300
+"""Reflections after which bodies count as squeezed without clearance: those between two that cannot part never end."""
 _MAX_SWEEPS = 20_000
+"""Largest number of sweeps: they converge linearly, and slowly where rows almost depend on each other."""
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,7 @@ class Clearances:
             return NO_PAIRS
         rows, parts = self._by_joints.rows, (flight.motion_bound - self._start, flight.last_increment)
         moved = zip((self.travel.travelled, self.travel.last), map(self._by_energy, parts), strict=True)
+        # Both bounds hold: the smaller one counts for each pair.
         closed, last = (np.minimum(rows @ by_rates, by_energy) for by_rates, by_energy in moved)
         return self._exhausted(closed, last, flight.motion_bound)
 
@@ -425,6 +426,7 @@ class Detector(EventSource, Replayable):
         """Whether the bounds on the motion exclude contact of all pairs in the last step."""
         if self.motion.flight.motion_bound > self.motion.flight.last_increment:
             self._evaluated.clear()  # of an earlier step
+        # Bounds on the motion are cheap and certain: only pairs that they do not clear are followed along the path.
         self._suspects = (*self._clearances.after_step().tolist(), *self._limits.after_step().tolist())
         self._bound_events()
         return not self._suspects

@@ -404,6 +404,7 @@ class ActiveContactSet:
         """Add the forces of the active set to ``data.qfrc_applied``, which already holds all other applied forces."""
         applied, solver, flight = data.qfrc_applied, self.solver, self.motion.forced
         assert flight is not None
+        # Inside a step the modes are fixed, so that it integrates a smooth ODE: only rows and forces change with the stage.
         if flight.inside:
             if self.pressing:
                 self.stages.append(solver.stage_forces(self.pressing).add(applied))
@@ -412,6 +413,7 @@ class ActiveContactSet:
         if not self.pressing:
             return
         here = solver.evaluation(self.pressing)
+        # At the nodes of an implicit step friction and slips depend on each other; elsewhere forces follow from the state.
         if flight.stage is None:
             stage, generalised = stage_of(here)
         else:

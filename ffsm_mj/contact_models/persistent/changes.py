@@ -76,11 +76,14 @@ class ContactChanges:
     def pending(self) -> Change | None:
         """The next change at the state in ``data`` under its efforts: one record kind at a time, and the pairs concerned."""
         closed = self._active_set
+        # One kind at a time: a pair begins before anything else happens to it, and points open before others change their
+        # modes.
         if begins := self.unlogged():
             return CONTACT_BEGINS, begins
         leaving, beyond = closed.leaving(), closed.pairs_outside_feature()
         if not leaving and not beyond and all(closed.by_pair.values()):
             return self._slips_or_sticks()
+        # A corner that slides off a face may find an edge there; a pair without any other feature opens.
         lost = [pair for pair in beyond if not self._features_now(pair)]
         ends = [
             pair for pair, contact_points in closed.by_pair.items() if set(contact_points).issubset(leaving) or pair in lost

@@ -269,6 +269,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._active_set.bind(motion)
         held = dict(self._active_set.by_pair)
         for pair in held:
+            # Geoms of one rigid body cannot part: they are no contact while the grasp that joins them is closed.
             if pair.geom_ids in motion.disabled:
                 self._active_set.set_points(pair, ())
         before, self._previous = self._previous, (motion, motion.grasps, motion.disabled)
@@ -299,6 +300,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             touching: The pairs in contact.
             struck: Whether an impact has just changed the velocities; without one, pairs that are closed drift as in a step.
         """
+        # An impact leaves its contacts normal velocities of rounding, as a share of the speed at which they met.
         approach = max((-near.rate for _, near in touching), default=0.0)
         held = set(self._active_set.by_pair)
         now = [(pair, pair.at_velocities(self.scene.data, near)) for pair, near in touching]
@@ -378,6 +380,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
             RunEnded: No friction modes are possible.
         """
         self._located_s, self._account.projected = None, None
+        # In a steady state the active set and the modes of the step before hold on: nothing is decided anew.
         if not self._active_set.steady.goes_on():
             self._account.projected = self._drift.remove_drift()
             self._active_set.update_pressing()
@@ -504,6 +507,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
 
     def act(self, instant: EventTime) -> EventEffect | None:
         """Log a contact that begins, ends or changes; a closed pair that touches at another point has an impact."""
+        # Another point of a closed pair lands at a speed: impulses at that point act on those that are closed, too.
         if self._landing or self._active_set.touches_elsewhere():
             self._landing = False
             return EventEffect((), leaves_to_impacts=True)

@@ -38,6 +38,7 @@ from ffsm_mj.contact_models.impact.friction.result import clip_to_cone
 from ffsm_mj.tolerances import CANCELLED, SOLVED
 
 _PIVOTS_PER_ROW = 20
+"""Lemke's method is given up after so many pivots per row: a solution is found within a few, and it does not cycle."""
 _ZERO = 1e-11
 """Entries of a column below this are rounding, not pivots: entries are of the order of 1, after hundreds of pivots."""
 
@@ -140,9 +141,8 @@ def _leaving(tableau: FloatArray, column: int, artificial: BoolArray) -> int | N
 
 _AIM = 1e-11
 """Residual at which iterations end, one hundredth of SOLVED."""
-_STEPS = 60
-_HALVINGS = 12
-_DAMPED_STEPS = 200
+_STEPS, _HALVINGS, _DAMPED_STEPS = 60, 12, 200
+"""Most steps of Newton's method, halvings of one of them, and damped steps, before the next method takes over."""
 _FIRST_DAMPING, _MAX_DAMPING = 1e-3, 1e12
 """Damping of the first damped step, and that at which steps have become too short to change anything."""
 _SUFFICIENT = 1e-4

@@ -39,6 +39,7 @@ NONE = "nothing ahead"
 _NO_TURN = 1e-13
 """Slip whose direction changes by less than this share of the largest inverse mass is straight: some hundred EPSILON."""
 _ITERATIONS = 100
+"""Largest number of Newton's steps, which converge quadratically, from one side."""
 
 
 @dataclass
@@ -193,6 +194,7 @@ _STOPPED = -23.0
 _TAU_END = 1e12
 """End of integration: never reached, since an event or the number of steps ends it before."""
 _MAX_STEPS = 3000
+"""Steps of the solver after which a segment is given up: the impact is then solved without its path."""
 _ROUNDING = 1e-15
 """Absolute tolerance of integration, relative to the size of each component."""
 _THETA, _LOG, _U_N, _WORK, _FRICTION = 0, 1, 5, 6, 7

@@ -87,14 +87,18 @@ class ModeChoice:
         """
         states = self._states
         if not states.released:
+            # Several sets of modes may solve the problem: those that still hold are kept, as others would jump without a
+            # cause.
             if states.fit:
                 kept = self.evaluate(states.kinds, self._directions(states.kinds))
                 if kept.valid:
                     return kept
+            # At rest friction may have any size and direction inside its cone: what such forces can hold sticks.
             kinds = np.where(states.slides | (self._problem.mu == 0.0), SLIDE, STICK)
             held = self.evaluate(self._movable(kinds), self._directions(kinds))
             if held.valid:
                 return self._without_idle(held)
+            # A point that slides may be the one that does not press: the others then hold without it.
             opened = np.where(states.slides, CLOSED, kinds)
             if np.any(opened != kinds) and (found := self.evaluate(self._movable(opened), self._directions(opened))).valid:
                 return self._without_idle(found)
@@ -163,6 +167,8 @@ class ModeChoice:
         if CLOSED in present:
             closed = kinds == CLOSED
             least = min(least, float((accelerations[:, 0] + rounding)[closed].min()))
+            # A closed point whose gap the held ones keep at rest would carry a share of the load if it were held as they
+            # are: where that share presses, the point belongs to those that carry force.
             idle = closed & (accelerations[:, 0] <= rounding) & (accelerations[:, 0] >= -rounding)
             if idle.any():
                 shares = problem.virtual_shares(kinds, forces)
@@ -184,6 +190,7 @@ class ModeChoice:
             return np.inf
         here = forces[sticks], problem.mu[sticks], problem.inverse_mass[sticks], self._states.rounding[sticks]
         own = own_margin(*here, float(np.abs(forces).max()))
+        # Forces of redundant points are not unique: they stick if any shares of the same effect lie inside all cones.
         if own >= 0.0 or not problem.redundant(kinds):
             return own
         inertia, allowed = in_accelerations(*here[2:], float(np.abs(forces).max()))
@@ -210,10 +217,13 @@ class ModeChoice:
         if not self._problem.mu.any() and (pressing := self._without_friction()) is not None:
             return pressing
         forces, residual = self._newton()
+        # Beyond Painleve's paradox Coulomb's conditions may have no solution (Genot & Brogliato, Eur. J. Mech. A 18:653,
+        # 1999).
         if residual > SOLVED:
             raise NoModesError
         kinds, directions = self._classified(forces)
         if not self._states.released:
+            # The compliance in Newton's method leaves points a slip of rounding: those that can hold do.
             holding = np.where(self._still & (kinds == SLIDE) & (self._problem.mu > 0.0), STICK, kinds)
             if np.any(holding != kinds) and (held := self.evaluate(holding, self._directions(holding))).valid:
                 return held
@@ -286,6 +296,8 @@ class ModeChoice:
             if found.valid:
                 return found
             kinds, directions = kinds.copy(), directions.copy()
+            # As in an active-set method: a point that pulls opens, one that overlaps presses, one beyond its cone slides,
+            # and one that would slide against its friction sticks.
             pulls = (kinds != CLOSED) & (found.forces[:, 0] * problem.inverse_mass < -_OPENS * states.rounding)
             overlaps = (kinds == CLOSED) & (found.accelerations[:, 0] < -_OPENS * states.rounding)
             friction = np.hypot(found.forces[:, 1], found.forces[:, 2])

@@ -23,6 +23,7 @@ from ffsm_mj.tolerances import EPSILON
 ON_CONE = 1e-13
 """Rounding of the margin to a friction cone, as a share of the largest force."""
 _MIRROR = np.array((1.0, -1.0, -1.0))
+"""Reflection in the axis of a cone: an element of it, reflected, is its inverse up to a factor."""
 _ACCURACY = 1e-14
 """Duality gap and residual at which iterations end, in units of the largest force."""
 _ITERATIONS = 60

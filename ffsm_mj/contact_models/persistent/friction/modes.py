@@ -332,6 +332,7 @@ class FrictionModes:
             if contact.pair.mu == 0.0:
                 continue
             slid = held.get(contact) == SLIDE
+            # A stop is found by the share that is left of the largest slip: rounding of a velocity has no scale of its own.
             if slid and (slips_already or kind == STICK):  # or has just stopped
                 largest = self._largest_slip[contact] = max(before.get(contact, 0.0), slip)
                 if kind == SLIDE and slip <= min(_STRAIGHT * max(largest, _LEAST_SLIP_M_S), 0.5 * largest):
@@ -340,6 +341,8 @@ class FrictionModes:
                         self._directions[contact] = kept[contact]
             elif kind == SLIDE:
                 self._largest_slip[contact] = slip
+                # A pinned point, or one on a new feature that is about to stop, goes straight on: its slip has no direction
+                # of its own.
                 if stays or (slips_already and slip <= _STRAIGHT * _LEAST_SLIP_M_S):  # the latter on a new feature
                     self._straight[contact] = slip
 

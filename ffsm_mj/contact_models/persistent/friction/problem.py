@@ -165,6 +165,8 @@ class FrictionProblem:
     @cached_property
     def _movable(self) -> BoolArray:
         """Rows along which a force can move anything, (k, 3)."""
+        # Where inverse masses cancel to rounding no force changes the rate of a row: holding it would divide by that
+        # rounding.
         diagonal = self.G.diagonal().reshape(-1, 3)
         return np.asarray(diagonal > CANCELLED * max(1.0, float(diagonal.max(initial=0.0))))
 
