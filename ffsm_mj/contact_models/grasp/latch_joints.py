@@ -24,8 +24,9 @@ import numpy as np
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closing_condition import Sites
 from ffsm_mj.dynamics.loops.closed_loops import MassWeightedRows, PlasticClosing
+from ffsm_mj.dynamics.loops.latch import axes_about, stopped_along_axes
 from ffsm_mj.dynamics.rigid_body import mass_matrix
-from ffsm_mj.model.grasp import JOINTS, Grasp, LatchJoint
+from ffsm_mj.model.grasp import Grasp, LatchJoint
 from ffsm_mj.model.system import Joint, System
 
 
@@ -70,13 +71,8 @@ def stopped_components(kind: str, axis: FloatArray) -> FloatArray:
     Raises:
         LookupError: There is no such kind.
     """
-    joints = JOINTS[kind]
-    every, across = np.eye(3), np.linalg.svd(axis[None])[2][1:]
-    linear = across if "slide" in joints else every
-    angular = across if "hinge" in joints else every[:0] if "ball" in joints else every
-    rows = np.zeros((len(linear) + len(angular), 6))
-    rows[: len(linear), :3], rows[len(linear) :, 3:] = linear, angular
-    return rows
+    axes = axes_about(axis if np.any(axis) else ())
+    return np.asarray((stopped_along_axes(kind).reshape(-1, 2, 3) @ axes.T).reshape(-1, 6))
 
 
 def axis_angle_rad(data: Any, sites: Sites, joint: LatchJoint) -> float:
