@@ -170,9 +170,8 @@ def external_actuators(system: System) -> np.ndarray[Any, np.dtype[np.bool_]]:
 
 def site_wrench(model: Any, actuator: int) -> FloatArray:
     """Wrench per unit of force of an actuator at a site, about the origin of its body's frame in its axes, shape (6,)."""
-    site, turn = model.actuator_trnid[actuator, 0], np.empty(9)
-    mujoco.mju_quat2Mat(turn, model.site_quat[site])
-    force, torque = model.actuator_gear[actuator].reshape(2, 3) @ turn.reshape(3, 3).T
+    site = model.actuator_trnid[actuator, 0]
+    force, torque = model.actuator_gear[actuator].reshape(2, 3) @ rotation_matrix(model.site_quat[site]).T
     return np.concatenate((force, torque + np.cross(model.site_pos[site], force)))
 
 
@@ -231,6 +230,13 @@ def cross(v: FloatArray, w: FloatArray) -> FloatArray:
     """Cross product of two vectors of three, to the bits of ``numpy.cross``, which takes ten times as long."""
     (a, b, c), (x, y, z) = v.tolist(), w.tolist()
     return np.array((b * z - c * y, c * x - a * z, a * y - b * x))
+
+
+def rotation_matrix(quaternion: FloatArray) -> FloatArray:
+    """Rotation matrix of a unit quaternion (w, x, y, z), (3, 3)."""
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
 
 
 def rotation_dofs(model: Any) -> list[slice]:

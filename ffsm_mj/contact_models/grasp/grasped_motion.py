@@ -25,6 +25,7 @@ from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints
 from ffsm_mj.contact_models.interface import Scene
 from ffsm_mj.dynamics.motion import Motion, actuator_power, rigid_pairs
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.model.grasp import WRITTEN, Grasp
 from ffsm_mj.model.system import Joint, System, Tree, shared_joints
 from ffsm_mj.state import entries, fitting
@@ -60,9 +61,8 @@ class PoseReader:
         slides = len(kinds) - kinds.count("hinge")
         if kinds != ["slide"] * slides + ["hinge"] * (len(kinds) - slides) or len(kinds) > slides + 1:
             return None
-        turn, own = np.empty(9), model.body_quat[root]
-        mujoco.mju_quat2Mat(turn, own)
-        axes = model.jnt_axis[first : first + len(kinds)] @ turn.reshape(3, 3).T
+        own = model.body_quat[root]
+        axes = model.jnt_axis[first : first + len(kinds)] @ rotation_matrix(own).T
         along, hinge = axes[:slides], axes[slides:]
         zeros = np.array([model.qpos0[joint.qpos.start] for joint in joints])
         unlike = [np.abs(one @ one.T - np.eye(len(one))).max(initial=0.0) for one in (along, hinge)]

@@ -25,7 +25,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.grasp.closing_condition import Sites
 from ffsm_mj.dynamics.loops.closed_loops import MassWeightedRows, PlasticClosing
 from ffsm_mj.dynamics.loops.latch import axes_about, stopped_along_axes
-from ffsm_mj.dynamics.rigid_body import mass_matrix
+from ffsm_mj.dynamics.rigid_body import mass_matrix, rotation_matrix
 from ffsm_mj.model.grasp import Grasp, LatchJoint
 from ffsm_mj.model.system import Joint, System
 
@@ -207,9 +207,7 @@ class LatchJoints:
                     mujoco.mju_axisAngle2Quat(back, model.jnt_axis[self._joints[-1][1]], -float(value[0]))
                 mujoco.mju_mulQuat(turned, pose, back)
                 pose = turned
-            axes = np.empty(9)
-            mujoco.mju_quat2Mat(axes, pose)
-            position = position - link @ axes.reshape(3, 3) @ model.jnt_pos[self._joints[0][1]]
+            position = position - link @ rotation_matrix(pose) @ model.jnt_pos[self._joints[0][1]]
         model.body_pos[self._root], model.body_quat[self._root] = link.T @ (position - data.xpos[self._sites.link]), pose
 
 

@@ -39,6 +39,7 @@ from ffsm_mj.dynamics.loops.equalities import Equality, equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies, axes_about, stopped_along_axes
 from ffsm_mj.dynamics.motion import Motion, rigid_pairs
 from ffsm_mj.dynamics.projection import needs_projection, no_contacts
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
@@ -85,7 +86,7 @@ def loop_latch(system: System, grasp: Grasp, pose: ClosingPose) -> LatchedBodies
     """
     model = system.mj
     robot, held = system.index("site", grasp.robot_site), system.index("site", grasp.object_site)
-    axes = _matrix(model.site_quat[robot]) @ axes_about(grasp.joint.axis)
+    axes = rotation_matrix(model.site_quat[robot]) @ axes_about(grasp.joint.axis)
     stopped = stopped_along_axes(grasp.joint.kind)
     return LatchedBodies.at_pose(_bodies(system, grasp), np.array(model.site_pos[held]), axes, stopped, *pose)
 
@@ -95,12 +96,6 @@ def _bodies(system: System, grasp: Grasp) -> tuple[int, int]:
     sites = (system.index("site", each) for each in (grasp.robot_site, grasp.object_site))
     link, body = (int(system.mj.site_bodyid[site]) for site in sites)
     return link, body
-
-
-def _matrix(quaternion: FloatArray) -> FloatArray:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 class LoopExchange:

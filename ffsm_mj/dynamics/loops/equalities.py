@@ -16,6 +16,7 @@ from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.loops.closed_loops import RowSource
 from ffsm_mj.dynamics.loops.couplings import JointCoupling, Polynomial, TendonCoupling
 from ffsm_mj.dynamics.loops.latch import LatchedBodies, stopped_along_axes
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 from ffsm_mj.tolerances import MECHANISM_RANK
 
 _SITE = int(mujoco.mjtObj.mjOBJ_SITE)
@@ -151,17 +152,11 @@ def _latch(model: Any, e: int, *, rigid: bool) -> LatchedBodies:
     if int(model.eq_objtype[e]) == _SITE:
         bodies = [int(model.site_bodyid[site]) for site in ends]
         points = [np.array(model.site_pos[site]) for site in ends]
-        axes = [_matrix(model.site_quat[site]) for site in ends]
+        axes = [rotation_matrix(model.site_quat[site]) for site in ends]
     else:
         # eq_data holds the point in body 1, then in body 2; for a weld the other way round, and then the pose of 2 in 1.
         bodies, points = ends, [data[3:6], data[0:3]] if rigid else [data[0:3], data[3:6]]
-        axes = [_EYE, _matrix(data[6:10]).T if rigid else _EYE]
+        axes = [_EYE, rotation_matrix(data[6:10]).T if rigid else _EYE]
     # A weld without torque, torquescale="0", is a connect.
     stopped = stopped_along_axes("rigid" if rigid and data[10] > 0.0 else "ball")
     return LatchedBodies(bodies[0], bodies[1], points[0], points[1], axes[0], axes[1], stopped)
-
-
-def _matrix(quaternion: FloatArray) -> FloatArray:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
+from ffsm_mj.dynamics.rigid_body import rotation_matrix
 
 LENGTH_M = 1.0
 """Length by which rows of rotation are multiplied.
@@ -71,9 +72,7 @@ class LatchedBodies:
             position: Position of b in the frame of a at the closing, m, (3,).
             quaternion: Orientation of b in the frame of a at the closing, (4,).
         """
-        turn = np.empty(9)
-        mujoco.mju_quat2Mat(turn, np.asarray(quaternion, dtype=np.float64))
-        R = turn.reshape(3, 3)
+        R = rotation_matrix(np.asarray(quaternion, dtype=np.float64))
         point = np.asarray(position, dtype=np.float64) + R @ point_in_second
         return cls(
             bodies[0], bodies[1], point, np.array(point_in_second), np.array(axes_in_first), R.T @ axes_in_first, stopped
