@@ -71,7 +71,7 @@ def stopped_components(kind: str, axis: FloatArray) -> FloatArray:
     Raises:
         LookupError: There is no such kind.
     """
-    axes = axes_about(axis if np.any(axis) else ())
+    axes = axes_about(axis.tolist() if np.any(axis) else ())
     return np.asarray((stopped_along_axes(kind).reshape(-1, 2, 3) @ axes.T).reshape(-1, 6))
 
 
