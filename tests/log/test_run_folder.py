@@ -178,7 +178,11 @@ def stop(*arguments, **options):
 setattr(owner, name, stop)
 sys.exit(main(sys.argv[3:]))
 """
-BEFORE = ["ffsm_mj.assembly.prepare:PreparedRun.assemble", "ffsm_mj.assembly.plant:Plant", "ffsm_mj.log.mcap.sink:McapSink._register"]
+BEFORE = [
+    "ffsm_mj.assembly.prepare:PreparedRun.assemble",
+    "ffsm_mj.assembly.plant:Plant",
+    "ffsm_mj.log.mcap.sink:McapSink._register",
+]
 
 
 @pytest.mark.long
