@@ -20,7 +20,7 @@ def new(options: argparse.Namespace, output: Output) -> int:
     with output.progress() as stage:
         lines = (_new_scene if options.scene else _new_robot)(options, stage)
     for line in lines:
-        output.say(line)
+        (output.write if line.startswith("next: ") else output.say)(line)
     return OK
 
 
@@ -75,5 +75,5 @@ def new_law(options: argparse.Namespace, output: Output) -> int:
     output.say(f"files in {home}: {', '.join(written)}")
     output.say("next:")
     for line in next_commands(home, options.name):
-        output.say(f"  {line}")
+        output.write(f"  {line}")
     return OK

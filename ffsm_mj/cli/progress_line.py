@@ -26,7 +26,7 @@ def _text(template: str) -> rich.TextColumn:
 
 
 _NAME, _AMOUNT = "{task.description}", "{task.completed:.{task.fields[digits]}f} of {task.total:g} {task.fields[unit]}"
-_COUNTED = (_text(_NAME), rich.BarColumn(), _text(_AMOUNT), rich.TimeRemainingColumn(compact=True))
+_COUNTED = (_text(_NAME), rich.BarColumn(), _text(_AMOUNT), rich.TimeRemainingColumn(compact=True), _text("left"))
 _UNCOUNTED = (_text(_NAME), rich.BarColumn(), rich.TimeElapsedColumn())
 
 

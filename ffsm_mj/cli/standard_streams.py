@@ -103,10 +103,10 @@ class Output:
 
 
 def complain(text: str) -> None:
-    """Print a line to stderr with control characters escaped; a failure to print is ignored."""
+    """Print a line to stderr, wrapped on a terminal, with control characters escaped; a failure to print is ignored."""
     line = one_line(text)
     try:
-        print(_coloured(line, line, sys.stderr), file=sys.stderr, flush=True)
+        print(_coloured(line, wrapped(line, sys.stderr), sys.stderr), file=sys.stderr, flush=True)
     except OSError:
         _silence(2)
 

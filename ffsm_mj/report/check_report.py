@@ -36,7 +36,7 @@ def check_table(checks: Sequence[Check]) -> str:
         )
         for check in sorted(checks, key=lambda check: check.passes)
     )
-    return table(("check", "of", "worst", "unit", "in", "at s", "allowed", ""), rows, spare=("in",))
+    return table(("check", "of", "worst", "unit", "in", "at s", "allowed", ""), rows, spare=("in", "at s"))
 
 
 def _result(check: Check) -> str:

@@ -42,7 +42,7 @@ def impact_table(impacts: Sequence[ImpactRecord], *, changes: bool = True, most:
         return _folded(impacts, _SERIES_OF_IMPACTS, most)
     rough, odd = any(record.mu for record in impacts), any(record.status != "ok" for record in impacts)
     shown = {"friction": rough, "changes": changes, "status": odd}
-    return _table([column for of, column in _IMPACTS if shown.get(of, True)], impacts, spare=("|dL|", "|dP|"))
+    return _table([column for of, column in _IMPACTS if shown.get(of, True)], impacts, spare=("|dL|", "|dP|", "dT"))
 
 
 def _status(record: ImpactRecord) -> str:

@@ -7,28 +7,29 @@ import shutil
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from textwrap import fill
+from typing import TextIO
 
 from ffsm_mj.errors import one_line
 
 _LEAST = 40
 """Narrower terminals are treated as if their width were unknown."""
 _GAP = 2
-_LEAST_TEXT = 14
+_LEAST_TEXT = 10
 """Texts in tables are not folded to less than this."""
 _UNIT = re.compile(r"(?<=\d) (?=[A-Za-z/^]{1,5}(?!\w))|(?<=\bN) (?=[ms]\b)|(?<=\bN m) (?=s\b)|(?<=\bkg) (?=m)")
 """Blanks between a number and its unit, and within a unit."""
 _FIRM = "\N{NO-BREAK SPACE}"
 
 
-def terminal_width() -> int | None:
-    """Width of the terminal in characters; None if standard output is not a terminal, or a very narrow one."""
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+def terminal_width(stream: TextIO | None = None) -> int | None:
+    """Width of the terminal in characters; None if a stream (standard output) is no terminal, or a very narrow one."""
+    width = shutil.get_terminal_size().columns if (stream or sys.stdout).isatty() else 0
     return width if width >= _LEAST else None
 
 
-def wrapped(text: str) -> str:
+def wrapped(text: str, stream: TextIO | None = None) -> str:
     """Lines wrapped at the width of the terminal, not between a number and its unit, their continuations indented."""
-    room = terminal_width()
+    room = terminal_width() if stream is None else terminal_width(stream)
     if room is None:
         return text
     lines = []
@@ -85,12 +86,14 @@ def _folded(columns: Sequence[Sequence[str]], numeric: Sequence[bool], room: int
     from rich.table import Table
 
     grid = Table.grid(padding=(0, 0, 0, _GAP), pad_edge=True)
+    needed = 0
     for column, right in zip(columns, numeric, strict=True):
-        least = min(_LEAST_TEXT, max(map(len, column)))
+        least = max(map(len, column)) if right else min(_LEAST_TEXT, max(map(len, column)))
+        needed += _GAP + least
         grid.add_column(justify="right" if right else "left", no_wrap=right, min_width=least, overflow="fold")
     for row in zip(*columns, strict=True):
         grid.add_row(*row)
-    console = Console(width=room)
+    console = Console(width=max(room, needed))  # rich would cut what does not fit
     with console.capture() as captured:
         console.print(grid)
     return [line.rstrip() for line in captured.get().splitlines()]

@@ -41,7 +41,7 @@ def test_a_wide_terminal_gets_one_table(terminal):
     assert table(HEAD, ROWS) == WHOLE
 
 
-@pytest.mark.parametrize("width", [48, 44, 39])
+@pytest.mark.parametrize("width", [46, 44, 40])
 def test_a_narrow_terminal_folds_texts_and_keeps_numbers(width, terminal):
     """No line is longer than the terminal, nothing of a text is lost, and no number is divided."""
     terminal(width)
@@ -64,6 +64,14 @@ def test_columns_that_can_be_spared_are_left_out_first(terminal):
     )
     terminal(None)
     assert table(HEAD, ROWS, spare=("unit", "at s")) == WHOLE
+
+
+def test_nothing_of_a_row_is_cut_where_even_folded_texts_do_not_fit(terminal):
+    """Of this row 42 columns are needed: the last one is the verdict."""
+    terminal(40)
+    rows = table(("check", "worst", "allowed", ""), [("no penetration", "4.4e-16", "1.0e-09", "truncation")]).splitlines()
+    assert max(map(len, rows)) == 42
+    assert rows[1].endswith("truncation")
 
 
 def test_lines_are_wrapped_before_words_and_not_within_a_quantity(terminal):
