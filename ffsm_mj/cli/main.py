@@ -9,7 +9,6 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from importlib import import_module
 
 from ffsm_mj.assembly.process import raised
 from ffsm_mj.cli.command_line import HelpRequest, parse, parser
@@ -20,8 +19,6 @@ from ffsm_mj.module_path import without_current_folder
 
 _SHOW_TRACEBACK = "FFSM_TRACEBACK"
 """Environment variable: unhandled exceptions are raised instead of reported in one line."""
-_MODULES = {"schema": "check", "new": "generate", "new_law": "generate"}
-"""Modules of commands that have none of their own name."""
 _READERS = ("analyze", "export", "view", "campaign", "new")
 """Commands that read files of unknown origin."""
 
@@ -119,14 +116,38 @@ def _perform(arguments: Sequence[str], output: Output) -> int:
     return BAD_INPUT
 
 
-def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output], int]:
-    """Function of a command, named as the command; its module is imported when the command is performed."""
-    if command is None:
-        return _usage
-    name = command.replace("-", "_")
-    implementation: Callable[[argparse.Namespace, Output], int]
-    implementation = getattr(import_module(f"ffsm_mj.cli.{_MODULES.get(name, name)}"), name)
-    return implementation
+def _implementation(command: str | None) -> Callable[[argparse.Namespace, Output], int]:  # noqa: PLR0912 (a table)
+    """Function of a command; its module is imported when the command is performed."""
+    match command:
+        case "run":
+            from ffsm_mj.cli.run import run as perform
+        case "check":
+            from ffsm_mj.cli.check import check as perform
+        case "analyze":
+            from ffsm_mj.cli.analyze import analyze as perform
+        case "export":
+            from ffsm_mj.cli.export import export as perform
+        case "view":
+            from ffsm_mj.cli.view import view as perform
+        case "impact-map":
+            from ffsm_mj.cli.impact_map import impact_map as perform
+        case "sensitivity":
+            from ffsm_mj.cli.sensitivity import sensitivity as perform
+        case "campaign":
+            from ffsm_mj.cli.campaign import campaign as perform
+        case "validate":
+            from ffsm_mj.cli.validate import validate as perform
+        case "schema":
+            from ffsm_mj.cli.check import schema as perform
+        case "new":
+            from ffsm_mj.cli.generate import new as perform
+        case "new-law":
+            from ffsm_mj.cli.generate import new_law as perform
+        case "completion":
+            from ffsm_mj.cli.completion import completion as perform
+        case _:
+            perform = _usage
+    return perform
 
 
 def _usage(options: argparse.Namespace, output: Output) -> int:
