@@ -13,7 +13,7 @@ import os
 import signal
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -166,8 +166,13 @@ def write_robot(robot: str, folder: Path) -> Path:
     spec = mujoco.MjSpec.from_file(str(main))
     if any(joint.type == mujoco.mjtJoint.mjJNT_FREE for body in spec.worldbody.bodies for joint in body.joints):
         return main
+    return on_a_bus(main)
+
+
+def on_a_bus(main: Path) -> Path:
+    """A bus of 500 kg in a file of its own, on which a robot of another file beside it stands."""
     bus = main.parent / "on_a_bus.xml"
-    bus.write_text(f"""<mujoco model="{robot}">{HEAD}<asset><model name="robot" file="{main.name}"/></asset>
+    bus.write_text(f"""<mujoco model="bus">{HEAD}<asset><model name="robot" file="{main.name}"/></asset>
       <worldbody><body name="bus"><freejoint name="bus"/><geom name="bus" type="box" size="0.4 0.4 0.4" mass="{BUS_KG}"/>
         <frame pos="0 0 0.4"><attach model="robot" prefix=""/></frame></body></worldbody></mujoco>""")
     return bus
@@ -191,12 +196,17 @@ def without_meshes(xml: bytes) -> bytes:
     return ElementTree.tostring(root)
 
 
-def tried(robot: str, limit_s: float = 120.0, *, strip: bool = False) -> Result:
+Write = Callable[[str, Path], Path]
+"""Writes a robot by its name to a folder; returns its main file, in a folder of its own below."""
+
+
+def tried(robot: str, limit_s: float = 120.0, *, write: Write = write_robot, strip: bool = False) -> Result:
     """Throw a ball at a robot.
 
     Args:
-        robot: Its folder.
+        robot: Its name.
         limit_s: Wall time after which it has failed.
+        write: Writes it.
         strip: Whether a robot that is refused is tried again without what is not modelled.
     """
     result = Result(robot)
@@ -204,7 +214,7 @@ def tried(robot: str, limit_s: float = 120.0, *, strip: bool = False) -> Result:
     signal.setitimer(signal.ITIMER_REAL, limit_s)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            _try(robot, Path(folder), result, strip=strip)
+            _try(write(robot, Path(folder)), result, strip=strip)
         except Exception as error:  # noqa: BLE001 (a row of the table)
             result.outcome = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         finally:
@@ -216,8 +226,7 @@ def _too_long(limit: str, *_: object) -> None:
     raise TimeoutError(f"not done after {limit}")
 
 
-def _try(robot: str, folder: Path, result: Result, *, strip: bool) -> None:
-    main = write_robot(robot, folder)
+def _try(main: Path, result: Result, *, strip: bool) -> None:
     result.refused = _refusal(main, ())
     if result.refused and (impossible := _refusal(main, STRIPS) if strip else result.refused):
         result.outcome = impossible[0]
@@ -388,15 +397,16 @@ def _write_ball(folder: Path, mass: float, radius: float) -> None:
       </worldbody></mujoco>""")
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.robots.menagerie", description=__doc__)
-    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="folders; default: all")
+def print_table(module: str, description: str | None, robots: Sequence[str], write: Write) -> int:
+    """The command of a series of robots: a line for each, and how many pass."""
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=description)
+    parser.add_argument("robots", nargs="*", metavar="ROBOT", help="names; default: all")
     parser.add_argument("--jobs", type=int, default=1, help="processes; default 1")
     parser.add_argument("--time-out", type=float, default=120.0, metavar="S", help="wall time of a robot; default 120 s")
     options = parser.parse_args()
     results = []
     with ProcessPoolExecutor(options.jobs) as pool:
-        for result in pool.map(partial(tried, limit_s=options.time_out, strip=True), options.robots or FILES):
+        for result in pool.map(partial(tried, limit_s=options.time_out, write=write, strip=True), options.robots or robots):
             results.append(result)
             print(_row(result), flush=True)
     stripped = sum(result.completes for result in results)
@@ -418,4 +428,4 @@ def _row(result: Result) -> str:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(print_table("tests.robots.menagerie", __doc__, tuple(FILES), write_robot))

@@ -292,14 +292,12 @@ class LoopForces(ForceSource):
                 resting=self._resting,
             )
 
-    def keep_at_rest(self, coordinates: Sequence[RowSource]) -> bool:
-        """Keep some coordinates at rest, by their dry friction, and no others; returns whether these have changed."""
-        if tuple(coordinates) == self._resting:
-            return False
-        self._resting = tuple(coordinates)
-        if hasattr(self, "motion"):
-            self._hold()
-        return True
+    def keep_at_rest(self, coordinates: Sequence[RowSource]) -> None:
+        """Keep some coordinates at rest, by their dry friction, and no others."""
+        if tuple(coordinates) != self._resting:
+            self._resting = tuple(coordinates)
+            if hasattr(self, "motion"):
+                self._hold()
 
     def close(self, name: str, latch: LatchedBodies) -> LoopClosing:
         """Close a latch at the state in ``data``, by a plastic impulse on it and on the latches closed before.

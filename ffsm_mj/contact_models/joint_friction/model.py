@@ -148,8 +148,7 @@ class JointFriction(EventSource, ForceSource, Replayable):
         self.senses[:], self._rows_held, self._verified = senses.slides, senses.held, None
         self._slides, self._held = bool(np.any(senses.slides)), np.asarray(senses.held.any(axis=0))
         self._shown[:] = np.where(senses.idle, _IDLE, senses.slides)
-        if self.loops.keep_at_rest([self._on.at_rest(row) for row in senses.held]):
-            self._contacts.forget_rows()
+        self.loops.keep_at_rest([self._on.at_rest(row) for row in senses.held])
 
     def bind(self, motion: Motion) -> None:
         """Use another motion: joints slide or stick in it as before."""

@@ -184,6 +184,7 @@ class ForceSolver:
         """Use another motion."""
         self._motion, self.smooth = motion, Smooth(motion, self._data)
         self.other_forces = np.zeros(motion.model.nv)
+        self._held = motion.loops
         self.forget_state()
         self.forget_points()
 
@@ -203,8 +204,16 @@ class ForceSolver:
         """Token of the current positions and velocities."""
         return self.smooth.place()
 
+    def _see_held_rows(self) -> None:
+        """Discard what is kept where the motion holds other rows now, as of joints that have come to rest at this state."""
+        if self._motion.loops is not self._held:
+            self._held = self._motion.loops
+            self.forget_state()
+            self._modes.forget_structures()
+
     def evaluation(self, contact_points: Points) -> ContactEvaluation:
         """The contact problem of some contact points in their modes."""
+        self._see_held_rows()
         smooth, modes = self.smooth, self._modes.of(contact_points)
         place, load, known = smooth.place(), smooth.load(self.other_forces), self.last_evaluation
         if known is not None and known[0] is place and known[1] is load and known[2].modes is modes:
@@ -231,6 +240,7 @@ class ForceSolver:
 
     def decide(self, contact_points: Points) -> Decision:
         """Which of some contact points carry force, and their modes."""
+        self._see_held_rows()
         state, known = self.smooth.state(self.other_forces), self._decision
         if known is None or known[0] is not state or not known[1].is_for(contact_points, self._modes):
             known = self._decision = state, Decision(self.evaluation(contact_points), self._modes)
@@ -238,6 +248,7 @@ class ForceSolver:
 
     def assume(self, decision: Decision) -> None:
         """Keep a decision as that at the present state under the present efforts."""
+        self._see_held_rows()
         self._decision = self.smooth.state(self.other_forces), decision
 
     def _rows(self, contact_points: Points) -> PointRows:
@@ -425,6 +436,16 @@ class ActiveContactSet:
             self.stages[flight.repeats] = stage
         else:
             self.stages.append(stage)
+
+    def see_other_forces(self) -> None:
+        """Take the applied forces of all others at the state in ``data``, which a step without contact does not tell."""
+        applied = self.motion.data.qfrc_applied
+        pushed = applied.copy()
+        applied.fill(0.0)
+        for push in self.motion.pushes:
+            push(self.motion.data)
+        self.solver.other_forces = applied.copy()
+        applied[:] = pushed
 
     def decide(self) -> Decision:
         """Solve for the contact points that carry force at the state in ``data`` under its efforts."""

@@ -315,7 +315,10 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         """Close the pairs named by logged records that are in contact but not yet closed: no impact did so."""
         self.scene.numbers.continue_from(records[0].event)
         if set(map(name_of, records)) - {pair.name for pair in self._active_set.by_pair}:
+            pushed = self.active
             self.close(closed_pairs(self._broad_phase, self.scene, self.motion), struck=False)
+            if not pushed:
+                self._active_set.see_other_forces()
 
     def replay(self, event: LoggedEvent) -> EventEffect | None:
         """Reproduce a logged event in the modes before it."""
@@ -477,10 +480,6 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
     def force_check(self, layout: Layout) -> ForceCheck:
         """Check of the logged contact forces by other functions; see :mod:`.force_check`."""
         return ForceCheck(self.scene, self._pairs, self._active_set, layout)
-
-    def forget_rows(self) -> None:
-        """Discard what is kept for the state in ``data``: other loops are closed there."""
-        self._active_set.solver.forget_state()
 
     def closed_rows(self) -> ContactRows | None:
         """Rows of the closed contact points at the state in ``data`` without any force along them; None: there are none.
