@@ -36,7 +36,7 @@ from ffsm_mj.model.one_file import add_shared_elements
 from ffsm_mj.model.overrides import ModelOverrides, override
 from ffsm_mj.model.places import Places
 from ffsm_mj.model.properties import Pose
-from ffsm_mj.model.sensors import AddedSensor, Sensors, add_sensors, sensors_of_model
+from ffsm_mj.model.sensors import AddedSensor, ModelSensor, add_sensors, sensors_of_model
 from ffsm_mj.model.settings import outermost_faults, setting_faults, setting_notes
 from ffsm_mj.model.source import REFUSALS, compile_spec, load_spec, load_with_timing, own_words, warnings_alone
 from ffsm_mj.model.system import FixedModel, Joint, JointKind, System, Tree, ancestors
@@ -65,7 +65,7 @@ class Part(NamedTuple):
         notes: Removed elements, and ignored settings, as text.
         overridden: Changed properties, to be verified in the compiled scene; None if there are none.
         warnings: MuJoCo's warnings about the model compiled alone.
-        sensors: Its sensors.
+        sensors: Its sensors by full name.
         delays_s: Delays of its actuators by full name, s.
     """
 
@@ -73,7 +73,7 @@ class Part(NamedTuple):
     notes: list[str]
     overridden: ModelOverrides | None
     warnings: tuple[str, ...]
-    sensors: Sensors
+    sensors: dict[str, ModelSensor]
     delays_s: dict[str, float]
 
 
@@ -108,11 +108,11 @@ def part(name: str, files: ModelFiles, vfs: Any) -> Part:
     warnings = overridden.warnings if overridden is not None else warnings_alone(files, vfs)
     add_sites(spec, files.sites)
     add_flex(spec, files.flex)
-    sensors = sensors_of_model(spec, name, files, timing.sensors)
+    sensors, further = sensors_of_model(spec, name, files, timing)
     controllers = {each.name: each.name for each in spec.actuators} | separate_inputs(spec)
     delays, of_file = timing.actuator_delays_s, controllers.items()
     delays_s = {f"{name}/{each}": delays[controller] for each, controller in of_file if controller in delays}
-    return Part(spec, notes + sensors.notes, overridden, warnings, sensors, delays_s)
+    return Part(spec, notes + further, overridden, warnings, sensors, delays_s)
 
 
 def _empty_scene(time_step_s: float) -> Any:
@@ -298,7 +298,7 @@ def compile_system(
         changes=changes,
         grasp=grasp,
         grasped=_grasped(model, trees[0], grasp) if grasp is not None else None,
-        sensors={name: sensor for each in parts for name, sensor in each.sensors.by_name.items()} | added,
+        sensors={name: sensor for each in parts for name, sensor in each.sensors.items()} | added,
         effort_limits=limits,
         equalities=equalities,
         actuator_delays_s={name: delay for each in parts for name, delay in each.delays_s.items()},

@@ -7,74 +7,14 @@ A model file cannot refer to another model, as a camera does that looks at an ob
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple, get_args
 
 import mujoco
 
 from ffsm_mj.errors import Fault, InputError, ScenarioFaults, unknown_name
 from ffsm_mj.model.files import ModelFiles
-from ffsm_mj.model.xml import Element, elements
-
-
-@dataclass(frozen=True)
-class SensorTiming:
-    """Timing and cutoff of a sensor as its file has them.
-
-    Attributes:
-        interval_s: Time between samples; 0: not stated.
-        phase_s: Time of a sample.
-        delay_s: Time from a sample to its arrival.
-        buffered: Whether MuJoCo would keep samples, and so use interval and delay.
-        cutoff: Greatest absolute value; 0: none.
-    """
-
-    interval_s: float
-    phase_s: float
-    delay_s: float
-    buffered: bool
-    cutoff: float
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Timing of the sensors and actuators of a model file.
-
-    Attributes:
-        sensors: Of each sensor, by its name in the file.
-        actuator_delays_s: Delay of each actuator that has one, by its name in the file, s.
-        interpolated: Actuators and sensors between whose delayed values MuJoCo would interpolate, as text.
-    """
-
-    sensors: dict[str, SensorTiming]
-    actuator_delays_s: dict[str, float]
-    interpolated: tuple[str, ...]
-
-
-def take_timing(spec: Any) -> Timing:
-    """Read the timing in a specification, whose elements have names, and set it to zero there.
-
-    MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it.
-    """
-    sensors, delays = {}, {}
-    interpolated = [
-        f"{kind} {each.name!r}"
-        for kind, listed in (("sensor", spec.sensors), ("actuator", spec.actuators))
-        for each in listed
-        if each.interp and each.nsample
-    ]
-    for each in spec.sensors:
-        every, phase = map(float, each.interval)
-        sensors[each.name] = SensorTiming(every, phase, float(each.delay), bool(each.nsample), float(each.cutoff))
-        each.interval, each.delay, each.nsample, each.cutoff = [0.0, 0.0], 0.0, 0, 0.0
-    for each in spec.actuators:
-        if each.delay > 0.0:
-            delays[each.name] = float(each.delay)
-        each.delay, each.nsample = 0.0, 0
-    return Timing(sensors, delays, tuple(interpolated))
-
 
 Shape = Literal["vector", "direction", "rotation"]
 
@@ -160,63 +100,85 @@ class ModelSensor:
         return "direction" if self.kind in _DIRECTIONS else "vector"
 
 
-@dataclass(frozen=True)
-class Sensors:
-    """Sensors of a model.
+class Timing(NamedTuple):
+    """Sensors of a model file, and timing that MuJoCo is not given.
 
     Attributes:
-        by_name: Sensors by full name.
-        notes: What of the file is used otherwise than by MuJoCo, as text.
+        sensors: Sensors by their names in the file; of a kind that cannot be measured without a unit.
+        unbuffered: Those of which MuJoCo would keep no samples, and so not use interval and delay.
+        actuator_delays_s: Delay of each actuator that has one, by its name in the file, s.
+        interpolated: Actuators and sensors between whose delayed values MuJoCo would interpolate, as text.
     """
 
-    by_name: dict[str, ModelSensor]
-    notes: list[str]
+    sensors: dict[str, ModelSensor]
+    unbuffered: set[str]
+    actuator_delays_s: dict[str, float]
+    interpolated: tuple[str, ...]
 
 
-def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Mapping[str, SensorTiming]) -> Sensors:
-    """Read the sensors of a model.
+def take_timing(spec: Any) -> Timing:
+    """Read sensors and timing in a specification, whose elements have names, and set the timing to zero there.
+
+    MuJoCo would keep delayed values in its state, and refuses a delay without a buffer for it.
+    """
+    sensors, unbuffered, delays = dict[str, ModelSensor](), set[str](), dict[str, float]()
+    interpolated = [
+        f"{kind} {each.name!r}"
+        for kind, listed in (("sensor", spec.sensors), ("actuator", spec.actuators))
+        for each in listed
+        if each.interp and each.nsample
+    ]
+    for each in spec.sensors:
+        every, phase = map(float, each.interval)
+        type_name = mujoco.mjtSensor(each.type).name.removeprefix("mjSENS_").lower()
+        kind, first = _ELEMENTS.get(type_name, type_name), phase % every if every > 0.0 else 0.0
+        unit = unit_of_sensor(spec, kind, each.objname) if kind in _UNITS else ""
+        numbers = float(each.noise), float(each.cutoff), every, first, float(each.delay)
+        sensors[each.name] = ModelSensor(each.name, kind, unit, *numbers)
+        if (every or each.delay) and not each.nsample:
+            unbuffered.add(each.name)
+        each.interval, each.delay, each.nsample, each.cutoff = [0.0, 0.0], 0.0, 0, 0.0
+    for each in spec.actuators:
+        if each.delay > 0.0:
+            delays[each.name] = float(each.delay)
+        each.delay, each.nsample = 0.0, 0
+    return Timing(sensors, unbuffered, delays, tuple(interpolated))
+
+
+def sensors_of_model(spec: Any, model: str, files: ModelFiles, timing: Timing) -> tuple[dict[str, ModelSensor], list[str]]:
+    """Sensors of a model by full name, and notes on what of its file is used otherwise than by MuJoCo.
 
     Args:
         spec: Specification of the model, which may lack some of the sensors of its file; all its elements have names.
         model: Its name in the scene.
         files: Its files.
-        timing: Timing of its sensors by their names in the file.
+        timing: Sensors and timing in the file.
 
     Raises:
         InputError: A sensor of a kind that cannot be measured.
     """
-    found = Sensors({}, [])
-    faults: list[str] = []
-    without: list[str] = []
+    found, notes, faults = dict[str, ModelSensor](), list[str](), list[str]()
     for sensor in spec.sensors:
-        type_name = mujoco.mjtSensor(sensor.type).name.removeprefix("mjSENS_").lower()
-        kind, name = _ELEMENTS.get(type_name, type_name), f"{model}/{sensor.name}"
-        if kind not in _UNITS:
+        own, name = timing.sensors[sensor.name], f"{model}/{sensor.name}"
+        found[name] = replace(own, name=name)
+        if own.kind not in _UNITS:
             faults.append(
-                f"{_place(files, kind, sensor)}: sensor {sensor.name!r} is a <{kind}>, which cannot be measured; "
+                f"{_place(files, own.kind, sensor)}: sensor {sensor.name!r} is a <{own.kind}>, which cannot be measured; "
                 f"remove it, or use 'strip: [sensors]'; known are {', '.join(_UNITS)}"
             )
-            continue
-        if kind == "rangefinder" and (what := _of_an_image(sensor)):
+        elif own.kind == "rangefinder" and (what := _of_an_image(sensor)):
             faults.append(
-                f"{_place(files, kind, sensor)}: rangefinder {sensor.name!r} has {what}: only the distance from a site is "
-                "measured; remove it, or use 'strip: [sensors]'"
+                f"{_place(files, own.kind, sensor)}: rangefinder {sensor.name!r} has {what}: only the distance from a site "
+                "is measured; remove it, or use 'strip: [sensors]'"
             )
-            continue
-        own = timing[sensor.name]
-        first = own.phase_s % own.interval_s if own.interval_s > 0.0 else 0.0
-        settings = float(sensor.noise), own.cutoff, own.interval_s, first, own.delay_s
-        found.by_name[name] = ModelSensor(name, kind, unit_of_sensor(spec, kind, sensor.objname), *settings)
-        if (own.interval_s or own.delay_s) and not own.buffered:
-            without.append(repr(name))
     if faults:
         raise InputError(faults)
-    if without:
-        found.notes.append(
+    if without := [repr(f"{model}/{sensor.name}") for sensor in spec.sensors if sensor.name in timing.unbuffered]:
+        notes.append(
             f"interval and delay of {'sensor' if len(without) == 1 else 'sensors'} {', '.join(without)} are used, although "
             "MuJoCo ignores or refuses them without nsample"
         )
-    return found
+    return found, notes
 
 
 def _of_an_image(rangefinder: Any) -> str:
@@ -228,11 +190,7 @@ def _of_an_image(rangefinder: Any) -> str:
 
 def _place(files: ModelFiles, kind: str, sensor: Any) -> str:
     """``file:line`` of a sensor, in an included file too; the main file if it is not found."""
-    found: list[Element] = []
-    for name, content in files.files.items():
-        with suppress(InputError):  # a mesh
-            found += elements(content, files.place_of(name))
-    found = [each for each in found if each.tag == kind and "sensor" in each.parents]
+    found = [each for each in files.elements() if each.tag == kind and "sensor" in each.parents]
     named = [each for each in found if each.attributes.get("name") == sensor.name]
     unnamed = [each for each in found if "name" not in each.attributes and sensor.objname in ("", *each.attributes.values())]
     return (*(each.place for each in (*named, *unnamed)), files.place)[0]
@@ -246,7 +204,8 @@ def unit_of_sensor(spec: Any, kind: str, element: str) -> str:
         return kinds[kind.removeprefix("joint")][joint is not None and joint.type == mujoco.mjtJoint.mjJNT_SLIDE]
     if kind.startswith("tendon"):
         # The length of a fixed tendon of hinges alone is an angle, every other one a length.
-        path = spec.tendon(element).path
+        tendon = spec.tendon(element)
+        path = tendon.path if tendon is not None else ()
         hinges = all(each.type == mujoco.mjtWrap.mjWRAP_JOINT and each.target.type == _HINGE for each in path)
         return kinds[kind.removeprefix("tendon")][not hinges]
     return _UNITS[kind]
