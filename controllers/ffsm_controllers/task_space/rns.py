@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import PositiveFloat
 
 from ffsm_controllers.pd import Gain
 from ffsm_controllers.task_space.base_rotation import BaseRotation
@@ -44,6 +43,8 @@ from ffsm_mj.controller_protocol import (
 )
 
 _RATE = Signal("controller", "rns_base_rate_rad_s", "rad/s", "angular speed of the base")
+_SINGULAR_BASE_INERTIA_KG_M2 = 1e5
+"""Inertia of the base as the joints feel it above which they cannot turn it about an axis: torques for that fade out."""
 
 
 class BaseTurnGains(StrictModel):
@@ -65,9 +66,6 @@ class RnsConfig(DampedConfig):
     """Gains of the attitude of the tip; left out: it is not controlled."""
     base: BaseTurnGains = BaseTurnGains()
     """Gains of the rotation of the base; left out: its angular velocity stays as it is."""
-    singular_base_inertia_kg_m2: PositiveFloat = 1e5
-    """Inertia of the base as the joints feel it, kg m^2, above which they cannot turn it about an axis: torques for that
-    fade out."""
 
 
 class Rns(TaskLaw):
@@ -99,7 +97,7 @@ class Rns(TaskLaw):
             message = f"{n} joints are not more than the {axes} axes that the base turns about; nothing is left for the tip"
             raise ScenarioFaults([Fault(message, ("joints",))])
         self.directions = min(self.directions, n - axes)
-        self._largest, self._largest_base = config.singular_mass_kg, config.singular_base_inertia_kg_m2
+        self._largest, self._largest_base = config.singular_mass_kg, _SINGULAR_BASE_INERTIA_KG_M2
         self.watch(self._largest)
         self.telemetry_signals += (_RATE,)
         self._largest_rate = 0.0
