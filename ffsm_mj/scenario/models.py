@@ -99,50 +99,39 @@ class FromFile(StrictModel):
             raise ValueError(" ".join(error.lines)) from error
 
 
-class Robot(FromFile):
-    """The free-floating manipulator."""
+class OfFile(FromFile):
+    """A robot or an object, and what of its file is used; the file itself is not changed."""
 
     model: ModelSource = REQUIRED
     """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
-    as XML text or ``mujoco.MjSpec``; its root body is the base. Lengths in m; quaternions w, x, y, z."""
+    as XML text or ``mujoco.MjSpec``; the root body of a robot is the base. Lengths in m; quaternions w, x, y, z."""
     if TYPE_CHECKING:
         xml: str = ""
     body: Name | None = None
-    """Body of the file, right below its ``<worldbody>``, that the robot is with everything below it; the rest of the file is
-    left out."""
+    """Body of the file, right below its ``<worldbody>``, that is used with everything below it; the rest is left out.
+    ``world``, of an object with ``fixed: true``, is what the file fixes to the world."""
     asset_folders: tuple[Name, ...] = ()
     """Further folders with files of the model (meshes, includes), relative to the scenario file."""
     package_paths: tuple[Name, ...] = ()
     """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
     strip: tuple[Strippable, ...] = ()
-    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
+    """Elements to remove from the model, which would break conservation."""
+    limits: LimitsMode = "stop"
+    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
+
+
+class Robot(OfFile):
+    """The free-floating manipulator."""
+
     sites: dict[Name, SiteConfig] = {}
     """Sites to add to the model by name; the file itself is not changed."""
     joint_flex: dict[Name, JointFlex] = {}
     """Joints of the model with a flexible drive, by their names in the file; the file itself is not changed."""
-    limits: LimitsMode = "stop"
-    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
 
 
-class Model(FromFile):
+class Model(OfFile):
     """An object: floating, or fixed to the world."""
 
-    model: ModelSource = REQUIRED
-    """MJCF or URDF file, relative to the scenario file that names it, in Python to the current folder; or the model itself,
-    as XML text or ``mujoco.MjSpec``. Lengths in m; quaternions w, x, y, z."""
-    if TYPE_CHECKING:
-        xml: str = ""
-    body: Name | None = None
-    """Body of the file, right below its ``<worldbody>``, that the object is with everything below it; the rest is left out.
-    ``world`` is what the file fixes to the world, with ``fixed: true``."""
-    asset_folders: tuple[Name, ...] = ()
-    """Further folders with files of the model (meshes, includes), relative to the scenario file."""
-    package_paths: tuple[Name, ...] = ()
-    """Folders to search for packages of a URDF (``package://NAME/...``), after its parents; relative to the scenario."""
-    strip: tuple[Strippable, ...] = ()
-    """Elements to remove from the model, which would break conservation; the file itself is not changed."""
-    limits: LimitsMode = "stop"
-    """Joints with limits in the model stop there (``stop``, see joint_limits), or move on (``ignore``)."""
     fixed: bool = False
     """Fixed to the world: a wall, a docking port, a test rig. Its model has no joint; its impulses are external."""
     pose: Pose | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeAlias, Union
 
 from pydantic import (
     ConfigDict,
@@ -32,39 +32,34 @@ else:
     OptionalController = ControllerConfig | None
 
 
-class SensorEndConfig(StrictModel):
-    """A phase ends at a control tick at which a valid measurement is beyond a bound."""
+class _SensorBound(StrictModel):
+    """A bound on a measurement."""
 
-    sensor: Name
-    """A sensor; of a vector its norm counts, of a force or torque sensor the greater one of its value and its mean over the
-    interval, which contains impulses."""
     above: float | None = None
     """The phase ends above this value, in the unit of the sensor."""
     below: float | None = None
     """The phase ends below this value."""
 
     @model_validator(mode="after")
-    def _has_one_bound(self) -> SensorEndConfig:
+    def _has_one_bound(self) -> Self:
         if (self.above is None) == (self.below is None):
             raise ValueError("needs 'above' or 'below', one of the two")
         return self
 
 
-class SensorBranchConfig(StrictModel):
-    """A measurement beyond a bound, and the phase that follows."""
+class SensorEndConfig(_SensorBound):
+    """A phase ends at a control tick at which a valid measurement is beyond a bound."""
 
-    above: float | None = None
-    """The phase ends above this value, in the unit of the sensor; of a vector its norm counts."""
-    below: float | None = None
-    """The phase ends below this value."""
+    sensor: Name
+    """A sensor; of a vector its norm counts, of a force or torque sensor the greater one of its value and its mean over the
+    interval, which contains impulses."""
+
+
+class SensorBranchConfig(_SensorBound):
+    """A measurement beyond a bound, of a vector its norm, and the phase that follows."""
+
     phase: Name
     """The phase that follows."""
-
-    @model_validator(mode="after")
-    def _has_one_bound(self) -> SensorBranchConfig:
-        if (self.above is None) == (self.below is None):
-            raise ValueError("needs 'above' or 'below', one of the two")
-        return self
 
 
 class PhaseEnd(NamedTuple):
