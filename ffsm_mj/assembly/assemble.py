@@ -184,7 +184,7 @@ def _assembled(own: CompiledScenario) -> Assembly:
     contexts = _contexts(scenario, controller_system or system, plant, held)
     grasped = {name: each for name, each in contexts.items() if name}
     phases = build_phases(scenario, contexts[""], own.laws, grasped, own.recorded)
-    controller_model = ControllerModel(controller_system.mj, data, system.mj) if controller_system is not None else None
+    controller_model = ControllerModel(controller_system, data, system) if controller_system is not None else None
     controller = _phase_machine(scenario, phases, contexts[""], controller_model, plant, held, own.estimators)
     controller_data = data if controller_model is None else controller_model.data
     refuse_start(phases[0], scenario.phases[0], controller_data)
@@ -261,7 +261,7 @@ def _contexts(
 def _grasped_models(sources: Sequence[Source], held: Mapping[str, GraspedSystem]) -> dict[str, ControllerModel]:
     """Controller models while an object is grasped, by the name of the grasp."""
     return {
-        name: ControllerModel(each.controller_system.mj, source.data_of(name), each.system.mj, grasped=True)
+        name: ControllerModel(each.controller_system, source.data_of(name), each.system, grasped=True)
         for source in sources
         if isinstance(source, GraspModel)
         for name, each in held.items()

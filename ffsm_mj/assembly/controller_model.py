@@ -14,25 +14,7 @@ from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import IntArray
 from ffsm_mj.controller_protocol import Command, LawInCore, Observation
 from ffsm_mj.model.grasp import WRITTEN
-
-
-class SharedJoints:
-    """Where the joints of a model are in another one that has them all, by name.
-
-    Attributes:
-        ids: Ids of the joints in the other model, (njnt,).
-        qpos: Indices of the coordinates in it, (nq,).
-        dofs: Indices of the degrees of freedom in it, (nv,).
-        all: Whether it has no other joints.
-    """
-
-    def __init__(self, other: Any, model: Any) -> None:
-        """Find the joints of ``model`` in ``other``."""
-        self.ids: IntArray = np.array([other.joint(model.joint(j).name).id for j in range(model.njnt)], dtype=np.intp)
-        joints = [(other.joint(int(j)), model.joint(k)) for k, j in enumerate(self.ids)]
-        self.qpos: IntArray = np.concatenate([there.qposadr[0] + np.arange(len(own.qpos0)) for there, own in joints])
-        self.dofs: IntArray = np.concatenate([there.dofadr[0] + np.arange(len(own.damping)) for there, own in joints])
-        self.all = bool(other.njnt == model.njnt)
+from ffsm_mj.model.system import System, shared_joints
 
 
 class ControllerModel:
@@ -43,28 +25,31 @@ class ControllerModel:
         data: MuJoCo data of that model; always the same object.
     """
 
-    def __init__(self, model: Any, truth: Any, plant: Any, *, grasped: bool = False) -> None:
+    def __init__(self, system: System, truth: Any, plant: System, *, grasped: bool = False) -> None:
         """Bind to the model, and copy the state of the plant.
 
         Args:
-            model: The controller model, with the actuators of the plant and its joints, or some of them.
+            system: System of the controller model, with the actuators of the plant and its joints, or some of them.
             truth: The plant's data.
-            plant: The plant's model.
-            grasped: Whether the plant's model is one with a grasped object.
+            plant: The plant's system.
+            grasped: Whether it is one with a grasped object.
         """
-        self.model, self.data = model, mujoco.MjData(model)
-        self._truth, self._joints = plant if grasped else None, SharedJoints(plant, model)
+        self.model, self.data = system.mj, mujoco.MjData(system.mj)
+        self._truth, self._shared = plant.mj if grasped else None, shared_joints(system, plant)
+        self._has_all = bool(plant.mj.njnt == system.mj.njnt)
+        names = [system.mj.joint(j).name for j in range(system.mj.njnt)]
+        self._joint_ids: IntArray = np.array([plant.mj.joint(name).id for name in names], dtype=np.intp)
         self.follow(truth)
 
     def follow(self, truth: Any) -> None:
         """Copy time, coordinates, rates and forces from the plant's data; derived quantities are those of this model."""
-        data, joints = self.data, self._joints
-        if joints.all:
+        data, (qpos, its_qpos), (dofs, its_dofs) = self.data, *self._shared
+        if self._has_all:
             mujoco.mj_copyState(self.model, truth, data, WHOLE_STATE)
         else:
             data.time, data.ctrl[:] = truth.time, truth.ctrl
-            data.qpos[:], data.qvel[:] = truth.qpos[joints.qpos], truth.qvel[joints.dofs]
-            data.qfrc_applied[:], data.xfrc_applied[:] = truth.qfrc_applied[joints.dofs], truth.xfrc_applied
+            data.qpos[qpos], data.qvel[dofs] = truth.qpos[its_qpos], truth.qvel[its_dofs]
+            data.qfrc_applied[dofs], data.xfrc_applied[:] = truth.qfrc_applied[its_dofs], truth.xfrc_applied
         self.update()
 
     def update(self) -> None:
@@ -72,7 +57,7 @@ class ControllerModel:
         if self._truth is not None:  # the pose of a grasped object is written as the grasp closes
             for field in WRITTEN:
                 values = getattr(self._truth, field)
-                getattr(self.model, field)[:] = values[self._joints.ids] if field.startswith("jnt_") else values
+                getattr(self.model, field)[:] = values[self._joint_ids] if field.startswith("jnt_") else values
         mujoco.mj_forward(self.model, self.data)
 
 

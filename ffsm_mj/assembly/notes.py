@@ -17,7 +17,6 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_rules import ContactRule, Contacts
 from ffsm_mj.assembly.control_laws import undriven_actuators
-from ffsm_mj.assembly.controller_model import SharedJoints
 from ffsm_mj.assembly.grasps import grasps_of
 from ffsm_mj.assembly.plant import rounded_down, spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
@@ -38,7 +37,7 @@ from ffsm_mj.log.drawing import CheckedPair, InitialScene, NamedPoint
 from ffsm_mj.model.actuators import servo_mask
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.inputs import further_inputs
-from ffsm_mj.model.system import System
+from ffsm_mj.model.system import System, shared_joints
 from ffsm_mj.records.metadata import gravity_line, gravity_metadata
 from ffsm_mj.scenario.loading import never_armed
 from ffsm_mj.scenario.phases import graph_lines, is_branching
@@ -271,7 +270,8 @@ def _instability(assembly: Assembly, damping: _Damping) -> str:
     system, data, period = assembly.system, assembly.data, assembly.scenario.control_period_s
     dofs = damping.dofs
     if assembly.compiled.controller_system is not None:  # a law may not know all joints of the plant
-        dofs = SharedJoints(system.mj, assembly.compiled.controller_system.mj).dofs[dofs]
+        own, its = shared_joints(assembly.compiled.controller_system, system).dofs
+        dofs = its[np.argsort(own)][dofs]
     # This part of M^-1 is the inverse of M_c, the mass matrix of these dofs with all others floating.
     answers = np.empty((len(dofs), system.mj.nv))
     ConstrainedModel(system.mj).respond(data, np.eye(system.mj.nv)[dofs], answers)
