@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly import step_control
+from ffsm_mj.assembly.plant import step_control
 from tests.mechanisms.reduced import closing
 from tests.robots.menagerie import on_a_bus, tried
 from tests.robots.vendors import vendor_path
