@@ -7,15 +7,18 @@ from collections.abc import Sequence
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.errors import one_line
 from ffsm_mj.invocation import command
+from ffsm_mj.log.scenario import scenario_data
 from ffsm_mj.report.terminal import table
 from ffsm_mj.verification.check_result import Check, all_by_truncation
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 from ffsm_mj.verification.truncation import ExplainedChecks, has_question
 
 _STEP_HINT = (
-    "  these checks fail by the truncation of the step alone: write 'accuracy: 1e-9' in the scenario, use a shorter"
-    " time_step_s, or state an acceptable tolerance"
+    "  these checks fail by the truncation of the step alone: {divide}use a shorter time_step_s,"
+    " or state an acceptable tolerance"
 )
+_FINEST = 1e-9
+"""Least accuracy that a scenario may ask for."""
 _MOST_NAMES = 4
 
 
@@ -43,14 +46,14 @@ def _result(check: Check) -> str:
     return "passes" if check.passes else "truncation" if check.fails_by_truncation else "FAILED"
 
 
-def truncation_lines(checks: Sequence[Check]) -> list[str]:
+def truncation_lines(run: Run, checks: Sequence[Check]) -> list[str]:
     """Share of truncation in each residual that is too large, and a remedy; empty if there is none."""
     lines = [
         f"  {check.name} of {check.subsystem}, {check.truncation.sentence(check.unit)}"
         for check in checks
         if check.truncation
     ]
-    return [*lines, *([step_hint()] if all_by_truncation(checks) else [])]
+    return [*lines, *([step_hint(run)] if all_by_truncation(checks) else [])]
 
 
 def no_verdict(explained: ExplainedChecks, tolerance: Tolerance) -> str:
@@ -63,9 +66,12 @@ def no_verdict(explained: ExplainedChecks, tolerance: Tolerance) -> str:
     return f"  truncation: not analysed{why and f' ({one_line(why)})'}"
 
 
-def step_hint() -> str:
-    """What to do about checks that fail by truncation alone."""
-    return f"{_STEP_HINT}: {command('analyze', '--tolerance', '1e-8')}"
+def step_hint(run: Run) -> str:
+    """What to do about checks that fail by truncation alone: what the scenario does not say already."""
+    accuracy = scenario_data(run.log).get("accuracy") if run.log.header.scenario else None
+    finest = accuracy is not None and accuracy <= _FINEST
+    divide = "" if finest else "write 'accuracy: 1e-9' in the scenario, "
+    return f"{_STEP_HINT.format(divide=divide)}: {command('analyze', '--tolerance', '1e-8')}"
 
 
 def verdict(run: Run, checks: Sequence[Check]) -> str:

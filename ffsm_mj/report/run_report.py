@@ -40,7 +40,7 @@ def run_report(run: Run, explained: ExplainedChecks, notes: Sequence[str] = (), 
 
 def _report(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: int, *, tight: bool) -> str:
     """The report with at most so many rows in each of its parts."""
-    failures = _failures(explained, notes, most)
+    failures = _failures(run, explained, notes, most)
     result = "" if failures else worst_check(explained.checks)
     if not run.conservative:
         result = f"{result}{result and '; '}not conservative: {one_line(run.why_not_conservative)}"
@@ -50,7 +50,7 @@ def _report(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: in
     return "\n".join(shown) if tight else _stacked(shown)
 
 
-def _failures(explained: ExplainedChecks, notes: Sequence[str], most: int) -> str:
+def _failures(run: Run, explained: ExplainedChecks, notes: Sequence[str], most: int) -> str:
     """Checks that fail, with what is known about the cause; empty if all pass."""
     checks = explained.checks
     failing = sorted((check for check in checks if not check.passes), key=lambda check: check.fails_by_truncation is True)
@@ -60,7 +60,7 @@ def _failures(explained: ExplainedChecks, notes: Sequence[str], most: int) -> st
     lines = [check_table(failing[:shown])]
     if len(failing) > shown:
         lines.append(f"  and {len(failing) - shown} more")
-    lines += [step_hint()] if all_by_truncation(checks) else []
+    lines += [step_hint(run)] if all_by_truncation(checks) else []
     lines += filter(None, [no_verdict(explained, DEFAULT_TOLERANCE)])
     return "\n".join([*lines, *(f"  note: {note}" for note in notes[: max(most, 1)])])
 
@@ -112,9 +112,18 @@ def details(run: Run, most: int = MOST_ROWS) -> list[str]:
         _missed_phases(run),
         _notes_of_laws(run),
         _tip(run),
+        _joint_friction(run),
         momentum_line(run),
         unhandled_table(run.unhandled_contacts, most=most),
     ]
+
+
+def _joint_friction(run: Run) -> str:
+    """Heat of dry friction of joints and tendons; empty without any."""
+    column = "balance.total_joint_friction_heat_J"
+    if column not in run.keys or not len(run.time):
+        return ""
+    return f"dry friction of joints and tendons: {run[column][-1]:.4g} J of heat"
 
 
 def _sub_steps(run: Run) -> str:

@@ -51,7 +51,7 @@ def verification(run: Run, again: ReplayResult, explained: ExplainedChecks, tole
         parts.append(f"energy and momenta are not checked, the run is not conservative: {fault}")
     if checks:
         left = " in the readable part" if damage else ""
-        lines = [*truncation_lines(checks), *filter(None, [no_verdict(explained, tolerance)])]
+        lines = [*truncation_lines(run, checks), *filter(None, [no_verdict(explained, tolerance)])]
         parts.append("\n".join([verdict(run, checks) + left, *lines]))
     parts.append(agreement(again))
     parts.append("\n".join(stated_sensitivity(run)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from ffsm_mj.assembly.contact_rules import overlapping, resolve_contacts
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.models import compile_scenario, model_files
 from ffsm_mj.assembly.prepare import prepare
-from ffsm_mj.errors import InputError, ScenarioFaults
+from ffsm_mj.errors import InputError, ScenarioFaults, one_line
 from ffsm_mj.invocation import command
 from ffsm_mj.scenario.loading import load_scenario
 from ffsm_mj.templates.robot_text import flow, word
@@ -57,8 +58,10 @@ def write_scene(asked: SceneRequest) -> list[str]:
         overlaps = _overlaps(path)
         path.write_text(_text(asked, strips, overlaps), encoding="utf-8")
         prepared = prepare(path)
-    except BaseException:
+    except BaseException as error:
         path.unlink(missing_ok=True)
+        if isinstance(error, InputError):
+            raise InputError([_of_options(line, path) for line in error.lines]) from error
         raise
     objects = ", ".join(each.name for each in prepared.system.models if each.name != "robot") or "none"
     return [
@@ -68,6 +71,18 @@ def write_scene(asked: SceneRequest) -> list[str]:
         *([f"contacts ignored, as they overlap at the start: {len(overlaps)}"] if overlaps else []),
         f"next: {command('check', path)} && {command('run', path)}",
     ]
+
+
+def _of_options(line: str, path: Path) -> str:
+    """A line about the scenario, which is gone again, as one about the options that it was written from."""
+    start = f"{one_line(str(path))}:"
+    if not line.startswith(start):
+        return line
+    told = re.sub(r"^(\d+:)*\s*", "", line.removeprefix(start))
+    for key, option in (("scene.mjcf", "--scene"), ("scene.robot", "--robot")):
+        if told.startswith(f"{key}:"):
+            return f"new: {option}{told.removeprefix(key)}"
+    return f"new: as {path.name}: {told}"
 
 
 def _overlaps(path: Path) -> list[tuple[str, str]]:

@@ -428,6 +428,8 @@ def test_a_scene_in_one_file(vendor, capfd):
     assert "[rock/rock, surroundings/step]" in Path("my.yaml").read_text()
     assert ffsm_mj.run("my.yaml").outcome == "completed"
     assert "allowed: base, rock" in refused(capfd, "it", "--scene", path, "--robot", "floor")
+    assert refused(capfd, "it", "--scene", path, "--robot", "floor").startswith("new: --robot: unknown root")
+    assert refused(capfd, "it", "--scene", "none.xml", "--robot", "base").startswith("new: --scene: no such model file")
     assert "needs --robot BODY" in refused(capfd, "it", "--scene", path)
     assert "exists; nothing is written over it" in refused(capfd, "my", "--scene", path, "--robot", "base")
     assert [each.name for each in Path().iterdir()] == ["my.yaml"]

@@ -9,10 +9,13 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.report import terminal
+from ffsm_mj.report.check_report import step_hint
 from ffsm_mj.report.record_tables import impact_table
 from ffsm_mj.report.run_report import MOST_LINES, run_report
 from ffsm_mj.report.verification_report import check_table
 from ffsm_mj.verification.truncation import ExplainedChecks
+from tests.contact_models.joint_friction.scenes import run as friction_run
+from tests.contact_models.joint_friction.scenes import slider
 from tests.scenes import ball, scene, two_balls
 
 
@@ -133,3 +136,18 @@ def test_records_of_models_are_counted_before_tables_are_given_up(tmp_path):
         assert "robot-target" in report
     assert "limit impacts: " in report
     assert "(listed by analyze)" in report
+
+
+def test_the_heat_of_joint_friction_is_told(tmp_path):
+    """A slider loses its relative energy, 10/7 kg at 1.2 m/s: 36/35 J."""
+    made = friction_run(tmp_path, slider(3.0), 0.02, initial={"rates": {"s": 1.2}})
+    told = "dry friction of joints and tendons: 1.029 J of heat"
+    assert told in run_report(made, ExplainedChecks(all_checks(made)))
+    assert "dry friction" not in run_report(ffsm_mj.run(two_balls(tmp_path)), ExplainedChecks(()))
+
+
+@pytest.mark.parametrize("accuracy", [None, 1e-6, 1e-9])
+def test_the_finest_accuracy_is_proposed_where_it_is_not_asked_for(tmp_path, accuracy):
+    made = ffsm_mj.run(two_balls(tmp_path), {} if accuracy is None else {"accuracy": accuracy})
+    assert ("accuracy: 1e-9" in step_hint(made)) == (accuracy != 1e-9)
+    assert "time_step_s" in step_hint(made)
