@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.assembly.plant import step_control
+from ffsm_mj.assembly import plant
 from tests.mechanisms.reduced import closing
 from tests.robots.menagerie import on_a_bus, tried
 from tests.robots.vendors import vendor_path
@@ -103,8 +103,8 @@ def test_a_whole_gripper_closes_as_reduced_coordinates_say(gripper):
 
 def test_explicit_steps_of_the_gripper_have_order_four(gripper, monkeypatch):
     """The steps of 2 ms and .25 ms: errors of 1.3e-8 and 1e-10 rad."""
-    monkeypatch.setattr(step_control, "STIFF_STEP", math.inf)
-    monkeypatch.setattr(step_control, "RESOLVED_STEP", math.inf)
+    monkeypatch.setattr(plant, "STIFF_STEP", math.inf)
+    monkeypatch.setattr(plant, "RESOLVED_STEP", math.inf)
     found = [errors(closed(gripper, step_s))[0] for step_s in (2.5e-4, 1.25e-4)]
     assert found[0] < 2e-10
     assert found[0] / found[1] > 12.0
