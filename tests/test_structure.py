@@ -35,7 +35,6 @@ HOME = {
 BY_NAME = {"ffsm_mj/__init__.py"}
 """Files that import modules of ffsm_mj by name: the table of public names alone."""
 OTHERS_BY_NAME = {
-    "ffsm_mj/analysis/tables.py": "polars, if installed",
     "ffsm_mj/gym/rendering.py": "MuJoCo's modules for OpenGL, by environment variable",
 }
 """Files that import a module by a name that is computed, and which."""
