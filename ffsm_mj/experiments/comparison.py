@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.errors import InputError
-from ffsm_mj.experiments.results import SUCCESS, VariantResults, finite, numbers, passed
+from ffsm_mj.experiments.results import GOOD, SUCCESS, VariantResults, finite, numbers, passed
 from ffsm_mj.experiments.statistics import CONFIDENCE, Proportion, told_mean
 from ffsm_mj.report.markdown import percent
 
@@ -320,7 +320,7 @@ def _compared(results: VariantResults, first: str, second: str) -> VariantPair |
         apart = paired_difference(metric, numbers(one.loc[rows], metric), numbers(other.loc[rows], metric))
         if apart is not None:
             differences[metric] = apart
-    a, b = one["good"], other["good"]
+    a, b = one[GOOD], other[GOOD]
     good = (int((a & b).sum()), int((a & ~b).sum()), int((~a & b).sum()), int((~a & ~b).sum()))
     return VariantPair(first, second, len(common), int(valid.sum()), good, differences)
 

@@ -13,7 +13,7 @@ from ffsm_mj.analysis.run import Run
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.experiments.comparison import VariantComparison, VariantPair, bootstrap_interval
 from ffsm_mj.experiments.file import ParetoConfig
-from ffsm_mj.experiments.results import SUCCESS, Results, VariantResults, finite, numbers, passed
+from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, VariantResults, finite, numbers, passed
 from ffsm_mj.experiments.statistics import intervals, is_constant
 from ffsm_mj.records.metadata import logged_task
 from ffsm_mj.records.signals import identifier
@@ -76,7 +76,7 @@ def _grid(count: int, height_in: float) -> tuple[Figure, list[Axes]]:
 
 def _against_parameters(results: Results, metric: str) -> Figure:
     rows = results.frame.head(_MOST_POINTS)
-    good = rows["good"].to_numpy(np.bool_)
+    good = rows[GOOD].to_numpy(np.bool_)
     y = numbers(rows, metric)
     size = min(max(_INK / len(rows), 3.0), 30.0)
     with publication():

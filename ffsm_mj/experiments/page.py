@@ -13,7 +13,7 @@ from ffsm_mj.arrays import FloatArray
 from ffsm_mj.conditions import Condition
 from ffsm_mj.experiments.comparison import LEAST_RUNS, PairedDifference, VariantComparison, VariantPair
 from ffsm_mj.experiments.planning import flow
-from ffsm_mj.experiments.results import SUCCESS, Results, VariantResults, finite, numbers
+from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, VariantResults, finite, numbers
 from ffsm_mj.experiments.statistics import (
     CONFIDENCE,
     NO_SUCCESS,
@@ -47,7 +47,7 @@ def summary_lines(results: Results, conditions: tuple[Condition, ...]) -> list[s
 
 
 def _success(results: Results, conditions: tuple[Condition, ...]) -> str:
-    good = Proportion(int(results.sample["good"].sum()), len(results.sample))
+    good = Proportion(int(results.sample[GOOD].sum()), len(results.sample))
     what = (
         f"success ({' and '.join(f'{c.metric} {c.comparison} {c.bound:g}' for c in conditions)})" if conditions else "passed"
     )
@@ -222,7 +222,7 @@ def _shares(results: VariantResults, name: str) -> Iterator[list[str]]:
     if name and results.config.conditions:
         found.append(("condition met", counts.met))
     if each.has_success:
-        found.append((SUCCESS, int(sample["good"].sum())))
+        found.append((SUCCESS, int(sample[GOOD].sum())))
     for what, count in found if len(sample) else []:
         share = Proportion(count, len(sample))
         yield [what, escaped(name), f"{count} of {len(sample)}", percent(share.value), share.told]

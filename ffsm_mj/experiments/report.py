@@ -12,7 +12,7 @@ from ffsm_mj.experiments.campaign import Campaign
 from ffsm_mj.experiments.comparison import compare_variants
 from ffsm_mj.experiments.folder import RERUNS
 from ffsm_mj.experiments.page import report_page
-from ffsm_mj.experiments.results import TableRow, as_arrow
+from ffsm_mj.experiments.results import GOOD, TableRow, as_arrow
 from ffsm_mj.log.run_folder import find_log
 from ffsm_mj.report.markdown import html_page
 from ffsm_mj.report.output_place import folder_below, new_file
@@ -96,7 +96,7 @@ def write_tables(folder: Path, rows: Sequence[TableRow]) -> list[Path]:
 
 def _rerun_runs(found: Campaign) -> Iterator[tuple[bool, Run]]:
     """Repeated runs whose logs exist, and whether each is good."""
-    good, folder = found.results().frame["good"], found.folder.path / RERUNS
+    good, folder = found.results().frame[GOOD], found.folder.path / RERUNS
     made = sorted(folder.iterdir()) if folder.is_dir() else []
     for place in [place for place in made if place.name.isdecimal() and int(place.name) in good.index][:_MOST_REPLAYS]:
         try:

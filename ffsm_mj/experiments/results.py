@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 TableRow = dict[str, Any]
-SUCCESS = "success"
+SUCCESS, GOOD = "success", "run:good"
+"""Columns of success, and of whether a run is good; no parameter or metric has the latter's name."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,11 @@ class Results:
 
     @cached_property
     def frame(self) -> DataFrame:
-        """The rows by run, with the column ``good``: a success, or, without a condition, a run that has not failed."""
+        """The rows by run, with the column :data:`GOOD`: a success, or, without a condition, a run that has not failed."""
         import pandas as pd  # slow to import
 
         found = pd.DataFrame(list(self.rows), columns=None if self.rows else _HEAD, index=[row["run"] for row in self.rows])
-        return found.assign(good=~found["failed"].astype(bool) & found["success"].ne(False))
+        return found.assign(**{GOOD: ~found["failed"].astype(bool) & found["success"].ne(False)})
 
     @property
     def has_success(self) -> bool:

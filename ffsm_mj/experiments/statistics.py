@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsm_mj.arrays import FloatArray
-from ffsm_mj.experiments.results import SUCCESS, Results, TableRow, finite, numbers, passed
+from ffsm_mj.experiments.results import GOOD, SUCCESS, Results, TableRow, finite, numbers, passed
 from ffsm_mj.report.markdown import number, percent
 
 CONFIDENCE = 0.95
@@ -143,7 +143,7 @@ def interval_at(results: Results, what: str, runs: int) -> IntervalAtRuns | None
     """Estimate of ``success`` or of the median of a metric from the first runs; None if none has the metric."""
     rows = results.complete_part[:runs]
     if what == SUCCESS:
-        share = Proportion(int(rows["good"].sum()), len(rows))
+        share = Proportion(int(rows[GOOD].sum()), len(rows))
         return IntervalAtRuns(runs, share.value, *share.interval)
     values = finite(passed(rows), what)
     if not len(values):
@@ -193,7 +193,7 @@ class FailureGroup:
 
 def groups(results: Results) -> list[FailureGroup]:
     """Groups of runs that are not good, the largest group first."""
-    bad = results.frame[~results.frame["good"]]
+    bad = results.frame[~results.frame[GOOD]]
     how = [_how(row) for row in bad.to_dict("records")]
     made = [
         FailureGroup(name, phase, tuple(rows.index.tolist()), rows["message"].iloc[0])
@@ -234,7 +234,7 @@ def differences(results: Results) -> list[ParameterDifference]:
     """Differences by parameter, the smallest p-value first; empty if there are too few runs on either side."""
     from scipy.stats import ks_2samp  # slow to import
 
-    good = results.sample["good"].to_numpy(np.bool_)
+    good = results.sample[GOOD].to_numpy(np.bool_)
     found = []
     for parameter in results.parameters:
         values = numbers(results.sample, parameter)

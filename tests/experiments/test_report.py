@@ -79,6 +79,12 @@ def test_metrics_say_where_there_is_no_bound_and_what_is_constant(many):
     assert re.fullmatch(r"[\d.]+ \([\d.]+ to [\d.]+\)", some[3])
 
 
+def test_a_metric_may_be_called_as_what_is_derived():
+    found = results([row(i, x=float(i), good=float(i % 3)) for i in range(8)], metrics=("good",))
+    assert found.frame["run:good"].all()
+    assert cells(page(found), "`good`")[1] == "0"
+
+
 def test_sensitivity_of_what_is_constant(many):
     text = page(results(many)).partition("## Sensitivity")[2]
     assert cells(text, "`y`")[0] == "1.00"
