@@ -39,7 +39,7 @@ def test_what_acts_is_entered_in_the_balance(tmp_path, what):
     (tmp_path / "efforts.csv").write_text("\n".join((",".join(("time_s", *names)), *rows_played)))
     written(tmp_path, "")
     rates = {"free": [0.1, -0.2, 0.1, 0.3, 0.2, -0.4], "j1": 0.5, "j2": -1.0, "jb": [1.0, -0.7, 0.4]}
-    columns = {name: {"column": name, "unit": "N" if name == "x" else "N m"} for name in names}
+    columns = {name: {"column": name, "unit": "N" if name == "x" and "ball" not in what else "N m"} for name in names}
     playback = {"kind": "playback", "file": "efforts.csv", "columns": columns}
     path = scene(tmp_path, mjcf(**case), {}, duration_s=0.1, time_step_s=5e-4, initial={"rates": rates},
         phases=[{"name": "play", "until": "end", "controller": playback}])  # fmt: skip
