@@ -22,7 +22,8 @@ REFUSED = (
         "anymal_c_simple_description/anymal",
     ),
     *("b1_description/b1", "b1_description/b1-z1", "go1_description/go1", "hyq_description/hyq_no_sensors"),
-    *("icub_description/icub", "icub_description/icub_reduced", "pr2_description/pr2", "romeo_description/romeo"),
+    *("icub_description/icub", "icub_description/icub_reduced", "pr2_description/pr2"),
+    *("romeo_description/romeo", "romeo_description/romeo_laas_small", "romeo_description/romeo_small"),
     *("tiago_description/tiago", "tiago_description/tiago_dual", "tiago_description/tiago_no_hand"),
 )
 """Robots that MuJoCo refuses: the inertia of a link is that of no body, or a link that moves has none."""
