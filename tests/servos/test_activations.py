@@ -13,7 +13,7 @@ from ffsm_mj.replay import replay_log
 from tests.scenario.test_scenario import faults
 from tests.servos.scenes import START, link_scene, steps
 from tests.servos.test_servos import ANGLE, RATE, passes
-from tests.simulation.restored import is_rest_of, rest, told
+from tests.simulation.restored import goes_on, is_rest_of
 
 ACTIVATION = "actuators.robot_servo_activation"
 MOTOR = 'joint="j" motorconst=".05" resistance="2" gear="20"'
@@ -140,15 +140,8 @@ def test_a_run_goes_on_from_its_activation(tmp_path, what):
     (tmp_path / "setpoints.csv").write_text(f"time_s,actuators.robot_servo_applied{CASES[what][1][1]}\n0,.7\n9,.7\n")
     law = {"kind": "playback", "file": "setpoints.csv"}
     path = link_scene(tmp_path, law, actuators=CASES[what][0], duration_s=0.1)
-    with ffsm_mj.Simulator(path) as simulator:
-        simulator.reset()
-        while simulator.time_s < 0.05:
-            simulator.step()
-        state = simulator.get_state().to_bytes()
-        while not simulator.ended:
-            simulator.step()
-        whole = told(simulator.close())
-    assert is_rest_of(whole, rest(path, {}, state))
+    whole, continued = goes_on(path, at_s=0.05)
+    assert is_rest_of(whole, continued)
 
 
 def test_an_activation_begins_at_rest_unless_it_is_given(tmp_path):

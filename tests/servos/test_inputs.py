@@ -16,7 +16,7 @@ from tests.scenario.test_scenario import faults
 from tests.servos.scenes import START, link, link_scene, run_link, steps
 from tests.servos.test_activations import ACTIVATION
 from tests.servos.test_servos import ANGLE, RATE, passes
-from tests.simulation.restored import is_rest_of, rest, told
+from tests.simulation.restored import goes_on, is_rest_of
 
 PID = '<pid name="servo" joint="j" kp="8" kv=".6" ki="20"/>'
 POSITION, SPEED = "actuators.robot_servo_applied_rad", "actuators.robot_servo_vel_applied_rad_s"
@@ -167,15 +167,8 @@ def test_a_run_goes_on_from_its_setpoints(tmp_path):
         {"name": "off", "until": "end", "controller": {"kind": "off"}},
     ]
     path = link_scene(tmp_path, {}, model=model, phases=phases, duration_s=0.25, initial={})
-    with ffsm_mj.Simulator(path) as simulator:
-        simulator.reset()
-        while simulator.time_s < 0.1:
-            simulator.step()
-        state = simulator.get_state().to_bytes()
-        while not simulator.ended:
-            simulator.step()
-        whole = told(simulator.close())
-    assert is_rest_of(whole, rest(path, {}, state))
+    whole, continued = goes_on(path, at_s=0.1)
+    assert is_rest_of(whole, continued)
     assert whole["rows"].shape[0] > 200
 
 

@@ -15,7 +15,7 @@ from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
 from tests.scenes import ARM, HEAD, ball
 from tests.servos.scenes import INERTIA, KP, KV, SERVO, link, link_scene, run_link, steps
-from tests.simulation.restored import is_rest_of, rest, told
+from tests.simulation.restored import goes_on, is_rest_of
 
 HOLD = {"kind": "hold", "positions": [0.7]}
 ANGLE, RATE = "state.q_robot_j_rad", "state.v_robot_j_rad_s"
@@ -188,15 +188,8 @@ def test_a_run_goes_on_from_its_state(tmp_path):
         {"name": "off", "until": "end", "controller": {"kind": "off"}},
     ]
     path = link_scene(tmp_path, HOLD, phases=phases, duration_s=0.2)
-    with ffsm_mj.Simulator(path) as simulator:
-        simulator.reset()
-        while simulator.time_s < 0.1:
-            simulator.step()
-        state = simulator.get_state().to_bytes()
-        while not simulator.ended:
-            simulator.step()
-        whole = told(simulator.close())
-    assert is_rest_of(whole, rest(path, {}, state))
+    whole, continued = goes_on(path, at_s=0.1)
+    assert is_rest_of(whole, continued)
 
 
 class Damping(NotANumber):

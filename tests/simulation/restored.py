@@ -76,3 +76,16 @@ def main(folder: Path) -> None:
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]))
+
+
+def goes_on(path, at_s):
+    """What a run tells, and what one tells that goes on from bytes of its state at a time, s."""
+    with ffsm_mj.Simulator(path) as simulator:
+        simulator.reset()
+        while simulator.time_s < at_s:
+            simulator.step()
+        state = simulator.get_state().to_bytes()
+        while not simulator.ended:
+            simulator.step()
+        whole = told(simulator.close())
+    return whole, rest(path, {}, state)
