@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
@@ -75,7 +76,6 @@ class CoordinatesOfMotion:
 
     Attributes:
         moving: Coordinates whose rows depend on the configuration, (k,): lengths of spatial tendons.
-        mobilities: Inverse inertias of the coordinates at the reference pose, (k,).
     """
 
     def __init__(self, on: FrictionCoordinates, motion: Motion) -> None:
@@ -89,7 +89,7 @@ class CoordinatesOfMotion:
         self._paths = {i: paths[i] for i, t in enumerate(self._tendons.tolist(), n) if not is_fixed_tendon(model, t)}
         self.moving: BoolArray = np.zeros(len(on.names), dtype=np.bool_)
         self.moving[[*self._paths]] = True
-        self.mobilities = np.concatenate((model.dof_invweight0[self._dofs], model.tendon_invweight0[self._tendons]))
+        self._mobilities = np.concatenate((model.dof_invweight0[self._dofs], model.tendon_invweight0[self._tendons]))
         self._stages: list[FloatArray] = []
         self._motion = motion
 
@@ -108,6 +108,15 @@ class CoordinatesOfMotion:
     def rows(self) -> FloatArray:
         """Rates as functions of the generalised velocity, (k, nv)."""
         return np.concatenate((self._units, self._rows_of_tendons())) if len(self._tendons) else self._units
+
+    def mobilities(self) -> FloatArray:
+        """Inverse inertias of the coordinates, (k,): of constant rows at the reference pose, of others here."""
+        if self._paths:
+            rows = self._rows_of_tendons()[self.moving[len(self._dofs) :]]
+            response = np.empty_like(rows)
+            mujoco.mj_solveM(self._model, self._data, response, rows)
+            self._mobilities[self.moving] = np.einsum("ij,ij->i", response, rows)
+        return self._mobilities
 
     def second_rates(self) -> FloatArray:
         """Second rates at zero generalised acceleration, (k,)."""

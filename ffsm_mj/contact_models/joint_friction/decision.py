@@ -37,6 +37,12 @@ them may not end. It decides which rows are at a bound alone; the forces of the 
 """
 _AT_BOUND = 1e-9
 """A force this close to its bound, as a share of it, is at the bound."""
+_FAR = 1e6
+"""A row moves for certain if holding it took this many times what holds all others: its own force is then at a bound.
+
+Where the length of a tendon is extreme its row vanishes, but its second rate does not. Scaled with the need of such a row,
+what holds the others would be lost in rounding.
+"""
 _MOVES = 1e-8
 """A row at its bound moves if it accelerates by more than this share of what its own force and all others do to it.
 
@@ -74,8 +80,12 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
     # Rows that bilateral ones hold: no force moves them, and they carry none.
     free = own > RANK * masses
     forces = np.zeros(len(b))
-    if free.any():
-        forces[free] = _bounded(W[free], b[free], low[free], high[free], np.sqrt(masses[free]))
+    certain = _certain(W, b, high, free & np.isfinite(low), free)
+    forces[certain] = np.where(b < 0.0, high, low)[certain]
+    others = free & ~certain
+    if others.any():
+        rest = b + G @ forces
+        forces[others] = _bounded(W[others], rest[others], low[others], high[others], np.sqrt(masses[others]))
     accelerations = b + G @ forces
     terms = np.abs(b) + own * np.abs(forces)
     at_low = np.isfinite(low) & (forces <= (1.0 - _AT_BOUND) * low)
@@ -90,6 +100,24 @@ def bounded_forces(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArr
         left = b[held] + G[held] @ forces
         forces[held] -= np.linalg.lstsq(G[np.ix_(held, held)], left, rcond=RANK)[0]
     return BoundedForces(forces, b + G @ forces, moves)
+
+
+def _certain(W: FloatArray, b: FloatArray, high: FloatArray, rubs: BoolArray, free: BoolArray) -> BoolArray:
+    """Rows with dry friction that move whatever the forces on all rows are, (n,)."""
+    found = np.zeros(len(b), dtype=np.bool_)
+    sizes = np.linalg.norm(W, axis=1)
+    needs = np.where(rubs, np.abs(b) / np.where(rubs, sizes, 1.0), 0.0)
+    while np.count_nonzero(free & ~found) > 1:
+        most = int(np.argmax(np.where(found, 0.0, needs)))
+        others = free & ~found
+        others[most] = False
+        # Forces on the others do at most what holds them: the solution is the projection of it on a convex set.
+        held = np.linalg.lstsq(W[others], b[others], rcond=None)[0]
+        moving = found | (np.arange(len(b)) == most)
+        if needs[most] <= _FAR * (np.linalg.norm(held) + sizes[moving] @ high[moving]):
+            break
+        found[most] = True
+    return found
 
 
 def _bounded(W: FloatArray, b: FloatArray, low: FloatArray, high: FloatArray, sizes: FloatArray) -> FloatArray:

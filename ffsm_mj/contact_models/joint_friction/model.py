@@ -155,7 +155,6 @@ class JointFriction(EventSource, ForceSource, Replayable):
         super().bind(motion)
         self._smooth, self._verified = Smooth(motion, self.scene.data), None
         self._moved = CoordinatesOfMotion(self._on, motion)
-        self._brief = _BRIEF_S * self._on.limits * self._moved.mobilities
 
     def restart(self) -> None:
         """Decide anew: the state or the efforts changed discontinuously."""
@@ -242,7 +241,8 @@ class JointFriction(EventSource, ForceSource, Replayable):
         """
         scale = 1.0 + np.abs(self.motion.data.qvel).max()
         drifts = np.where(self._moved.moving & (self.senses == 0.0), CLOSED_RATE, RATE)
-        return np.asarray(np.abs(self._moved.rates()) <= drifts * scale + self._brief)
+        brief = _BRIEF_S * self._on.limits * self._moved.mobilities()
+        return np.asarray(np.abs(self._moved.rates()) <= drifts * scale + brief)
 
     def _sample(self, _: float) -> None:
         """Write the columns for the state in ``data`` under its efforts."""
@@ -276,14 +276,17 @@ class JointFriction(EventSource, ForceSource, Replayable):
             self.motion.refresh_forces()  # contacts decide on what carries force under the friction of joints that slide now
         self._verified = state
 
-    def _decided(self, others: FloatArray, before: FloatArray) -> Senses:
+    def _decided(self, others: FloatArray, before: FloatArray, stops: BoolArray | None = None) -> Senses:
         """Which joints slide from the state in ``data`` on.
 
         Args:
             others: Applied forces of other sources than contacts, (nv,).
             before: Senses in which joints that are at rest begin to slide; 0: it is to be found, (k,).
+            stops: Joints whose rate has just been found to pass zero; None: there are none, (k,).
         """
         slow, motion = self._slow(), self.motion
+        if stops is not None:
+            slow = slow | stops
         senses = np.where(slow, before, np.sign(self._moved.rates()))
         if not slow.any():
             return Senses.without_contacts(senses)
@@ -405,10 +408,13 @@ class JointFriction(EventSource, ForceSource, Replayable):
         breaks = self._held & (np.abs(holds) >= (1.0 - _REACHED) * self._on.limits)
         if not (stops.any() or breaks.any()):
             return None
-        exchange = self._stop(stops | (before == 0.0))
-        self._heat -= exchange.energy_J
         forced = np.where(breaks, -np.sign(holds), np.where(stops, 0.0, before))
-        self._set(self._decided(others, forced))
+        self._set(self._decided(others, forced, stops))
+        # Where the length of a tendon is extreme its row vanishes, and its rate passes zero while its joints move on: these
+        # must not be stopped.
+        passes = self._moved.moving & (before != 0.0) & (self.senses != 0.0)
+        exchange = self._stop((stops | (before == 0.0)) & ~passes)
+        self._heat -= exchange.energy_J
         self._write_friction()
         changed = stops | breaks | (self.senses != before)
         shared, values = event_fields(self.scene, instant, qvel_before), self._moved.values()

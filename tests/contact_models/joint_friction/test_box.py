@@ -83,3 +83,18 @@ def test_unilateral_rows(rng):
         assert found.forces[0] >= -1e-7 * (1.0 + np.abs(b).max())
         assert found.accelerations[0] >= -1e-7 * (1.0 + np.abs(b).max())
         assert found.forces[0] * found.accelerations[0] == pytest.approx(0.0, abs=1e-7 * (1.0 + np.abs(b).max()) ** 2)
+
+
+def test_a_row_that_vanishes(rng):
+    """Beside a row of 1e-9 to 1e-14, that of a cord at its longest, the decision on the others is that without it.
+
+    Its own limit does 3 e along any of them, up to 1e-8.
+    """
+    for _ in range(200):
+        W, b, limits, masses = problem(rng)
+        plain = bounded_forces(W, b, -limits, limits, masses)
+        tiny = rng.normal(size=W.shape[1]) * 10.0 ** -rng.uniform(9.0, 14.0)
+        W, b, limits = np.vstack((W, tiny)), np.append(b, 3.0), np.append(limits, 0.5)
+        found = bounded_forces(W, b, -limits, limits, np.append(masses, tiny @ tiny))
+        assert np.array_equal(found.moves, np.append(plain.moves, 1.0))
+        assert found.accelerations == pytest.approx(np.append(plain.accelerations, 3.0), abs=1e-7)

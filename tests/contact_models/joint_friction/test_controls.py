@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("example_contact_models")
 def test_a_decision_by_accelerations_at_a_breakaway(tmp_path, monkeypatch):
     """The acceleration is zero there: it sticks again, and the event is due again at the same instant."""
     decided = JointFriction._decided
-    monkeypatch.setattr(JointFriction, "_decided", lambda self, others, before: decided(self, others, 0.0 * before))
+    monkeypatch.setattr(JointFriction, "_decided", lambda self, others, before, *a: decided(self, others, 0.0 * before, *a))
     load = [{"kind": "drive", "joint": "s", "slope": 0.4}]
     made = ffsm_mj.run(rubbing(tmp_path, slider(1.0), 0.01, duration_s=3.0, contact_models=load))
     assert made.outcome == "event_limit"

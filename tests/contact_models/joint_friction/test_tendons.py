@@ -189,3 +189,42 @@ def test_a_run_goes_on_from_a_cord_that_sticks(tmp_path):
     made = simulator.close()
     assert made["contact.robot_cord_sliding"][np.searchsorted(made.time, 0.85)] == 0.0
     assert is_rest_of(told(made), rest(path, {}, state))
+
+
+def swing(other=""):
+    """An arm of 0.3 m on a bus, whose cord to a point beside it is longest where both are in line with the joint."""
+    return f"""<mujoco>{HEAD}<worldbody><body name="bus"><joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="y" type="slide" axis="0 1 0"/><joint name="turn" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="5" diaginertia="0.2 0.3 0.35"/><site name="anchor" pos="0 0.1 0"/>
+      <body name="arm" pos="0.3 0 0"><joint name="a" axis="0 0 1"/>
+      <inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.02 0.02"/><site name="tip" pos="0.3 0 0"/></body>{other}
+      </body></worldbody>
+      <tendon><spatial name="cord" frictionloss="0.5"><site site="anchor"/><site site="tip"/></spatial></tendon></mujoco>"""
+
+
+STUCK = """<body name="fin" pos="-0.3 0 0"><joint name="f" axis="0 0 1" frictionloss="2"/>
+  <inertial pos="-0.1 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/></body>"""
+"""Another arm, which sticks."""
+
+
+@pytest.mark.parametrize("other", ["", STUCK])
+def test_a_length_passes_its_extreme(tmp_path, other):
+    """Its row is zero there, and its rate turns back while the arm swings on; beside it another joint may stick.
+
+    Momenta drift by rounding and by the truncation of RK4: 4e-12 of a swing at 3 rad/s in steps of 1 ms.
+    """
+    ends, line = [], np.arctan2(-0.1, 0.3)
+    for step_s in (4e-3, 2e-3, 1e-3):
+        made = run(tmp_path, swing(other), step_s, duration_s=0.4, initial={"rates": {"a": -3.0}, "joints": {"a": 0.2}})
+        ((name, _, *senses),) = [each for each in changes(made) if each[0] == "cord"]
+        assert (name, *senses) == ("cord", 1, -1)
+        turn = next(each for each in made.records["stick_slips"] if each.joint == "robot/cord")
+        assert turn.value == pytest.approx(0.3 + np.hypot(0.3, 0.1), abs=1e-15)
+        assert turn.qpos[3] == pytest.approx(line, abs=1e-12)
+        for joint, rate in turn.qvel_before.items():
+            assert turn.qvel_after[joint] == pytest.approx(rate, abs=1e-12)
+        momentum = made.momentum("total")
+        assert np.abs(momentum - momentum[0])[:, [0, 1, 5]].max() < 1e-11 * (step_s / 1e-3) ** 4
+        ends.append(np.array([made[f"state.q_robot_{joint}_rad"][-1] for joint in ("turn", "a")]))
+    coarse, fine = (np.abs(one - other).max() for one, other in pairwise(ends))
+    assert coarse / fine == pytest.approx(16.0, rel=0.1)
