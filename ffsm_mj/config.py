@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Mapping
+from functools import partial
+from typing import Annotated, Any, Union
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, ValidationError, model_validator
-from pydantic_core import CoreSchema
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, core_schema
 
-from ffsm_mj.attribute_docstrings import attribute_docstrings
 from ffsm_mj.errors import one_line
 
 Name = Annotated[str, Field(min_length=1)]
@@ -49,6 +59,8 @@ class StrictModel(BaseModel):
 
         Pydantic's own ``use_attribute_docstrings`` reads the sources at import: an eighth of the start of every command.
         """
+        from ffsm_mj.attribute_docstrings import attribute_docstrings  # which parses sources; only schemas need it
+
         described = handler(schema)
         keys = handler.resolve_ref_schema(described).get("properties", {})
         for name, text in attribute_docstrings(cls).items():
@@ -62,6 +74,33 @@ class StrictModel(BaseModel):
     def _tuples_for_lists(cls, data: Any) -> Any:
         """Turn lists into tuples at every level, because strict tuple fields take nothing else."""
         return _tuples(data)
+
+
+def chosen_by_kind(models: Mapping[str, type[StrictModel]]) -> Any:
+    """Type of a section whose model is that of its ``kind``, as in a union of the models with the discriminator ``kind``.
+
+    A model is looked up when a section of its kind is validated: most are of control laws that a run does not import.
+    """
+
+    def validated(kind: str, value: Any) -> StrictModel:
+        return models[kind].model_validate(value)
+
+    class ChosenByKind:
+        of_kind = models
+
+        @classmethod
+        def __get_pydantic_core_schema__(cls, *_: Any) -> CoreSchema:
+            choices: dict[Any, Any] = {
+                kind: core_schema.no_info_plain_validator_function(partial(validated, kind)) for kind in models
+            }
+            return core_schema.tagged_union_schema(choices, discriminator="kind")
+
+        @classmethod
+        def __get_pydantic_json_schema__(cls, _: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+            union: Any = Annotated[Union[tuple(models[kind] for kind in models)], Field(discriminator="kind")]  # noqa: UP007
+            return handler(TypeAdapter(union).core_schema)
+
+    return ChosenByKind
 
 
 class _Converted(dict[Any, Any]):

@@ -9,45 +9,28 @@ from __future__ import annotations
 
 from functools import cache
 
-from ffsm_controllers.base_pd import BasePdConfig
-from ffsm_controllers.detumble.config import DetumbleConfig
-from ffsm_controllers.free_flying import FreeFlyingConfig
-from ffsm_controllers.gripper import GripperConfig
-from ffsm_controllers.hold import HoldConfig
-from ffsm_controllers.joint_path.config import JointPathConfig
-from ffsm_controllers.off import OffConfig
-from ffsm_controllers.osdre.law import OsdreConfig
-from ffsm_controllers.pd import PdConfig
-from ffsm_controllers.playback.config import PlaybackConfig
 from ffsm_controllers.plugins import Kinds, installed
-from ffsm_controllers.task_space.gjm_rate import GjmRateConfig
-from ffsm_controllers.task_space.impedance import ImpedanceConfig
-from ffsm_controllers.task_space.lqr import LqrConfig
-from ffsm_controllers.task_space.rns import RnsConfig
-from ffsm_controllers.task_space.task_ct import TaskCtConfig
-from ffsm_controllers.task_space.task_tj import TaskTjConfig
-from ffsm_controllers.track.config import TrackConfig
 
 GROUP = "ffsm_mj.controllers"
-_BUILT_IN = (
-    (OffConfig, "off:Off"),
-    (PdConfig, "pd:Pd"),
-    (OsdreConfig, "osdre.law:Osdre"),
-    (FreeFlyingConfig, "free_flying:FreeFlying"),
-    (TrackConfig, "track.law:Track"),
-    (BasePdConfig, "base_pd:BasePd"),
-    (HoldConfig, "hold:Hold"),
-    (GripperConfig, "gripper:Gripper"),
-    (JointPathConfig, "joint_path.law:JointPath"),
-    (PlaybackConfig, "playback.law:Playback"),
-    (DetumbleConfig, "detumble.law:Detumble"),
-    (GjmRateConfig, "task_space.gjm_rate:GjmRate"),
-    (TaskTjConfig, "task_space.task_tj:TaskTj"),
-    (TaskCtConfig, "task_space.task_ct:TaskCt"),
-    (RnsConfig, "task_space.rns:Rns"),
-    (LqrConfig, "task_space.lqr:Lqr"),
-    (ImpedanceConfig, "task_space.impedance:Impedance"),
-)
+_BUILT_IN = {
+    "off": ("off:OffConfig", "off:Off"),
+    "pd": ("pd:PdConfig", "pd:Pd"),
+    "osdre": ("osdre.law:OsdreConfig", "osdre.law:Osdre"),
+    "free_flying": ("free_flying:FreeFlyingConfig", "free_flying:FreeFlying"),
+    "track": ("track.config:TrackConfig", "track.law:Track"),
+    "base_pd": ("base_pd:BasePdConfig", "base_pd:BasePd"),
+    "hold": ("hold:HoldConfig", "hold:Hold"),
+    "gripper": ("gripper:GripperConfig", "gripper:Gripper"),
+    "joint_path": ("joint_path.config:JointPathConfig", "joint_path.law:JointPath"),
+    "playback": ("playback.config:PlaybackConfig", "playback.law:Playback"),
+    "detumble": ("detumble.config:DetumbleConfig", "detumble.law:Detumble"),
+    "gjm_rate": ("task_space.gjm_rate:GjmRateConfig", "task_space.gjm_rate:GjmRate"),
+    "task_tj": ("task_space.task_tj:TaskTjConfig", "task_space.task_tj:TaskTj"),
+    "task_ct": ("task_space.task_ct:TaskCtConfig", "task_space.task_ct:TaskCt"),
+    "rns": ("task_space.rns:RnsConfig", "task_space.rns:Rns"),
+    "lqr": ("task_space.lqr:LqrConfig", "task_space.lqr:Lqr"),
+    "impedance": ("task_space.impedance:ImpedanceConfig", "task_space.impedance:Impedance"),
+}
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import UserDict
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -12,7 +12,10 @@ from ffsm_mj.controller_protocol import StrictModel
 
 
 class Classes(UserDict[str, Any]):
-    """Classes by kind. In place of one may stand where it is: it is imported when it is asked for, most are in no run."""
+    """Classes by kind. In place of one may stand where it is: it is imported when it is asked for, most are in no run.
+
+    A law has its configuration model in a module apart where its own imports are many.
+    """
 
     def __getitem__(self, kind: str) -> Any:
         """Class of a kind."""
@@ -32,27 +35,25 @@ class Kinds:
         broken: Why a plugin could not be used, by kind.
     """
 
-    configs: dict[str, type[StrictModel]]
+    configs: Classes
     classes: Classes
     broken: dict[str, str]
 
 
-def installed(group: str, built_in: Iterable[tuple[type[StrictModel], str]], noun: str) -> Kinds:
+def installed(group: str, built_in: Mapping[str, tuple[str, str]], noun: str) -> Kinds:
     """Built-in classes and those of installed plugins; a broken plugin harms only the scenarios that ask for it.
 
     Args:
         group: Entry-point group.
-        built_in: Configuration models of this package, and ``module:Class`` of the class that each is for.
+        built_in: ``module:Class`` in this package of the configuration model and of the class that it is for, by kind.
         noun: What they are, for messages.
     """
-    kinds = Kinds({}, Classes(), {})
-    for config, place in built_in:
-        kind = _kind_of(config)
-        kinds.configs[kind] = config
-        kinds.classes[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
-    shipped = set(kinds.configs)
+    kinds = Kinds(Classes(), Classes(), {})
+    for kind, places in built_in.items():
+        for found, place in zip((kinds.configs, kinds.classes), places, strict=True):
+            found[kind] = EntryPoint(kind, f"{__package__}.{place}", group)
     for entry_point in entry_points(group=group):
-        if entry_point.name in shipped:
+        if entry_point.name in built_in:
             kinds.broken[entry_point.name] = f"{entry_point.value} has the name of a built-in {noun}; rename it"
             continue
         try:

@@ -81,7 +81,7 @@ class GeomSelector:
 
     def same_parts(self, side: GeomSelection) -> GeomSelection:
         """All geoms of the models that the geoms of a side belong to."""
-        return GeomSelection(np.isin(self.part, np.unique(self.part[side.geoms])) & (self.part >= 0))
+        return GeomSelection(np.isin(self.part, self.part[side.geoms]) & (self.part >= 0))
 
     def _subtree(self, name: str) -> npt.NDArray[np.bool_]:
         model, body = self._system.mj, self._body(name.removesuffix(SUBTREE), name)

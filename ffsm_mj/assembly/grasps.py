@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ffsm_mj.contact_models.grasp.grasped_motion import check_grasped_system
 from ffsm_mj.contact_models.grasp.loops import LoopForces
 from ffsm_mj.contact_models.grasp.model import GraspModel
 from ffsm_mj.contact_models.interface import ForceSource, Scene
-from ffsm_mj.contact_models.joint_friction.model import JointFriction
 from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.errors import Faults, unknown_name
 from ffsm_mj.model.grasp import Grasp
 from ffsm_mj.model.system import System, Tree
 from ffsm_mj.scenario.scenario import ScenarioConfig
+
+if TYPE_CHECKING:
+    from ffsm_mj.contact_models.joint_friction.model import JointFriction
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from ffsm_mj.contact_models.impact.records import LIMIT_IMPACT
 from ffsm_mj.contact_models.impact.rest_rule import RestRule
 from ffsm_mj.contact_models.interface import ContactModel, ForceSource, Scene, Source
 from ffsm_mj.contact_models.joint_friction.coordinates import friction_coordinates
-from ffsm_mj.contact_models.joint_friction.model import JointFriction
 from ffsm_mj.contact_models.joint_friction.record import STICK_SLIP
 from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
@@ -200,7 +199,11 @@ def contact_models_of(
     pushing = [each for each in declared if isinstance(each, ForceSource)]
     others = [persistent, *pushing]
     on = friction_coordinates(scene.system)
-    friction = JointFriction(scene, on, persistent, pushing) if on is not None else None
+    friction = None
+    if on is not None:
+        from ffsm_mj.contact_models.joint_friction.model import JointFriction  # few scenes need it
+
+        friction = JointFriction(scene, on, persistent, pushing)
     loops, grasps = grasp_models_of(scenario, scene, motion, held, others, friction)
     return tuple(each for each in (impacts, friction, loops, persistent, grasps, *declared) if each is not None)
 
@@ -239,7 +242,7 @@ def record_kinds(
         *((LIMIT_IMPACT, *LIMIT_KINDS) if limits else ()),
         *((EFFORT_CHANGE,) if any(isinstance(each, DelayedControl) for each in sources) else ()),
         *(KINDS if scenario.grasps else ()),
-        *((STICK_SLIP,) if any(isinstance(each, JointFriction) for each in sources) else ()),
+        *((STICK_SLIP,) if any(STICK_SLIP in getattr(each, "records", ()) for each in sources) else ()),
         *(kind for each in scenario.contact_models for kind in record_kinds_of(each.kind)),
     ]
     return tuple(dict.fromkeys(kind.name for kind in kinds))

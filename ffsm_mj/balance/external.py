@@ -221,7 +221,7 @@ def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: 
     ids = np.flatnonzero(site_actuators(model))
     bodies = model.site_bodyid[model.actuator_trnid[ids, 0]]
     groups = []
-    for body in [body for body in np.unique(bodies).tolist() if body in tree.bodies]:
+    for body in sorted(set(bodies.tolist()) & set(tree.bodies)):  # np.unique imports numpy.ma
         of_body = ids[bodies == body]
         wrenches = np.stack([site_wrench(model, i) for i in of_body], axis=1)
         groups.append(Thrusters(model, data, body, of_body, wrenches, felt, work, impulse))

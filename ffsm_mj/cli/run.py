@@ -40,14 +40,9 @@ def run(options: argparse.Namespace, output: Output) -> int:
         prepare_from,
     )
     from ffsm_mj.assembly.process import noted
-    from ffsm_mj.cli.truncation import PATIENCE  # imports what replays logs
-    from ffsm_mj.experiments.file import is_campaign
-    from ffsm_mj.experiments.sensitivity import checked_parameters
+    from ffsm_mj.cli.truncation import PATIENCE
     from ffsm_mj.log.run_folder import RunFolder
 
-    if is_campaign(options.scenario):
-        use = command("campaign", "run", options.scenario)
-        raise InputError(f"{options.scenario}: is a campaign, not a scenario; use '{use}'")
     if options.out == "":
         complain("--out: an empty name; leave --out away for a folder in logs/")
         return BAD_INPUT
@@ -56,15 +51,22 @@ def run(options: argparse.Namespace, output: Output) -> int:
         given.refuse_earlier_run()
     with output.progress() as stage:
         stage(f"prepare {options.scenario}")
-        prepared = (
-            prepare(options.scenario, options.overrides)
-            if options.from_s is None
-            else prepare_from(options.scenario, options.from_s, options.overrides)
-        )
+        try:
+            prepared = (
+                prepare(options.scenario, options.overrides)
+                if options.from_s is None
+                else prepare_from(options.scenario, options.from_s, options.overrides)
+            )
+        except InputError:
+            _refuse_campaign(options.scenario)
+            raise
         if prepared.origin is not None:
             stage(f"make {prepared.origin.folder} again")
             prepared.origin.start()
-        checked_parameters(prepared)
+        if prepared.scenario.uncertainties:
+            from ffsm_mj.experiments.sensitivity import checked_parameters
+
+            checked_parameters(prepared)
         notes = prepared.notes()
     scenario = prepared.scenario
     head = _notes(notes, options)
@@ -81,6 +83,18 @@ def run(options: argparse.Namespace, output: Output) -> int:
     with noted(PATIENCE) as stopped:
         explained = _explained(done, folder, options.truncation, stopped, output)
         return _summarise(done, explained, folder, notes, options, output, len(wrapped(head).splitlines()), said)
+
+
+def _refuse_campaign(name: str) -> None:
+    """Say that what was to be run is a campaign, if it is.
+
+    Raises:
+        InputError: It is.
+    """
+    from ffsm_mj.experiments.file import is_campaign
+
+    if is_campaign(name):
+        raise InputError(f"{name}: is a campaign, not a scenario; use '{command('campaign', 'run', name)}'")
 
 
 def _explained(

@@ -7,8 +7,6 @@ from collections.abc import Callable
 from ffsm_mj.analysis.run import Run
 from ffsm_mj.cli.progress import Stage
 from ffsm_mj.errors import described, raised_at
-from ffsm_mj.replay import explain
-from ffsm_mj.replay.truncation import AnalysisLimits, usual_seconds
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.checks import DEFAULT_TOLERANCE, Tolerance
 from ffsm_mj.verification.truncation import ExplainedChecks, has_question
@@ -41,6 +39,9 @@ def explained_checks(
         return ExplainedChecks(checks)
     if budget_s == 0.0:
         return ExplainedChecks(checks, "--truncation off")
+    from ffsm_mj.replay import explain  # slow imports, which a run that passes does not need
+    from ffsm_mj.replay.truncation import AnalysisLimits, usual_seconds
+
     seconds = usual_seconds(run.log) if budget_s is None else budget_s
     report = stage(f"truncation of {name}, at most {seconds:.3g} s", "samples")
     try:

@@ -160,7 +160,7 @@ def joints_of_servos(system: System) -> dict[str, list[int]]:
     model, found = system.mj, dict[str, list[int]]()
     # A servo that acts from outside moves the base through them, and holds none.
     inputless = model.actuator_ctrllimited.astype(bool) & ~model.actuator_ctrlrange.any(axis=1)
-    servos = np.setdiff1d(np.flatnonzero(servo_mask(model) & ~inputless), external_servos(model)).tolist()
+    servos = sorted(set(np.flatnonzero(servo_mask(model) & ~inputless).tolist()) - set(external_servos(model)))
     if servos:
         data, moments = mujoco.MjData(model), np.zeros((model.nout, model.nv))
         mujoco.mj_forward(model, data)  # moments are zero before

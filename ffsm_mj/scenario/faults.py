@@ -248,6 +248,8 @@ def _member(node: Any, part: str | int) -> Any:
     if _is_model(node):
         field = _keys(node).get(str(part))
         return _unwrap(field.annotation) if field is not None else None
+    if models := getattr(node, "of_kind", {}):
+        return models.get(str(part))
     members = [_unwrap(arg) for arg in getattr(node, "__args__", ()) if arg is not type(None)]
     tagged = {m.model_fields["kind"].annotation.__args__[0]: m for m in members if _is_model(m) and "kind" in m.model_fields}
     if part in tagged:

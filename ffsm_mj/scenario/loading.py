@@ -5,10 +5,11 @@ A script may pass control laws and estimators, classes by kind, without a packag
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Union, cast
+from typing import Annotated, Any, Literal
 
 import mujoco
 import numpy as np
@@ -17,7 +18,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model
 from ffsm_controllers import kinds
 from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.config import ACTUATOR_KINDS
-from ffsm_mj.config import PartName, StrictModel
+from ffsm_mj.config import PartName, StrictModel, chosen_by_kind
 from ffsm_mj.contact_models.impact.law import impact_law, plugin_fault
 from ffsm_mj.contact_models.registry import contact_model_of, contact_models, record_kinds_of
 from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, faults_below, unknown_name
@@ -308,11 +309,10 @@ def validated(
 
 def _model_with(laws: Mapping[str, Any], own_estimators: Mapping[str, Any]) -> type[ScenarioConfig]:
     """Scenario model that accepts these beside what is installed."""
-    configs = [
-        (*first, *installed.configs.values(), *(config_of(each, kind) for kind, each in own.items()))
-        for first, installed, own in (((), kinds(), laws), ((TruthConfig,), estimators(), own_estimators))
-    ]
-    law, estimator = (cast("Any", Annotated[Union.__getitem__(each), Field(discriminator="kind")]) for each in configs)
+    law, estimator = (
+        chosen_by_kind(ChainMap({kind: config_of(each, kind) for kind, each in own.items()}, installed.configs, *others))
+        for own, installed, others in ((laws, kinds(), ()), (own_estimators, estimators(), ({"truth": TruthConfig},)))
+    )
     parts: Any = Annotated[dict[PartName, law], Field(min_length=1)] | None  # type: ignore[valid-type]
     name = PhaseConfig.__name__
     phase: Any = create_model(name, __base__=PhaseConfig, controller=(law | None, None), controllers=(parts, None))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Self, TypeAlias
 
 from pydantic import (
     ConfigDict,
@@ -17,18 +17,14 @@ from pydantic import (
 from ffsm_controllers import kinds
 from ffsm_controllers.settled import SettledConfig
 from ffsm_controllers.stop_condition import StopCondition
-from ffsm_mj.config import Name, PartName, StrictModel
+from ffsm_mj.config import Name, PartName, StrictModel, chosen_by_kind
 from ffsm_mj.errors import Fault, unknown_name
 
-_KINDS = kinds()
 if TYPE_CHECKING:
     ControllerConfig: TypeAlias = Any
     OptionalController: TypeAlias = Any
 else:
-    ControllerConfig = Annotated[
-        Union[tuple(_KINDS.configs.values())],  # noqa: UP007 (a union of unknown length)
-        Field(discriminator="kind"),
-    ]
+    ControllerConfig = chosen_by_kind(kinds().configs)
     OptionalController = ControllerConfig | None
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import (
     ConfigDict,
@@ -22,7 +23,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.config import ActuatorConfig
-from ffsm_mj.config import FileName, Name, StrictModel
+from ffsm_mj.config import FileName, Name, StrictModel, chosen_by_kind
 from ffsm_mj.contact_models.grasp.config import GraspConfig
 from ffsm_mj.contact_models.impact.law import impact_laws, plugin_fault
 from ffsm_mj.errors import Fault
@@ -115,10 +116,7 @@ class ToldAboveConfig(StrictModel):
 if TYPE_CHECKING:
     EstimatorConfig: TypeAlias = Any
 else:
-    EstimatorConfig = Annotated[
-        Union[TruthConfig, *estimators().configs.values()],
-        Field(discriminator="kind"),
-    ]
+    EstimatorConfig = chosen_by_kind(ChainMap(estimators().configs, {"truth": TruthConfig}))
 
 
 class JointLimitConfig(StrictModel):

@@ -92,7 +92,7 @@ class DelayedControl(Stateful, EventSource):
         super().__init__(scene)
         self._timing, self._actuation = timing, actuation
         delays = timing.delays_s
-        self._groups = [(float(delay), np.flatnonzero(delays == delay)) for delay in np.unique(delays)]
+        self._groups = [(delay, np.flatnonzero(delays == delay)) for delay in sorted(set(delays.tolist()))]
         self._under_way: deque[_Arrival] = deque()
         self._sent: list[_Arrival | None] = [None] * len(self._groups)
         self._effective = Command.off(len(delays))

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from functools import cache
 
-from ffsm_controllers.estimators.direct import DirectConfig
-from ffsm_controllers.estimators.mekf.config import MekfConfig
 from ffsm_controllers.plugins import Kinds, installed
 
 GROUP = "ffsm_mj.estimators"
-_BUILT_IN = ((DirectConfig, "estimators.direct:Direct"), (MekfConfig, "estimators.mekf.estimator:Mekf"))
+_BUILT_IN = {
+    "direct": ("estimators.direct:DirectConfig", "estimators.direct:Direct"),
+    "mekf": ("estimators.mekf.config:MekfConfig", "estimators.mekf.estimator:Mekf"),
+}
 
 
 @cache

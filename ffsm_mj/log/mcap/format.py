@@ -108,7 +108,9 @@ class SampleCodec:
         formats = ["<f8"] * len(offsets)
         self._record = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(template)})
         self._positions = np.array(offsets, dtype=np.intp)[:, None] + np.arange(8)
-        self._fixed = np.setdiff1d(np.arange(len(template)), self._positions)
+        written = np.zeros(len(template), dtype=np.bool_)
+        written[self._positions] = True
+        self._fixed = np.flatnonzero(~written)
 
     @property
     def message_size(self) -> int:
