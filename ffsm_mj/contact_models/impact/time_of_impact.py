@@ -263,14 +263,14 @@ _KINKED = 20
 but creeps along a gap that stays at rounding and then falls, as that of a cap that falls flat does."""
 
 
-def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
+def first_touch(at: At, start: float, end: float, pressed: Callable[[float], bool]) -> float | None:
     """First touch in an interval, s, or None.
 
     Args:
         at: Moves to a time in s and evaluates the pair there.
         start: Start of the interval, s.
         end: End of the interval, s.
-        pressed: Whether a closed pair at rest begins to overlap, at the time that ``at`` moved to last.
+        pressed: Moves to a time in s and tells whether the pair, closed and at rest there, begins to overlap.
     """
     first, last = at(start), at(end)
     if first.approaches:
@@ -287,7 +287,7 @@ def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity],
     if top.gap <= level + top.rounding:
         # The pair never leaves contact. If efforts press it, contact begins at the maximum; else it must fall by more than
         # rounding, or every evaluation would report a touch.
-        if pressed(top):
+        if pressed(highest):
             return highest
         level -= fall
         if last.gap > level:
@@ -295,7 +295,7 @@ def first_touch(at: At, start: float, end: float, pressed: Callable[[Proximity],
     return root(lambda t: at(t).gap - level, (highest, top.gap - level), (end, last.gap - level), last.rounding)
 
 
-def _by_halves(at: At, start: float, end: float, pressed: Callable[[Proximity], bool]) -> float | None:
+def _by_halves(at: At, start: float, end: float, pressed: Callable[[float], bool]) -> float | None:
     """First touch by bisection: a gap that rises at both ends and is lower at the second has more than one extremum."""
     middle = 0.5 * (start + end)
     # Within an instant the gap and its rate are rounding; from 0 s on a thousand halves lead to the least number.
@@ -497,10 +497,15 @@ class Detector(EventSource, Replayable):
         pair, model, data = self.pairs[i], self._model, self._data
 
         def at(time: float) -> Proximity:
-            self.motion.path.move_to(time)
+            if (i, time) not in self._evaluated:
+                self.motion.path.move_to(time)
             return self._proximity(i, time)
 
-        return first_touch(at, start, end, lambda near: pair.is_pressed(model, data, near))
+        def pressed(time: float) -> bool:
+            self.motion.path.move_to(time)
+            return pair.is_pressed(model, data, at(time))
+
+        return first_touch(at, start, end, pressed)
 
     def _first_in(self, a: _Sample, b: _Sample, depth: int) -> float | None:
         """First touch between two samples, by bisection until each pair that may touch moves by less than its size."""
@@ -515,6 +520,10 @@ class Detector(EventSource, Replayable):
             return None
         simple = all(motion <= self.pairs[i].size for i, motion in candidates)
         if simple or depth >= _MAX_DEPTH:
+            for time in (b.time, a.time):  # at once for all of them: each move integrates from the start of the step
+                self.motion.path.move_to(time)
+                for i, _ in candidates:
+                    self._proximity(i, time)
             touches = [t for t in (self._touch_of(i, a.time, b.time) for i, _ in candidates) if t is not None]
             return min(touches, default=None)
         self._bisections += 1
