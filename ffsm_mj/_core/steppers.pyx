@@ -14,10 +14,11 @@ them is explicit (the classical method), or implicit where a force is stiff in t
 import mujoco
 import numpy as np
 
-from ffsm_mj.dynamics.implicit_stages import IMPLICIT_WEIGHTS, integrate_implicitly
+from ffsm_mj.dynamics.implicit_stages import IMPLICIT_WEIGHTS, ImplicitStep, PLACES
 from ffsm_mj.dynamics.rigid_body import rotation_dofs
+from ffsm_mj.tolerances import EPSILON
 
-from libc.math cimport fabs, INFINITY, sqrt
+from libc.math cimport fabs, INFINITY, isfinite, sqrt
 from libc.string cimport memcpy, memset
 
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL
@@ -30,6 +31,11 @@ BOUND_MARGIN = 1.1
 WEIGHTS = np.array((1.0, 2.0, 2.0, 1.0)) / 6.0
 """Quadrature weights of the four stages of an explicit step."""
 cdef double _BOUND_MARGIN = BOUND_MARGIN
+cdef double[3] _PLACES = PLACES, _IMPLICIT_WEIGHTS = IMPLICIT_WEIGHTS
+# Largest number of iterations of an implicit step; 3 or 4 reach rounding. They end at changes of the increments below the first
+# share of 1 + the largest rate, or below the second one if they do not get smaller.
+cdef int PASSES = 30
+cdef double SETTLED = 2.0 * EPSILON, NEARLY = 1e-10
 cdef int _WHOLE_STATE = WHOLE_STATE
 
 
@@ -182,7 +188,10 @@ cdef class ActuatorPower:
 
 
 cdef void rotation_vector_rate(const double* turned, double* spin) noexcept:
-    """Replace a body-frame angular velocity by the rate of the rotation vector."""
+    """Replace a body-frame angular velocity w by the rate of the rotation vector t: w + t x w / 2 + t x (t x w) / 12.
+
+    The inverse of the exponential map's differential, truncated after second order: enough for a method of order four.
+    """
     cdef double a = turned[0], b = turned[1], c = turned[2], x = spin[0], y = spin[1], z = spin[2]
     cdef double u = b * z - c * y, v = c * x - a * z, w = a * y - b * x, twelfth = 1.0 / 12.0
     spin[0] = x + 0.5 * u + twelfth * (b * w - c * v)
@@ -196,7 +205,7 @@ cdef class ForcedStepper(FreeStepper):
     cdef public bint inside, solved
     cdef public int repeats
     cdef public object stage, stiff, activations
-    cdef bint asked_implicit
+    cdef bint asked_implicit, held
     cdef readonly object start_rates, rotations
     cdef readonly ActuatorPower power
     cdef tuple pushes
@@ -204,7 +213,9 @@ cdef class ForcedStepper(FreeStepper):
     cdef double[::1] qpos, accelerations, applied, start_qpos, start_qvel
     cdef double[:, :, ::1] slopes  # of four stages: rates of rotation vectors and other coordinates, accelerations
     cdef double[::1] mean
-    cdef object flat_slopes, flat_mean
+    cdef object flat_slopes, flat_mean, residuals, acting
+    cdef double[:, :, ::1] nodes, before, increments  # of an implicit step: the same of its three nodes
+    cdef double[:, ::1] differences
     cdef Py_ssize_t[::1] turning
 
     def __init__(
@@ -226,6 +237,9 @@ cdef class ForcedStepper(FreeStepper):
         self.start_qpos, self.start_qvel = np.empty(model.nq), self.start_rates
         self.flat_slopes, self.flat_mean = np.empty((4, 2 * model.nv)), np.empty(2 * model.nv)
         self.slopes, self.mean = self.flat_slopes.reshape(4, 2, -1), self.flat_mean
+        self.nodes, self.before, self.increments = (np.empty((3, 2, model.nv)) for _ in range(3))
+        self.residuals = np.empty((3, model.nv))
+        self.differences = self.residuals
 
     @property
     def implicit(self):
@@ -271,7 +285,7 @@ cdef class ForcedStepper(FreeStepper):
         memcpy(&self.start_qvel[0], &self.rates[0], self.rates.shape[0] * sizeof(double))
         self.solved = True
         if self.asked_implicit or self.stiff is not None:
-            self.solved = integrate_implicitly(self, self.data, duration_s)
+            self.solved = self.integrate_implicitly(start_s, duration_s)
         else:
             self.integrate_explicitly(start_s, duration_s)
         self.data.time = start_s + duration_s
@@ -307,6 +321,136 @@ cdef class ForcedStepper(FreeStepper):
         WEIGHTS.dot(self.flat_slopes, self.flat_mean)  # its order of summation is not ours to know
         self.set_state(h, &self.mean[0])
         return 0
+
+    cdef bint integrate_implicitly(self, double start_s, double h) except -1:
+        """Set the state at the end of an implicit step; returns whether its equations were solved."""
+        cdef double change = INFINITY, last
+        cdef int again, solved = True
+        step = self.stage = ImplicitStep(h, self.start_rates)
+        cdef const double[:, ::1] weights = step.weights
+        self.begin_nodes(h)
+        self.add_up(self.nodes, weights)
+        try:
+            for again in range(PASSES):
+                last, change = change, self.evaluate_nodes(step, start_s, h, again > 0)
+                solved = self.correct_nodes(step, h)
+                change = max(change, self.end_pass(weights))
+                if not isfinite(change):
+                    solved = False
+                    break
+                if change <= SETTLED or (change <= NEARLY and change >= 0.5 * last):  # rounding
+                    break
+            else:
+                solved = False
+        finally:
+            self.stage, self.repeats = None, 0
+        self.set_state(1.0, &self.increments[2, 0, 0])
+        if self.power is not None:
+            self.power.end(h)
+        if self.activations is not None:
+            self.activations.move_to_node(h, step.weights[2])
+        return solved
+
+    cdef int begin_nodes(self, double h) except -1:
+        """Estimate rates and accelerations at the nodes, and prepare what actuators need."""
+        cdef Py_ssize_t i, k
+        self.held = False
+        for k in range(3):
+            for i in range(self.rates.shape[0]):
+                self.nodes[k, 0, i] = self.rates[i]
+                # The accelerations at the start of a transient are none that last.
+                self.nodes[k, 1, i] = self.accelerations[i] if self.stiff is None else 0.0
+        if self.activations is not None:
+            self.activations.begin(h, 3)
+        if self.stiff is not None:
+            self.stiff.update()
+            self.acting = np.array((self.stiff.acting(),) * 3)
+        return 0
+
+    cdef double evaluate_nodes(self, step, double start_s, double h, bint again) except -1.0:
+        """Replace the accelerations by those under the forces at the nodes; returns how much activations have changed."""
+        cdef Py_ssize_t i, k
+        cdef size_t size = self.nodes.shape[2] * sizeof(double)
+        cdef double change = 0.0
+        if self.power is not None:
+            self.power.clear()
+        memcpy(&self.before[0, 0, 0], &self.nodes[0, 0, 0], 6 * size)
+        for k in range(3):
+            step.node, self.repeats = k, k - 3 if again else 0
+            self.data.time = start_s + h * _PLACES[k]
+            self.set_state(1.0, &self.increments[k, 0, 0])
+            if self.activations is not None:
+                self.activations.move_to_node(h * _PLACES[k], step.weights[k])
+            self.update()
+            memcpy(&self.nodes[k, 1, 0], &self.accelerations[0], size)
+            if self.power is not None:
+                self.power.add(_IMPLICIT_WEIGHTS[k])
+            if self.activations is not None:
+                change = max(change, h * self.activations.set_node(k))
+            if self.stiff is not None:
+                self.acting[k] = self.stiff.acting()
+        return change
+
+    cdef bint correct_nodes(self, step, double h) except -1:
+        """Correct the accelerations by stiff forces, then by Newton's method; returns whether the former have a solution."""
+        cdef Py_ssize_t i, k
+        cdef bint solved = True
+        cdef double[:, ::1] found
+        if step.stiff is not None:
+            corrections = step.stiff.corrections(step, np.ascontiguousarray(self.nodes.base[:, 1]))
+            solved = corrections is not None
+            if solved:
+                found = corrections
+                for k in range(3):
+                    for i in range(self.rates.shape[0]):
+                        self.nodes[k, 1, i] += found[k, i]
+            if self.stiff is not None and not self.held:
+                self.stiff.hold(*step.stiff.held())
+                self.held = True
+        if self.stiff is not None:
+            for k in range(3):
+                for i in range(self.rates.shape[0]):
+                    self.differences[k, i] = self.nodes[k, 1, i] - self.before[k, 1, i]
+            found = self.stiff.correction(h, self.residuals, self.acting)
+            for k in range(3):
+                for i in range(self.rates.shape[0]):
+                    self.nodes[k, 1, i] = self.before[k, 1, i] + found[k, i]
+        return solved
+
+    cdef double end_pass(self, const double[:, ::1] weights) except -1.0:
+        """Set the rates by the accelerations; returns the largest change of the increments over 1 + the largest rate.
+
+        It is not finite if one of them is not.
+        """
+        cdef Py_ssize_t i, j, k, n = self.rates.shape[0]
+        cdef double total, largest = 0.0, fastest = 0.0, not_finite = 0.0
+        for k in range(3):
+            for i in range(n):
+                total = 0.0
+                for j in range(3):
+                    total += weights[k, j] * self.nodes[j, 1, i]
+                self.nodes[k, 0, i] = self.start_qvel[i] + total
+                fastest = max(fastest, fabs(self.nodes[k, 0, i]))
+            for j in range(self.turning.shape[0]):
+                rotation_vector_rate(&self.increments[k, 0, self.turning[j]], &self.nodes[k, 0, self.turning[j]])
+        memcpy(&self.before[0, 0, 0], &self.increments[0, 0, 0], 6 * n * sizeof(double))
+        self.add_up(self.nodes, weights)
+        for k in range(3):
+            for j in range(2):
+                for i in range(n):
+                    total = self.increments[k, j, i] - self.before[k, j, i]
+                    largest, not_finite = max(largest, fabs(total)), not_finite + 0.0 * total
+        return largest / (1.0 + fastest) + not_finite
+
+    cdef void add_up(self, const double[:, :, ::1] slopes, const double[:, ::1] weights) noexcept:
+        """Increments at the nodes from rates and accelerations there."""
+        cdef Py_ssize_t i, j, k
+        for k in range(3):
+            for j in range(2):
+                for i in range(self.rates.shape[0]):
+                    self.increments[k, j, i] = (
+                        weights[k, 0] * slopes[0, j, i] + weights[k, 1] * slopes[1, j, i] + weights[k, 2] * slopes[2, j, i]
+                    )
 
     cdef int end_stage(self, double weight) except -1:
         """Add power and rates of activations of a stage with its weight."""

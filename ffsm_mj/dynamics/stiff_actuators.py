@@ -8,7 +8,8 @@ the nodes are corrected by the solution of
 with the residual r_i of the accelerations, and the stiffness K_i and damping D_i of what acts at node i: servos at a limit
 of their force are not part of it. Rows that are held are in M^-1: closed loops, joints that stick, closed contacts. All are
 those at the start of the step, but for the limits: the iterations converge to the same solution, only slower where K and D
-change (Hairer & Wanner, *Solving Ordinary Differential Equations II*, sec. IV.8).
+change. Where the same servos act at all nodes, the eigenvectors of A separate the equations into those of one real node and
+of one complex one (Hairer & Wanner, *Solving Ordinary Differential Equations II*, sec. IV.8).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import mujoco
 import numpy as np
 
 from ffsm_mj.arrays import BoolArray, FloatArray, IntArray
+from ffsm_mj.dynamics.implicit_stages import COEFFICIENTS
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.actuators import servo_mask, without_force_limits
@@ -27,6 +29,14 @@ from ffsm_mj.tolerances import RANK
 
 _LENGTH, _RATE, _ACTIVATION = 1e-4, 1e-4, 1e-4
 """Steps of differences, m or rad, m/s or rad/s, and of activations."""
+_VALUES, _VECTORS = np.linalg.eig(COEFFICIENTS)
+_REAL, _COMPLEX = int(np.argmin(np.abs(_VALUES.imag))), int(np.argmax(_VALUES.imag))
+_PROJECTORS = _VECTORS.T[:, :, None] * np.linalg.inv(_VECTORS)[:, None, :]
+"""On each eigenvector of A: two are complex, and conjugate to each other."""
+_SHARES = np.stack((_PROJECTORS[_REAL].real, 2.0 * _PROJECTORS[_COMPLEX].real, -2.0 * _PROJECTORS[_COMPLEX].imag), -1)
+"""Shares of what acts on the real eigenvector and of real and imaginary part of what acts on a complex one, (3, 3, 3)."""
+_LINEAR_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED),)
+_LINEAR_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
 
 class StiffActuators:
@@ -43,10 +53,13 @@ class StiffActuators:
         self._model, self._data, self._response = model, data, response
         self._servos: IntArray = np.flatnonzero(servo_mask(model))
         self._springs, self._unlimited = JointSprings(model), without_force_limits(model)
-        self._moments = np.zeros((model.nout, model.nv))
+        self._moments, self._unit = np.zeros((model.nout, model.nv)), np.eye(model.nv)
         limited = model.actuator_forcelimited[self._servos].astype(bool)
         self._low, self._high = np.where(limited[:, None], model.actuator_forcerange[self._servos], [-np.inf, np.inf]).T
-        self._token = b""
+        kinds = model.actuator_gaintype[self._servos], model.actuator_biastype[self._servos]
+        self._linear = bool(np.isin(kinds[0], _LINEAR_GAINS).all() and np.isin(kinds[1], _LINEAR_BIASES).all())
+        self._slopes: tuple[FloatArray, FloatArray] | None = None
+        self._pattern = b""
         self._inverse: FloatArray = np.zeros((0, 0))
         self._limited_dofs = model.jnt_dofadr[model.jnt_actfrclimited.astype(bool)]
         self._dof_ranges = model.jnt_actfrcrange[model.jnt_actfrclimited.astype(bool)].T
@@ -54,8 +67,8 @@ class StiffActuators:
     def update(self) -> None:
         """Evaluate stiffness, damping and mobility at the state in the data, forces current."""
         self._evaluate()
-        self._mobility = self._response(np.eye(self._model.nv))
-        self._token = b""  # of no pattern
+        self._mobility = self._response(self._unit)
+        self._pattern = b""
 
     def hold(self, rows: FloatArray, response: FloatArray) -> None:
         """Take from the mobility what contacts hold.
@@ -66,7 +79,7 @@ class StiffActuators:
         """
         if len(rows):
             self._mobility = self._mobility - response.T @ np.linalg.lstsq(rows @ response.T, response, rcond=RANK)[0]
-            self._token = b""
+            self._pattern = b""
 
     def _evaluate(self) -> None:
         """Evaluate stiffness and damping."""
@@ -75,8 +88,9 @@ class StiffActuators:
             self._moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
         )
         self._rows = self._moments[servos]
-        self._k, self._d = _slopes(self._unlimited, data, servos)
-        mujoco.mj_fwdActuation(model, data)
+        if self._slopes is None or not self._linear:
+            self._slopes = _slopes(self._unlimited, data, servos)
+            mujoco.mj_fwdActuation(model, data)
         self._spring_K, self._spring_D = np.diag(springs.stiffness(data.qpos)), np.diag(springs.damping(data.qvel))
         if springs.tendons.elastic or springs.tendons.damped:
             tendons, rows = springs.tendons, springs.tendons.rows(data)
@@ -93,32 +107,51 @@ class StiffActuators:
             acting &= ~self._rows[:, blocked].any(axis=1)
         return np.asarray(acting)
 
-    def correction(self, weights: FloatArray, residuals: FloatArray, acting: BoolArray) -> FloatArray:
+    def correction(self, duration_s: float, residuals: FloatArray, acting: BoolArray) -> FloatArray:
         """Change of the accelerations at the nodes, (s, nv).
 
         Args:
-            weights: Coefficients of the accelerations in the velocities, s, (s, s).
+            duration_s: Duration of the step.
             residuals: Accelerations under the forces at the nodes less those from which their states follow, (s, nv).
             acting: Servos within their limits at each node, (s, n).
         """
-        token = acting.tobytes()
-        if token != self._token:
-            self._token, self._inverse = token, np.asarray(np.linalg.inv(self._matrix(weights, acting)), dtype=np.float64)
+        pattern = acting.tobytes()
+        if pattern != self._pattern:
+            same = pattern == pattern[: acting.shape[1]] * len(acting)
+            self._pattern = pattern
+            self._inverse = self._separated(duration_s, acting[0]) if same else self._joint(duration_s, acting)
         return np.asarray((self._inverse @ residuals.reshape(-1)).reshape(residuals.shape))
 
-    def _matrix(self, weights: FloatArray, acting: BoolArray) -> FloatArray:
+    def _separated(self, duration_s: float, acting: BoolArray) -> FloatArray:
+        """Inverse of the matrix of all nodes where the same servos act at all of them, (s nv, s nv).
+
+        On an eigenvector of A the matrix is 1 + M^-1 (w D + w^2 K), with w = h times the eigenvalue.
+        """
+        K, D = self._stiffness(acting)
+        by_rate, by_place = duration_s * (self._mobility @ D), duration_s**2 * (self._mobility @ K)
+        real, other = _VALUES[_REAL].real, _VALUES[_COMPLEX]
+        of_real = np.linalg.inv(self._unit + real * by_rate + real**2 * by_place)
+        of_other = np.linalg.inv(self._unit + other * by_rate + other**2 * by_place)
+        n, parts = len(of_real), np.stack((of_real, of_other.real, of_other.imag))
+        blocks = (_SHARES.reshape(9, 3) @ parts.reshape(3, -1)).reshape(3, 3, n, n)
+        return np.asarray(blocks.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n))
+
+    def _joint(self, duration_s: float, acting: BoolArray) -> FloatArray:
+        """Inverse of the matrix of all nodes, (s nv, s nv)."""
+        weights = duration_s * COEFFICIENTS
         nodes, n, square = len(weights), len(self._mobility), weights @ weights
         found = np.eye(nodes * n).reshape(nodes, n, nodes, n)
         for i in range(nodes):
             K, D = self._stiffness(acting[i])
             found[i] += np.einsum("ab,j->ajb", self._mobility @ D, weights[i])
             found[i] += np.einsum("ab,j->ajb", self._mobility @ K, square[i])
-        return found.reshape(nodes * n, nodes * n)
+        return np.asarray(np.linalg.inv(found.reshape(nodes * n, nodes * n)), dtype=np.float64)
 
     def _stiffness(self, acting: BoolArray) -> tuple[FloatArray, FloatArray]:
+        assert self._slopes is not None
         rows = self._rows
-        K = self._spring_K + rows.T @ ((self._k * acting)[:, None] * rows)
-        return K, self._spring_D + rows.T @ ((self._d * acting)[:, None] * rows)
+        K = self._spring_K + rows.T @ ((self._slopes[0] * acting)[:, None] * rows)
+        return K, self._spring_D + rows.T @ ((self._slopes[1] * acting)[:, None] * rows)
 
     def fastest(self) -> tuple[float, float]:
         """Largest rates of the loops at the state in the data, with all servos within their limits.

@@ -15,8 +15,8 @@ MOST_PARTS = 1024
 """Largest number of sub-steps of a step."""
 _AT_ONCE = 8
 """Largest number of sub-steps of a trial: the error of the trial is up to 8^4 times theirs, far above rounding."""
-_ORDER = 4
-"""The error of a step over its duration is proportional to this power of the duration (RK4)."""
+_ORDER, _IMPLICIT_ORDER = 4, 5
+"""The error of a step over its duration is proportional to this power of the duration: RK4, and Radau IIA."""
 _SAFETY = 1.5
 """Sub-steps are shorter by this factor than the power law requires, which leaves a fifth of the error."""
 _COARSE = 1e-6
@@ -145,6 +145,7 @@ class StepControl(Stateful):
             whether the motion bound excludes any event in it.
         """
         before: tuple[float, float] | None = None
+        order = _ORDER if motion.stiff is None else _IMPLICIT_ORDER
         rates: dict[float, float] = {}
         trial_s = left_s / math.ceil(left_s / self._reach_s) if self._reach_s < left_s else left_s
         while True:
@@ -159,8 +160,9 @@ class StepControl(Stateful):
             rate = rates[trial_s] = error / trial_s
             # The caller notices states that are not finite.
             if rate <= self._rate or error <= self._least or not math.isfinite(error):
+                self._reach_s = max(2.0 * trial_s, self._reach_s)  # a transient decays: the next trial may be longer
                 return self._plan_one(trial_s, clear)
-            parts = math.ceil(_SAFETY * (rate / self._rate) ** (1.0 / _ORDER))
+            parts = math.ceil(_SAFETY * (rate / self._rate) ** (1.0 / order))
             if parts <= _AT_ONCE and error <= _COARSE:
                 self._planned, self._planned_s = parts, trial_s / parts
                 self._reach_s = trial_s if parts > _AT_ONCE // 2 else 2.0 * trial_s

@@ -50,7 +50,7 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.springs import tendon_rows
 from ffsm_mj.errors import UnsupportedContactError
 from ffsm_mj.records.columns import Columns
-from ffsm_mj.tolerances import DISTANCE_QUERY_M, INSTANT_S, RATE
+from ffsm_mj.tolerances import DISTANCE_QUERY_M, EPSILON, INSTANT_S, RATE
 
 Indices = npt.NDArray[np.intp]
 _STEPS_AHEAD = 16
@@ -168,6 +168,9 @@ def _least(lengths: FloatArray) -> float:
     """Least of some lengths; infinite ones over infinite bounds, which are not numbers, do not count."""
     return float(np.fmin.reduce(lengths, initial=math.inf))
 
+_ROUNDING = 4.0 * EPSILON
+"""Of a gap q - limit with q near it, relative to 1 + the limit: q, the limit and their difference are rounded."""
+
 
 class LimitClearances:
     """Distances of joints from their limits, from step to step.
@@ -189,6 +192,9 @@ class LimitClearances:
         self._coordinates = LimitCoordinates(limits)
         self._dofs = np.array([limit.dof for limit in self._coordinates.joints], dtype=np.intp)
         self._signs, self._values = np.array([(limit.sign, limit.limit) for limit in limits]).reshape(-1, 2).T
+        # Coordinates of joints are exact; lengths of tendons at the start of a step are not known.
+        self._unknown = np.array([_ROUNDING * (1.0 + abs(limit.limit)) for limit in limits])
+        self._unknown[len(self._coordinates.joints) :] = DISTANCE_QUERY_M
         self._per_root_energy = np.array([limit.speed_bound_per_root_energy(model, scene.data) for limit in limits])
         self._watched, self.energy_reach = np.ones(len(limits), dtype=bool), 0.0
         self._motion: Motion | None = None
@@ -236,7 +242,7 @@ class LimitClearances:
         before = self._gaps(values)
         travel = BOUND_MARGIN * (motion.data.time - float(start[0])) * rates
         # Contact in between needs a motion of at least the sum of both gaps.
-        clear = (after > DISTANCE_QUERY_M) & (before + after - 2.0 * DISTANCE_QUERY_M > travel)
+        clear = (after > self._unknown) & (before + after - 2.0 * self._unknown > travel)
         self._set_reach(after, motion.flight.motion_bound)
         return self._indices(self._watched & ~clear)
 
