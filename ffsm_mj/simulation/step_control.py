@@ -19,6 +19,9 @@ _ORDER, _IMPLICIT_ORDER = 4, 5
 """The error of a step over its duration is proportional to this power of the duration: RK4, and Radau IIA."""
 _SAFETY = 1.5
 """Sub-steps are shorter by this factor than the power law requires, which leaves a fifth of the error."""
+_BELOW_ROUNDING = 0.1
+"""Sub-steps are as long as the budget allows, or so long that their error is below this share of what is rounding. Those of a
+run may have errors of one sign: 2.2e4 of an iiwa 14 in 1 s of a path add up to 1.8e-12 J."""
 _COARSE = 1e-6
 """A relative error above this is outside the range of the power law."""
 _LOST, _SMALL = 1e-3, 1e-9
@@ -162,7 +165,10 @@ class StepControl(Stateful):
             if rate <= self._rate or error <= self._least or not math.isfinite(error):
                 self._reach_s = max(2.0 * trial_s, self._reach_s)  # a transient decays: the next trial may be longer
                 return self._plan_one(trial_s, clear)
-            parts = math.ceil(_SAFETY * (rate / self._rate) ** (1.0 / order))
+            ratio = (rate / self._rate) ** (1.0 / order)
+            if self._least:  # the error itself has one power more
+                ratio = min(ratio, (error / (_BELOW_ROUNDING * self._least)) ** (1.0 / (order + 1)))
+            parts = math.ceil(_SAFETY * ratio)
             if parts <= _AT_ONCE and error <= _COARSE:
                 self._planned, self._planned_s = parts, trial_s / parts
                 self._reach_s = trial_s if parts > _AT_ONCE // 2 else 2.0 * trial_s
