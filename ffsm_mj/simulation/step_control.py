@@ -20,8 +20,10 @@ _ORDER, _IMPLICIT_ORDER = 4, 5
 _SAFETY = 1.5
 """Sub-steps are shorter by this factor than the power law requires, which leaves a fifth of the error."""
 _BELOW_ROUNDING = 0.1
-"""Sub-steps are as long as the budget allows, or so long that their error is below this share of what is rounding. Those of a
-run may have errors of one sign: 2.2e4 of an iiwa 14 in 1 s of a path add up to 1.8e-12 J."""
+"""Sub-steps are as long as the budget allows, or so long that their error is below this share of what is rounding.
+
+The errors may have one sign: those of 2.2e4 sub-steps of an iiwa 14 in 1 s of a path add up to 1.8e-12 J.
+"""
 _COARSE = 1e-6
 """A relative error above this is outside the range of the power law."""
 _LOST, _SMALL = 1e-3, 1e-9

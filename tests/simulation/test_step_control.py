@@ -39,7 +39,7 @@ class _Error:
 def _divided(error_of: Callable[[float], float]) -> list[float]:
     """Durations of the sub-steps of a time step, s, where the error of one is a function of its duration alone."""
     path = SimpleNamespace(at_s=0.0, move_to=lambda _: None)
-    motion = cast("Any", SimpleNamespace(step=lambda _: True, path=path, grasped_object=None))
+    motion = cast("Any", SimpleNamespace(stiff=None, step=lambda _: True, path=path, grasped_object=None))
     control, left_s, steps = StepControl(BUDGET, STEP_S, _Error(error_of), PARTS), STEP_S, list[float]()
     while left_s > 1e-9 * STEP_S:
         control.begin(left_s, pushed=True)

@@ -168,6 +168,7 @@ def _least(lengths: FloatArray) -> float:
     """Least of some lengths; infinite ones over infinite bounds, which are not numbers, do not count."""
     return float(np.fmin.reduce(lengths, initial=math.inf))
 
+
 _ROUNDING = 4.0 * EPSILON
 """Of a gap q - limit with q near it, relative to 1 + the limit: q, the limit and their difference are rounded."""
 
