@@ -35,8 +35,8 @@ _PROJECTORS = _VECTORS.T[:, :, None] * np.linalg.inv(_VECTORS)[:, None, :]
 """On each eigenvector of A: two are complex, and conjugate to each other."""
 _SHARES = np.stack((_PROJECTORS[_REAL].real, 2.0 * _PROJECTORS[_COMPLEX].real, -2.0 * _PROJECTORS[_COMPLEX].imag), -1)
 """Shares of what acts on the real eigenvector and of real and imaginary part of what acts on a complex one, (3, 3, 3)."""
-_LINEAR_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED),)
-_LINEAR_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+_CONSTANT_GAIN = int(mujoco.mjtGain.mjGAIN_FIXED)
+_NO_BIAS, _AFFINE_BIAS = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
 
 
 class StiffActuators:
@@ -56,9 +56,11 @@ class StiffActuators:
         self._moments, self._unit = np.zeros((model.nout, model.nv)), np.eye(model.nv)
         limited = model.actuator_forcelimited[self._servos].astype(bool)
         self._low, self._high = np.where(limited[:, None], model.actuator_forcerange[self._servos], [-np.inf, np.inf]).T
-        kinds = model.actuator_gaintype[self._servos], model.actuator_biastype[self._servos]
-        self._linear = bool(np.isin(kinds[0], _LINEAR_GAINS).all() and np.isin(kinds[1], _LINEAR_BIASES).all())
-        self._slopes: tuple[FloatArray, FloatArray] | None = None
+        # Slopes of affine servos are parameters of the model. Differences would have them with rounding of the state.
+        servos, biases = self._servos, model.actuator_biastype[self._servos]
+        affine = (model.actuator_gaintype[servos] == _CONSTANT_GAIN) & np.isin(biases, (_NO_BIAS, _AFFINE_BIAS))
+        self._curved: IntArray = np.flatnonzero(~affine)
+        self._slopes = -np.where(biases == _AFFINE_BIAS, model.actuator_biasprm[servos, 1:3].T, 0.0)
         self._pattern = b""
         self._inverse: FloatArray = np.zeros((0, 0))
         self._limited_dofs = model.jnt_dofadr[model.jnt_actfrclimited.astype(bool)]
@@ -88,8 +90,8 @@ class StiffActuators:
             self._moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
         )
         self._rows = self._moments[servos]
-        if self._slopes is None or not self._linear:
-            self._slopes = _slopes(self._unlimited, data, servos)
+        if len(self._curved):
+            self._slopes[:, self._curved] = _slopes(self._unlimited, data, servos[self._curved])
             mujoco.mj_fwdActuation(model, data)
         self._spring_K, self._spring_D = np.diag(springs.stiffness(data.qpos)), np.diag(springs.damping(data.qvel))
         if springs.tendons.elastic or springs.tendons.damped:
@@ -148,7 +150,6 @@ class StiffActuators:
         return np.asarray(np.linalg.inv(found.reshape(nodes * n, nodes * n)), dtype=np.float64)
 
     def _stiffness(self, acting: BoolArray) -> tuple[FloatArray, FloatArray]:
-        assert self._slopes is not None
         rows = self._rows
         K = self._spring_K + rows.T @ ((self._slopes[0] * acting)[:, None] * rows)
         return K, self._spring_D + rows.T @ ((self._slopes[1] * acting)[:, None] * rows)
