@@ -84,7 +84,7 @@ def baseline_folder(baseline) -> Path:
 @pytest.fixture
 def example_contact_models(monkeypatch) -> None:
     """The contact models that exist in tests only are known, registered like any other."""
-    monkeypatch.setattr(contact_models, "_REGISTERED", dict(contact_models._REGISTERED))
+    monkeypatch.setattr(contact_models.PLUGINS, "registered", dict(contact_models.PLUGINS.registered))
     monkeypatch.setattr(kinds, "_KNOWN", dict(kinds._KNOWN))
     for contact_model in (Drive, Spring, Weld):
         contact_models.register(contact_model)

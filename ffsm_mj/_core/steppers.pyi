@@ -1,6 +1,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from ffsm_mj._core.fields import FieldForces
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.actuators import Activations, DeadBands, ExternalServos, ForceLimits
 from ffsm_mj.dynamics.implicit_stages import ImplicitStep
@@ -48,6 +49,7 @@ class ForcedStepper(FreeStepper):
     start_rates: FloatArray
     rotations: Sequence[slice]
     power: ActuatorPower | None
+    field: FieldForces | None
     stiff: StiffActuators | None
     activations: Activations | None
     def __init__(

@@ -21,6 +21,7 @@ from ffsm_mj.tolerances import EPSILON
 from libc.math cimport fabs, INFINITY, isfinite, sqrt
 from libc.string cimport memcpy, memset
 
+from ffsm_mj._core.fields cimport FieldForces
 from ffsm_mj._core.functions cimport address, mj, mjData, mjModel, mjSTAGE_VEL
 
 
@@ -208,6 +209,7 @@ cdef class ForcedStepper(FreeStepper):
     cdef bint asked_implicit, held
     cdef readonly object start_rates, rotations
     cdef readonly ActuatorPower power
+    cdef public FieldForces field  # external fields, whose work and impulses the stages integrate; None without any
     cdef tuple pushes
     cdef object follow
     cdef double[::1] qpos, accelerations, applied, start_qpos, start_qvel
@@ -297,9 +299,8 @@ cdef class ForcedStepper(FreeStepper):
         cdef double* slopes = &self.slopes[0, 0, 0]
         memcpy(slopes, &self.rates[0], n * sizeof(double))
         memcpy(slopes + n, &self.accelerations[0], n * sizeof(double))
-        if self.power is not None:
-            self.power.clear()
-            self.power.add(1.0 / 6.0)
+        self.begin_work()
+        self.add_work(1.0 / 6.0)
         if self.activations is not None:
             self.activations.begin(h)
             self.activations.add(1.0 / 6.0)
@@ -312,8 +313,7 @@ cdef class ForcedStepper(FreeStepper):
             self.data.time = start_s + h
             self.evaluate(h, slopes + 4 * n, slopes + 6 * n)
             self.end_stage(1.0 / 6.0)
-            if self.power is not None:
-                self.power.end(h)
+            self.end_work(h)
             if self.activations is not None:
                 self.activations.end(h)
         finally:
@@ -345,8 +345,7 @@ cdef class ForcedStepper(FreeStepper):
         finally:
             self.stage, self.repeats = None, 0
         self.set_state(1.0, &self.increments[2, 0, 0])
-        if self.power is not None:
-            self.power.end(h)
+        self.end_work(h)
         if self.activations is not None:
             self.activations.move_to_node(h, step.weights[2])
         return solved
@@ -372,8 +371,7 @@ cdef class ForcedStepper(FreeStepper):
         cdef Py_ssize_t i, k
         cdef size_t size = self.nodes.shape[2] * sizeof(double)
         cdef double change = 0.0
-        if self.power is not None:
-            self.power.clear()
+        self.begin_work()
         memcpy(&self.before[0, 0, 0], &self.nodes[0, 0, 0], 6 * size)
         for k in range(3):
             step.node, self.repeats = k, k - 3 if again else 0
@@ -383,8 +381,7 @@ cdef class ForcedStepper(FreeStepper):
                 self.activations.move_to_node(h * _PLACES[k], step.weights[k])
             self.update()
             memcpy(&self.nodes[k, 1, 0], &self.accelerations[0], size)
-            if self.power is not None:
-                self.power.add(_IMPLICIT_WEIGHTS[k])
+            self.add_work(_IMPLICIT_WEIGHTS[k])
             if self.activations is not None:
                 change = max(change, h * self.activations.set_node(k))
             if self.stiff is not None:
@@ -452,10 +449,33 @@ cdef class ForcedStepper(FreeStepper):
                         weights[k, 0] * slopes[0, j, i] + weights[k, 1] * slopes[1, j, i] + weights[k, 2] * slopes[2, j, i]
                     )
 
-    cdef int end_stage(self, double weight) except -1:
-        """Add power and rates of activations of a stage with its weight."""
+    cdef int begin_work(self) except -1:
+        """Begin the integrals over the stages: work of actuators, work and impulses of fields."""
+        if self.power is not None:
+            self.power.clear()
+        if self.field is not None:
+            self.field.begin()
+        return 0
+
+    cdef int add_work(self, double weight) except -1:
+        """Add a stage to them with its weight."""
         if self.power is not None:
             self.power.add(weight)
+        if self.field is not None:
+            self.field.add(weight)
+        return 0
+
+    cdef int end_work(self, double duration_s) except -1:
+        """End them with a step of a duration."""
+        if self.power is not None:
+            self.power.end(duration_s)
+        if self.field is not None:
+            self.field.end(duration_s)
+        return 0
+
+    cdef int end_stage(self, double weight) except -1:
+        """Add power and rates of activations of a stage with its weight."""
+        self.add_work(weight)
         if self.activations is not None:
             self.activations.add(weight)
         return 0

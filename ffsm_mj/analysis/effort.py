@@ -211,7 +211,11 @@ def _angles(quaternions: FloatArray, first: FloatArray) -> FloatArray:
     return np.asarray(4.0 * np.arctan2(np.minimum(*chords), np.maximum(*chords)))
 
 
-_OUTSIDE = ("external", "external_on_objects", "fixed_on_robot", "fixed_on_objects")
+_OUTSIDE = (
+    "external",
+    "external_on_objects",
+    *(f"{by}_on_{of}" for by in ("fixed", "field") for of in ("robot", "objects")),
+)
 
 
 class _OuterLoad(NamedTuple):
@@ -226,7 +230,7 @@ class MomentumExchange:
     """Accumulates the angular momentum that comes from outside, and compares the last state with the first, body by body.
 
     All of it is about the centre of mass of everything that moves, in world axes, so that it is the same in every inertial
-    frame. The total changes by what acts from outside alone: thrusters, actuators on the base, fixed bodies. Uniform
+    frame. The total changes by what acts from outside alone: thrusters, actuators on the base, fixed bodies, fields. Uniform
     gravity has no moment about that centre.
 
     What comes from outside is taken from the balance, whose moments are about the world origin: with c the centre of mass

@@ -457,11 +457,17 @@ def describe(assembly: Assembly) -> list[str]:
         f"  {scenario.ticks} control ticks of {scenario.control_period_s:g} s, steps of {scenario.time_step_s:g} s",
         *initial_lines(assembly),
     ]
-    falls = gravity_line(gravity_metadata(system.mj.opt.gravity))
+    outside = [*filter(None, [gravity_line(gravity_metadata(system.mj.opt.gravity))]), *_fields(scenario)]
     lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
-        falls or "conservative: nothing in the models breaks it"
+        *(outside or ["conservative: nothing in the models breaks it"])
     ]
     return lines + [f"note: {note}" for note in (*notes(assembly), *mesh_notes(assembly.contacts, system))]
+
+
+def _fields(scenario: ScenarioConfig) -> list[str]:
+    """Line on the external fields."""
+    kinds = [each.kind for each in scenario.environment.fields] if scenario.environment is not None else []
+    return [f"external fields ({', '.join(kinds)}): their impulse and work enter the balance"] if kinds else []
 
 
 def _phases(scenario: ScenarioConfig) -> list[str]:

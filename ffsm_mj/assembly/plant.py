@@ -30,6 +30,7 @@ from ffsm_mj.dynamics.motion import Motion, actuator_power
 from ffsm_mj.dynamics.springs import FastestMode, JointSprings
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
+from ffsm_mj.fields.interface import Field, field_of
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
@@ -40,6 +41,7 @@ from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
+from ffsm_mj.simulation.fields import ExternalFields, bodies_of
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
 from ffsm_mj.simulation.plant import Plant, StateSignals
 from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
@@ -178,6 +180,7 @@ def contact_models_of(
     pairs: tuple[ContactPair, ...],
     limits: tuple[JointLimit, ...],
     held: Mapping[str, GraspedSystem],
+    fields: ExternalFields | None,
 ) -> tuple[Source, ...]:
     """All contact models of a scenario, in the order in which simultaneous events are applied.
 
@@ -188,6 +191,7 @@ def contact_models_of(
         pairs: Impact pairs.
         limits: Joint limits.
         held: Systems with grasped objects, by the name of the grasp.
+        fields: External fields; None: there are none.
 
     Raises:
         ScenarioFaults: A declared model cannot be created from its configuration.
@@ -196,7 +200,8 @@ def contact_models_of(
     persistent = PersistentContactModel(scene, (*pairs, *limits), overlap, heat)
     impacts = ImpactModel(scene, (*pairs, *limits), _rules(scenario), persistent, overlap, heat)
     declared = _declared(scenario, scene)
-    pushing = [each for each in declared if isinstance(each, ForceSource)]
+    outside = () if fields is None else (fields,)
+    pushing: list[ForceSource] = [*outside, *(each for each in declared if isinstance(each, ForceSource))]
     others = [persistent, *pushing]
     on = friction_coordinates(scene.system)
     friction = None
@@ -205,7 +210,7 @@ def contact_models_of(
 
         friction = JointFriction(scene, on, persistent, pushing)
     loops, grasps = grasp_models_of(scenario, scene, motion, held, others, friction)
-    return tuple(each for each in (impacts, friction, loops, persistent, grasps, *declared) if each is not None)
+    return tuple(each for each in (*outside, impacts, friction, loops, persistent, grasps, *declared) if each is not None)
 
 
 def _rules(scenario: ScenarioConfig) -> ImpactRules:
@@ -230,6 +235,23 @@ def _declared(scenario: ScenarioConfig, scene: Scene) -> tuple[ContactModel, ...
             with faults.below("contact_models", i):
                 made.append(contact_model_of(config.kind)(config, scene))
     return tuple(made)
+
+
+def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | None:
+    """The external fields of a scenario; None: there are none.
+
+    Raises:
+        ScenarioFaults: A field cannot be created from its configuration.
+    """
+    around, made = scenario.environment, list[Field]()
+    if around is None or not around.fields:
+        return None
+    bodies = bodies_of(scene.system)
+    with Faults() as faults:
+        for i, config in enumerate(around.fields):
+            with faults.below("environment", "fields", i):
+                made.append(field_of(config.kind)(config, bodies))
+    return ExternalFields(scene, made)
 
 
 def record_kinds(
@@ -274,12 +296,21 @@ def build_plant(
     scene, motion = Scene(system, data), Motion(system.mj, data, actuator_power(system, system.mj, data))
     actuation = Actuation(system, scenario.actuators, data, scenario.initial.activations)
     control = _delayed_control(scenario, scene, actuation)
-    models = contact_models_of(scenario, scene, motion, pairs, limits, held)
+    fields = external_fields(scenario, scene)
+    models = contact_models_of(scenario, scene, motion, pairs, limits, held, fields)
     integrator = EventDrivenIntegrator(motion, (*models, control) if control is not None else models)
     power = motion.power
     work, outside = (None, None) if power is None else (power.work, power.outside)
     impulse = None if outside is None else outside.impulse
-    balance = Balance(system, data, motion.momentum, capacity=BLOCK_ROWS, actuator_work=work, actuator_impulse=impulse)
+    balance = Balance(
+        system,
+        data,
+        motion.momentum,
+        capacity=BLOCK_ROWS,
+        actuator_work=work,
+        actuator_impulse=impulse,
+        field_done=None if fields is None else fields.done,
+    )
     integrator.control = step_control(scenario, system, data, balance, motion)
     tip = (task.tip_site, task.axes, task.motion) if task is not None else (None,)
     state = StateSignals(system, data, *tip)

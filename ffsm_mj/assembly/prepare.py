@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -21,6 +21,8 @@ from ffsm_mj.assembly.origin import Origin, origin_of, refuse_changes, with_init
 from ffsm_mj.assembly.recorded_files import recorded_files, with_waypoints
 from ffsm_mj.assembly.run import simulate
 from ffsm_mj.errors import InputError, one_line, raised_by_plugin
+from ffsm_mj.fields.interface import Field as ExternalField
+from ffsm_mj.fields.interface import register_all
 from ffsm_mj.invocation import on_command_line, override
 from ffsm_mj.log.run_folder import SCENARIO, RunFolder, write_scenario
 from ffsm_mj.model.files import read_model
@@ -262,6 +264,7 @@ def run(
     *,
     controllers: Classes = _NONE,
     estimators: Classes = _NONE,
+    fields: Iterable[type[ExternalField]] = (),
     out: str | Path | None = None,
     force: bool = False,
     rerun: bool | None = None,
@@ -277,6 +280,8 @@ def run(
         controllers: Control laws of the caller's own, classes by the ``kind`` under which the scenario asks for them
             (:class:`ffsm_mj.controller_protocol.Controller`; a ``Config`` may be left out): no package is needed.
         estimators: Estimators of the caller's own, likewise (:class:`ffsm_mj.controller_protocol.Estimator`).
+        fields: External fields of the caller's own, classes that the scenario names by kind under ``environment.fields``
+            (:class:`ffsm_mj.fields.interface.Field`); they stay known in this process, to replays of the log too.
         out: Run folder to write; None keeps the run in memory only.
         force: Replace a run that ``out`` already holds.
         rerun: Write ``run.rrd`` into the folder; None: as the scenario says.
@@ -294,6 +299,7 @@ def run(
         Exception: With ``check``, whatever a control law, an estimator or a contact model raised.
         KeyboardInterrupt: Ctrl-C or SIGTERM, when the log is closed: a loop over runs ends.
     """
+    register_all(fields)
     if out is not None:
         RunFolder(Path(out), force=force).refuse_earlier_run()  # before the models are compiled
     chosen = scenario_of(scenario, overrides, controllers=controllers, estimators=estimators)

@@ -49,7 +49,7 @@ class Balance:
     Attributes:
         free: Which of (P, L about the origin) the base joints of (total, robot, objects) leave free, 1 or 0, (3, 6).
         momentum: Array in which M qdot is kept current, (nv,).
-        work: Work and impulse of the efforts held in a (sub-)step, of gravity and of springs.
+        work: Work and impulse of the efforts held in a (sub-)step, of gravity, fields and springs.
         columns: Energies, momenta, balance terms and residuals.
     """
 
@@ -69,6 +69,7 @@ class Balance:
         capacity: int = 1,
         actuator_work: FloatArray | None = None,
         actuator_impulse: FloatArray | None = None,
+        field_done: FloatArray | None = None,
     ) -> None:
         """Start the balance at the state in ``data`` (all derived quantities current).
 
@@ -81,6 +82,7 @@ class Balance:
                 None: there are no servos.
             actuator_impulse: The same of the impulse of servos that act from outside, (P, L about the world origin),
                 (number of trees, 6); None: there are none.
+            field_done: The same of work and impulse of external fields, (number of trees, 7); None: there are none.
         """
         self._system = system
         robot_free = free_components(system, system.robot)
@@ -90,11 +92,10 @@ class Balance:
         self._base = BaseMomentum(system, system.robot)
         falls, joints = bool(np.any(system.mj.opt.gravity)), JointSprings(system.mj)
         springy, trees = joints.elastic or joints.damped, len(system.trees)
-        driven = any(tree > 0 for tree in system.actuator_trees)
-        self._statement = BalanceSignals(
-            fixed=bool(system.fixed), gravity=falls, springs=joints.elastic, dampers=joints.damped, driven=driven
-        )
-        kept = {"falls": falls, "springy": springy, "driven": driven}
+        driven, fields = any(tree > 0 for tree in system.actuator_trees), field_done is not None
+        present = {"fixed": bool(system.fixed), "gravity": falls, "fields": fields, "driven": driven}
+        self._statement = BalanceSignals(**present, springs=joints.elastic, dampers=joints.damped)
+        kept = {"falls": falls, "springy": springy, "driven": driven, "fields": fields}
         self._numbers = np.zeros(_OF_TREES + TreeAccounts.size(trees, **kept))
         self._accounts = BalanceTerms.of(self._numbers[:ACCOUNTS])
         self._of_trees = TreeAccounts(self._numbers[_OF_TREES:], trees, **kept)
@@ -102,7 +103,9 @@ class Balance:
         self._springs = SpringBalance(system, data, joints, self._of_trees.springs) if springy else None
         totals = self._numbers[ACCOUNTS:_OF_TREES]
         self._grasped_object = GraspedObjectBalance(system, data, momentum, totals, self._of_trees)
-        always = [part for part in (gravity, self._springs) if part is not None]
+        always: list[Any] = [part for part in (gravity, self._springs) if part is not None]
+        if field_done is not None:
+            always = [*always, StageWork(field_done, self._of_trees.fields)]
         self.work = self._step_work(data, always, actuator_work, actuator_impulse)
         self.momentum = momentum
         self._buffer = SampleBuffer(system, data, capacity, momentum, self._numbers)
@@ -152,9 +155,13 @@ class Balance:
         # A row logs the sums over all objects only, which the first takes: changes are all that counts.
         terms = before.accounts
         self._of_trees.numbers.fill(0.0)
-        work, impulse = terms.fallen[0], terms.gravity[0].reshape(2, 6)
-        for tree, gravity_work, pushed in zip(self._of_trees.gravity, work[1:], impulse, strict=False):
-            tree[0], tree[1:] = gravity_work, pushed
+        outside = (
+            (self._of_trees.gravity, terms.fallen, terms.gravity),
+            (self._of_trees.fields, terms.field_work, terms.field),
+        )
+        for trees, work, impulse in outside:
+            for tree, done, pushed in zip(trees, work[0, 1:], impulse[0].reshape(2, 6), strict=False):
+                tree[0], tree[1:] = done, pushed
         for sums in self._of_trees.actuators[1:2]:
             sums[0], sums[1:] = terms.objects_work[0, 0], terms.objects_external[0]
         for tree, *sums in zip(self._of_trees.springs, terms.heat[0, 1:], terms.truncation[0, 1:], strict=False):
@@ -195,9 +202,9 @@ class Balance:
         self, energy: FloatArray, momentum: FloatArray, accounts: BalanceTerms
     ) -> tuple[FloatArray, FloatArray]:
         """Residuals of energy, (n, 3), and of momentum, (n, 3, 6)."""
-        grown = accounts.gained + accounts.fallen - accounts.elastic - accounts.heat
+        grown = accounts.gained + accounts.fallen + accounts.field_work - accounts.elastic - accounts.heat
         grown[:, 0::2] += accounts.objects_work  # of the whole and of the objects
-        outside = accounts.fixed + accounts.gravity
+        outside = accounts.fixed + accounts.gravity + accounts.field
         outside[:, 6:] += accounts.objects_external
         impulses = accounts.external, accounts.contact, outside
         left = [

@@ -229,10 +229,10 @@ def thrusters(system: System, data: Any, tree: Tree, work: FloatArray, impulse: 
 
 
 class StageWork:
-    """Enters the work, or the impulse, of actuators that the stages of each (sub-)step have integrated."""
+    """Enters what the stages of each (sub-)step have integrated: work or impulse of actuators, or of external fields."""
 
     def __init__(self, done: FloatArray, work: FloatArray) -> None:
-        """Bind to what was done in the last (sub-)step, (n,), and to the account that receives it, (n,)."""
+        """Bind to what was done in the last (sub-)step, and to the account of the same shape that receives it."""
         self._done, self._work = done, work
 
     def open(self) -> None:

@@ -27,12 +27,13 @@ from ffsm_mj.records.signals import (
     unit_of,
 )
 
-ACCOUNTS = 59
+ACCOUNTS = 74
 """Number of scalar terms in a balance."""
 _BY_MATRIX = "momentum of the robot from the base rows of M qdot, paper (8)-(9); zero where the base joints are not free"
 _RESIDUAL = "momentum - momentum(0) - impulses, {}; zero where the base joints are not free"
 _FIXED = "impulse of fixed bodies on the {}"
 _GRAVITY = "impulse of gravity on the {}"
+_FIELD = "impulse of external fields on the {}"
 _OPTIONAL = {
     "fixed": 12,
     "fallen": 3,
@@ -42,6 +43,8 @@ _OPTIONAL = {
     "truncation": 3,
     "objects_work": 1,
     "objects_external": 6,
+    "field_work": 3,
+    "field": 12,
 }
 
 
@@ -62,6 +65,8 @@ class BalanceTerms:
         truncation: Energy that the truncation of RK4 takes from the modes of springs, by subsystem, J, (..., 3).
         objects_work: Work of the actuators of the objects, J, (..., 1).
         objects_external: Impulse (P, L about the origin) of base actuators of the objects on them, (..., 6).
+        field_work: Work of external fields on (total, robot, objects), J, (..., 3).
+        field: Impulse of external fields on the robot and on the objects, (..., 12).
     """
 
     work: FloatArray
@@ -76,11 +81,13 @@ class BalanceTerms:
     truncation: FloatArray
     objects_work: FloatArray
     objects_external: FloatArray
+    field_work: FloatArray
+    field: FloatArray
 
     @classmethod
     def of(cls, numbers: FloatArray) -> BalanceTerms:
         """Views of an array of all terms, (..., ACCOUNTS)."""
-        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31, 43, 46, 49, 52, 53), axis=-1))
+        return cls(*np.split(numbers, (1, 4, 10, 16, 28, 31, 43, 46, 49, 52, 53, 59, 62), axis=-1))
 
     def take(self, other: BalanceTerms) -> None:
         """Copy the values of another set of terms."""
@@ -125,6 +132,12 @@ def _components(group: str, name: str, meaning: str) -> tuple[Signal, ...]:
     return tuple(Signal(group, f"{name}_{component}", unit_of(component), meaning) for component in COMPONENTS)
 
 
+def _on_subsystems(name: str, meaning: str) -> tuple[Signal, ...]:
+    """Components of what acts on the robot and on the objects."""
+    parts = [_components("balance", f"{name}_{subsystem}", meaning.format(subsystem)) for subsystem in SUBSYSTEMS[1:]]
+    return parts[0] + parts[1]
+
+
 _ENTRIES = {
     "energy": _SignalGroup(_by_subsystem("energy", "{}_J", "kinetic energy"), lambda b: b.energy),
     "momentum": _SignalGroup(
@@ -146,23 +159,13 @@ _ENTRIES = {
     "contact": _SignalGroup(
         _components("balance", "contact", "impulse of contacts on the objects"), lambda b: b.accounts.contact
     ),
-    "fixed": _SignalGroup(
-        tuple(
-            s
-            for subsystem in SUBSYSTEMS[1:]
-            for s in _components("balance", f"fixed_on_{subsystem}", _FIXED.format(subsystem))
-        ),
-        lambda b: b.accounts.fixed,
-    ),
+    "fixed": _SignalGroup(_on_subsystems("fixed_on", _FIXED), lambda b: b.accounts.fixed),
     "fallen": _SignalGroup(_by_subsystem("balance", "{}_gravity_work_J", "work of gravity"), lambda b: b.accounts.fallen),
-    "gravity": _SignalGroup(
-        tuple(
-            s
-            for subsystem in SUBSYSTEMS[1:]
-            for s in _components("balance", f"gravity_on_{subsystem}", _GRAVITY.format(subsystem))
-        ),
-        lambda b: b.accounts.gravity,
+    "gravity": _SignalGroup(_on_subsystems("gravity_on", _GRAVITY), lambda b: b.accounts.gravity),
+    "field_work": _SignalGroup(
+        _by_subsystem("balance", "{}_field_work_J", "work of external fields"), lambda b: b.accounts.field_work
     ),
+    "field": _SignalGroup(_on_subsystems("field_on", _FIELD), lambda b: b.accounts.field),
     "elastic": _SignalGroup(
         _by_subsystem("energy", ELASTIC, "elastic energy of joint springs"), lambda b: b.accounts.elastic
     ),
@@ -196,15 +199,15 @@ class BalanceSignals:
     """Columns of the balance of a scene.
 
     Attributes:
-        signals: The columns; those of fixed bodies, gravity, springs, dampers and actuators of objects only if the scene
-            has them.
+        signals: The columns; those of fixed bodies, gravity, fields, springs, dampers and actuators of objects only if the
+            scene has them.
     """
 
-    def __init__(self, *, fixed: bool, gravity: bool, springs: bool, dampers: bool, driven: bool) -> None:
-        """Choose the columns for a scene with or without fixed bodies, gravity, springs and dampers, driven objects."""
+    def __init__(self, *, fixed: bool, gravity: bool, springs: bool, dampers: bool, driven: bool, fields: bool) -> None:
+        """Choose the columns for a scene with or without fixed bodies, gravity, springs, dampers, driven objects, fields."""
         present = {"fixed": fixed, "fallen": gravity, "gravity": gravity}
         present |= {"elastic": springs, "heat": dampers, "truncation": springs}
-        present |= {"objects_work": driven, "objects_external": driven}
+        present |= {"objects_work": driven, "objects_external": driven, "field_work": fields, "field": fields}
         self._entries = {name: entry for name, entry in _ENTRIES.items() if present.get(name, True)}
         self.signals = tuple(signal for entry in self._entries.values() for signal in entry.signals)
         self._ends = tuple(accumulate(len(entry.signals) for entry in self._entries.values()))

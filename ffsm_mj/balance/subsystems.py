@@ -1,8 +1,8 @@
 """Energies, momenta and their residuals by subsystem: total, robot and objects.
 
-Gravity, the springs and dampers of its own joints, and the actuators of an object act on each tree alone; their sums since
-t = 0 are kept by tree. What a grasped object gains from the robot is the change of its energy and momentum between two
-states, less what these sums give it.
+Gravity, external fields, the springs and dampers of its own joints, and the actuators of an object act on each tree alone;
+their sums since t = 0 are kept by tree. What a grasped object gains from the robot is the change of its energy and momentum
+between two states, less what these sums give it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def energy_balance_residual(subsystem: str, energy: FloatArray, work: FloatArray
         subsystem: ``total``, ``robot`` or ``objects``.
         energy: Kinetic energy of the subsystem, J, (n,).
         work: Work of the actuators, J, (n,).
-        gained: Energy gained by the subsystem in impacts and contacts and from gravity, J, (n,).
+        gained: Energy gained by the subsystem in impacts and contacts, from gravity and from fields, J, (n,).
     """
     return (energy if subsystem == "objects" else energy - work) - gained
 
@@ -60,7 +60,7 @@ def momentum_balance_residual(
         momentum: Momentum of the subsystem, (n, 6).
         external: External impulse of base actuators on the robot, (n, 6).
         contact: Impulse of the robot on the objects, the opposite of that on the robot, (n, 6).
-        outside: Impulse of fixed bodies and of gravity on robot and objects, (n, 12).
+        outside: Impulse of fixed bodies, of gravity and of fields on robot and objects, (n, 12).
         free: 1 for each component that the subsystem's base joints leave free, else 0, (6,).
     """
     on_robot, on_objects = outside[:, :6], outside[:, 6:]
@@ -80,9 +80,10 @@ class TreeAccounts:
         gravity: Those of gravity, a view, (number of trees or 0, Gravity.SIZE).
         springs: Those of springs and dampers, a view, (number of trees or 0, SpringBalance.SIZE).
         actuators: Work and impulse of those of the objects, a view, (number of trees or 0, Gravity.SIZE); the first is zero.
+        fields: Those of external fields, a view, (number of trees or 0, Gravity.SIZE).
     """
 
-    def __init__(self, numbers: FloatArray, trees: int, *, falls: bool, springy: bool, driven: bool) -> None:
+    def __init__(self, numbers: FloatArray, trees: int, *, falls: bool, springy: bool, driven: bool, fields: bool) -> None:
         """Lay out the values.
 
         Args:
@@ -91,16 +92,17 @@ class TreeAccounts:
             falls: Whether there is gravity.
             springy: Whether there are springs or dampers.
             driven: Whether an object has actuators.
+            fields: Whether there are external fields.
         """
         self.numbers = numbers
-        sizes = (Gravity.SIZE, SpringBalance.SIZE, Gravity.SIZE)
-        self._tables = [(trees * there, size) for size, there in zip(sizes, (falls, springy, driven), strict=True)]
-        self.gravity, self.springs, self.actuators = self._parts(numbers)
+        sizes, present = (Gravity.SIZE, SpringBalance.SIZE, Gravity.SIZE, Gravity.SIZE), (falls, springy, driven, fields)
+        self._tables = [(trees * there, size) for size, there in zip(sizes, present, strict=True)]
+        self.gravity, self.springs, self.actuators, self.fields = self._parts(numbers)
 
     @staticmethod
-    def size(trees: int, *, falls: bool, springy: bool, driven: bool) -> int:
+    def size(trees: int, *, falls: bool, springy: bool, driven: bool, fields: bool) -> int:
         """Number of values."""
-        return trees * (Gravity.SIZE * (falls + driven) + SpringBalance.SIZE * springy)
+        return trees * (Gravity.SIZE * (falls + driven + fields) + SpringBalance.SIZE * springy)
 
     def _parts(self, numbers: FloatArray) -> list[FloatArray]:
         ends = np.cumsum([lines * size for lines, size in self._tables[:-1]])
@@ -109,12 +111,14 @@ class TreeAccounts:
 
     def enter(self, numbers: FloatArray, terms: BalanceTerms) -> None:
         """Write the balance terms that follow from values, (..., number of values)."""
-        of_gravity, of_springs, of_actuators = self._parts(numbers)
+        of_gravity, of_springs, of_actuators, of_fields = self._parts(numbers)
         if of_actuators.size:
             of_objects = of_actuators[..., 1:, :].sum(axis=-2)
             terms.objects_work[:], terms.objects_external[:] = of_objects[..., :1], of_objects[..., 1:]
         if of_gravity.size:
-            terms.fallen[:], terms.gravity[:] = _gravity_by_subsystem(of_gravity)
+            terms.fallen[:], terms.gravity[:] = _external_by_subsystem(of_gravity)
+        if of_fields.size:
+            terms.field_work[:], terms.field[:] = _external_by_subsystem(of_fields)
         if of_springs.size:
             terms.elastic[:], terms.heat[:], terms.truncation[:] = np.moveaxis(_springs_by_subsystem(of_springs), -2, 0)
 
@@ -125,7 +129,7 @@ class TreeAccounts:
             numbers: Values, (..., number of values).
             tree: Index of the tree.
         """
-        of_gravity, of_springs, of_actuators = self._parts(numbers)
+        of_gravity, of_springs, of_actuators, of_fields = self._parts(numbers)
         if not numbers.size:
             return None
         entered = of_gravity[..., tree, :].copy() if of_gravity.size else np.zeros((*numbers.shape[:-1], Gravity.SIZE))
@@ -133,10 +137,12 @@ class TreeAccounts:
             entered[..., 0] -= of_springs[..., tree, 0] + of_springs[..., tree, 1]
         if of_actuators.size:
             entered += of_actuators[..., tree, :]
+        if of_fields.size:
+            entered += of_fields[..., tree, :]
         return entered
 
 
-def _gravity_by_subsystem(of_trees: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _external_by_subsystem(of_trees: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Work on (total, robot, objects), (..., 3), and impulses on robot and objects, (..., 12), from values by tree.
 
     Args:
@@ -174,7 +180,7 @@ class GraspedObjectBalance:
             data: Their state.
             momentum: M qdot, kept current by the caller, (nv,).
             numbers: Array for the sampled values: number; energy in J; P and L about the origin, (SIZE,).
-            accounts: What gravity, springs and dampers did to each tree, kept current by the caller.
+            accounts: What gravity, fields, springs and dampers did to each tree, kept current by the caller.
         """
         self._system, self._data, self._momentum = system, data, momentum
         self._numbers, self._start, self._accounts = numbers, numbers[1:], accounts

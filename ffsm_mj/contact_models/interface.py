@@ -342,12 +342,15 @@ class ForceSource(Source):
         is_reactive: Whether its forces depend on those of the other contact models: it is evaluated after them.
         is_bilateral: Whether its forces keep bilateral constraints under all other forces: it is evaluated last, from the
             state of the motion alone.
+        is_external: Whether its forces act from outside the system as a field does: always, smoothly, without an exchange
+            between the subsystems; from the state of the motion alone. The balance enters them by itself.
     """
 
     active = False
     pushes: ClassVar[bool] = True
     is_reactive: ClassVar[bool] = False
     is_bilateral: ClassVar[bool] = False
+    is_external: ClassVar[bool] = False
 
     def wrenches(self, data: Any) -> Sequence[Wrench]:
         """Wrenches that it exerts on bodies of the system; positions and velocities in ``data`` are current.

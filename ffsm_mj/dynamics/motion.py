@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.fields import FieldForces
 from ffsm_mj._core.steppers import ActuatorPower, ForcedStepper, FreeStepper
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.dynamics.actuators import Activations, DeadBands, ExternalServos, ForceLimits
@@ -49,6 +50,7 @@ class Motion:
         activations: Activations of the actuators; None without any.
         stiff: Stiffness of the actuators in implicit steps; None: steps are explicit unless contacts need implicit ones.
         power: Power of the actuators, whose work the stages of a step integrate; None without servos.
+        field: External fields, whose work and impulses the stages of a step integrate; None without any.
         force_limits: Limits of their forces, and dead bands of tendons; None without servos and bands.
         rubs: Whether joints have dry friction, so that ``loops`` change as these come to rest and begin to slide.
         disabled: Pairs of the system's geoms that closed grasps join to one rigid body.
@@ -77,6 +79,7 @@ class Motion:
         self.pushes: Sequence[Push] = ()
         self.loops: ClosedLoops | None = None
         self.power: ActuatorPower | None = power[0] if power is not None else None
+        self.field: FieldForces | None = None
         self._bands = DeadBands(model, data) or None
         limits = power[1] if power is not None else None
         self.force_limits = ForceLimits(model, data) if limits is None and self._bands is not None else limits
@@ -128,6 +131,7 @@ class Motion:
             follow = self.follow if of_system else _nothing
             pushed = ForcedStepper(self.model, self.data, self.path.start, self.momentum, every, follow, self.power)
             pushed.stiff, pushed.activations, pushed.bands = self.stiff, self.activations, self._bands
+            pushed.field = self.field
             self.flight, self.forced, self.path.integrate = pushed, pushed, pushed.integrate
             pushed.refresh()
         elif self.flight is not self._unpushed:

@@ -16,7 +16,7 @@ from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.records.metadata import conservative_metadata, free_metadata, gravity_metadata
 from ffsm_mj.records.run_log import RunLog
-from ffsm_mj.scenario.loading import with_contact_models
+from ffsm_mj.scenario.loading import with_plugins
 from ffsm_mj.scenario.scenario import UNUSABLE_LAW, ScenarioConfig, timing_faults
 from ffsm_mj.simulation.plant import Plant
 
@@ -62,7 +62,7 @@ def _scenario(log: RunLog) -> ScenarioConfig:
         InputError: It does not match the schema of this version.
     """
     try:
-        scenario = with_contact_models(ScenarioConfig.model_validate(scenario_data(log) | _NO_CONTROL))
+        scenario = with_plugins(ScenarioConfig.model_validate(scenario_data(log) | _NO_CONTROL))
     except ValidationError as error:
         for item in error.errors():
             if item["type"] == UNUSABLE_LAW:

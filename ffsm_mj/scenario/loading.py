@@ -20,9 +20,12 @@ from ffsm_controllers.estimators import estimators
 from ffsm_mj.actuation.config import ACTUATOR_KINDS
 from ffsm_mj.config import PartName, StrictModel, chosen_by_kind
 from ffsm_mj.contact_models.impact.law import impact_law, plugin_fault
-from ffsm_mj.contact_models.registry import contact_model_of, contact_models, record_kinds_of
+from ffsm_mj.contact_models.registry import PLUGINS as CONTACT_MODELS
+from ffsm_mj.contact_models.registry import record_kinds_of
 from ffsm_mj.errors import Fault, Faults, InputError, ScenarioFaults, faults_below, unknown_name
+from ffsm_mj.fields.interface import PLUGINS as FIELDS
 from ffsm_mj.model.inline import inline_model
+from ffsm_mj.plugins import Plugins
 from ffsm_mj.records.signals import identifier
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.models import with_scene
@@ -90,25 +93,36 @@ def _importable(config: Any, classes: Mapping[str, Any]) -> Any:
     return config if settled else NoSettings(kind=config.kind)
 
 
-def with_contact_models(scenario: ScenarioConfig) -> ScenarioConfig:
-    """The scenario with validated contact models.
+def with_plugins(scenario: ScenarioConfig) -> ScenarioConfig:
+    """The scenario with validated contact models and external fields.
 
     Raises:
         ScenarioFaults: An unknown kind, or an invalid configuration.
     """
-    configs: list[StrictModel] = []
+    changes: dict[str, Any] = {}
     with Faults() as faults:
-        for i, given in enumerate(scenario.contact_models):
-            with faults.below("contact_models", i):
-                configs.append(given if isinstance(given, StrictModel) else _contact_model(given))
-    return scenario.model_copy(update={"contact_models": tuple(configs)}) if configs else scenario
+        if scenario.contact_models:
+            changes["contact_models"] = _configs(scenario.contact_models, CONTACT_MODELS, faults, "contact_models")
+        if (around := scenario.environment) is not None and around.fields:
+            fields = _configs(around.fields, FIELDS, faults, "environment", "fields")
+            changes["environment"] = around.model_copy(update={"fields": fields})
+    return scenario.model_copy(update=changes) if changes else scenario
 
 
-def _contact_model(given: Any) -> StrictModel:
+def _configs(given: Sequence[Any], plugins: Plugins[Any], faults: Faults, *path: str) -> tuple[StrictModel, ...]:
+    """Validated configurations of plug-ins at a path."""
+    configs: list[StrictModel] = []
+    for i, each in enumerate(given):
+        with faults.below(*path, i):
+            configs.append(each if isinstance(each, StrictModel) else _config(each, plugins))
+    return tuple(configs)
+
+
+def _config(given: Any, plugins: Plugins[Any]) -> StrictModel:
     if not isinstance(given, Mapping) or not isinstance(given.get("kind"), str):
-        raise LookupError(f"needs a 'kind'; allowed: {', '.join(sorted(contact_models())) or 'none is installed'}")
+        raise LookupError(f"needs a 'kind'; allowed: {', '.join(sorted(plugins.every())) or 'none is installed'}")
     with faults_below("kind"):
-        config = contact_model_of(given["kind"]).Config
+        config: type[StrictModel] = plugins.named(given["kind"]).Config
     try:
         return config.model_validate(given)
     except ValidationError as error:
@@ -301,7 +315,7 @@ def validated(
         )
         raise InputError(source.lines(plain_faults(error, kinds_known))) from error
     with source.locating():
-        scenario = with_contact_models(_with_script_laws(scenario, laws, own_estimators))
+        scenario = with_plugins(_with_script_laws(scenario, laws, own_estimators))
         if faults := _other_faults(scenario):
             raise ScenarioFaults(faults)
     return scenario

@@ -16,7 +16,6 @@ from pydantic import (
     PositiveFloat,
     PositiveInt,
     SerializeAsAny,
-    WithJsonSchema,
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
@@ -30,6 +29,7 @@ from ffsm_mj.errors import Fault
 from ffsm_mj.model.properties import Trees
 from ffsm_mj.scenario.contacts import ContactsConfig
 from ffsm_mj.scenario.env_config import EnvConfig
+from ffsm_mj.scenario.environment import OF_PLUGIN, EnvironmentConfig
 from ffsm_mj.scenario.models import REQUIRED, Model, Robot, SceneConfig
 from ffsm_mj.scenario.phases import PhaseConfig
 from ffsm_mj.sensing.config import SensorConfig
@@ -172,7 +172,6 @@ class ImpactConfig(StrictModel):
 _MOST_PERIODS = 5e8
 
 JointValue = float | tuple[float, ...]
-_OF_CONTACT_MODEL = WithJsonSchema({"type": "object", "required": ["kind"], "properties": {"kind": {"type": "string"}}})
 
 
 class InitialConfig(StrictModel):
@@ -292,8 +291,10 @@ class ScenarioConfig(StrictModel):
     impact: ImpactConfig = ImpactConfig()
     terminal: TerminalConfig | None = None
     """Checks of the state at the end of the run; left out: none."""
-    contact_models: tuple[Annotated[Any, _OF_CONTACT_MODEL], ...] = ()
+    contact_models: tuple[Annotated[Any, OF_PLUGIN], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
+    environment: EnvironmentConfig | None = None
+    """External fields; left out: none."""
     log: LogConfig = LogConfig()
     uncertainties: dict[Name, PositiveFloat] = {}
     """Standard deviations of numbers of the scenario by dotted key, in their units: a run is repeated at plus and minus each

@@ -83,6 +83,7 @@ class EventDrivenIntegrator:
         self._force_sources = tuple(each for each in sources if isinstance(each, ForceSource))
         self.control: StepControl | None = None
         self._active: list[ForceSource] = []
+        self._fields = [each for each in self._force_sources if each.is_external]
         self._poll: Callable[[], None] | None = None
         self._event_s: float | None = None
         self.bind(motion)
@@ -146,10 +147,12 @@ class EventDrivenIntegrator:
 
     def restart(self) -> None:
         """Reset detection and applied forces after a discontinuity: velocities, active contact models or the motion."""
-        self._active = [source for source in self._force_sources if source.active]
-        pushing = sorted((each for each in self._active if each.pushes), key=lambda each: each.is_bilateral)
+        self._active = [source for source in self._force_sources if source.active and not source.is_external]
+        acting = [*self._fields, *(each for each in self._active if each.pushes)]
+        pushing = sorted(acting, key=lambda each: each.is_bilateral)
         pushes, answers = ([each.push for each in pushing if each.is_reactive is answering] for answering in (False, True))
-        self.motion.push_with(pushes, answers, of_system=not all(each.is_bilateral for each in pushing))
+        of_system = not all(each.is_bilateral or each.is_external for each in pushing)
+        self.motion.push_with(pushes, answers, of_system=of_system)
         for source in self.sources:
             source.restart()
         self.motion.flight.clear(self._event_bound())
@@ -237,7 +240,7 @@ class EventDrivenIntegrator:
 
     def wrenches(self) -> tuple[Wrench, ...]:
         """Forces of the active contact models on bodies of the logged system, at the state and efforts in ``data``."""
-        return tuple(wrench for each in self._active for wrench in each.wrenches(each.scene.data))
+        return tuple(wrench for each in (*self._fields, *self._active) for wrench in each.wrenches(each.scene.data))
 
     @property
     def kinetic_energy_J(self) -> float:

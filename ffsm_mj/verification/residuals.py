@@ -30,8 +30,8 @@ from ffsm_mj.records.signals import (
 STRETCH_STEPS = 100_000
 """Number of steps over which a residual may change by the tolerance of a check."""
 
-# External impulses that exist only in scenes with fixed bodies or gravity.
-_OUTSIDE = ("fixed", "gravity")
+# External impulses that exist only in scenes with fixed bodies, gravity or fields.
+_OUTSIDE = ("fixed", "gravity", "field")
 
 
 def stretch_s(metadata: Mapping[str, str]) -> float:
@@ -57,7 +57,8 @@ class BalanceColumns:
         ]
         self._energy, self._work = layout.index[f"energy.{subsystem}_J"], layout.index["balance.work_J"]
         self._gained = layout.index[f"balance.{subsystem}_impact_energy_J"]
-        self._fallen = layout.index.get(f"balance.{subsystem}_gravity_work_J")
+        works = (layout.index.get(f"balance.{subsystem}_{name}_work_J") for name in _OUTSIDE[1:])
+        self._outside_work = [i for i in works if i is not None]
         stored = [
             layout.index.get(f"energy.{ELASTIC.format(subsystem)}"),
             layout.index.get(f"balance.{DAMPER_HEAT.format(subsystem)}"),
@@ -66,7 +67,7 @@ class BalanceColumns:
         self._truncation = layout.index.get(f"balance.{SPRING_TRUNCATION.format(subsystem)}")
         self._energies = [
             i
-            for i in (self._work if subsystem != "objects" else None, self._gained, self._fallen, *self._stored)
+            for i in (self._work if subsystem != "objects" else None, self._gained, *self._outside_work, *self._stored)
             if i is not None
         ]
         on_robot, on_objects = ([part[k : k + 6] for part in self._outside] for k in (0, 6))
@@ -85,13 +86,13 @@ class BalanceColumns:
         self._places = [i for i, s in enumerate(layout.signals) if s.unit == "m" and s.key.startswith(own)]
 
     def energy(self, block: FloatArray) -> FloatArray:
-        """T plus elastic energy and heat of dampers, less work and energy gained in impacts and from gravity, J, (n,).
+        """T plus elastic energy and heat of dampers, less work and energy gained in impacts and from outside, J, (n,).
 
         It is constant for an exact balance.
         """
         energy, work, gained = (block[:, i] for i in (self._energy, self._work, self._gained))
-        if self._fallen is not None:
-            gained = gained + block[:, self._fallen]
+        for i in self._outside_work:
+            gained = gained + block[:, i]
         if self._objects_work is not None:
             gained = gained + block[:, self._objects_work]
         for i in self._stored:

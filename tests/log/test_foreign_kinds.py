@@ -48,7 +48,7 @@ def test_kinds_of_installed_packages_are_loaded(plain_run, tmp_path, monkeypatch
     register(GRIP)
     recorded(plain_run, tmp_path / "out", FIRST, LAST)
     monkeypatch.setattr(register_of_kinds, "_KNOWN", known)
-    monkeypatch.setattr(contact_models, "_REGISTERED", {})
+    monkeypatch.setattr(contact_models.PLUGINS, "registered", {})
     package = tmp_path / "package"
     (package / "grips-1.0.dist-info").mkdir(parents=True)
     (package / "grips-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: grips\nVersion: 1.0\n")

@@ -242,7 +242,8 @@ def forces_known(scene: LoggedScene) -> bool:
     """Whether all forces but those of contacts, limits and grasps are known from models and efforts."""
     model = scene.model
     rubs = np.any(model.dof_frictionloss) or np.any(model.tendon_frictionloss)
-    return not scene.scenario.get("contact_models") and model.neq == 0 and not rubs
+    plugins = scene.scenario.get("contact_models") or scene.scenario.get("environment")
+    return not plugins and model.neq == 0 and not rubs
 
 
 def is_out_of_contact(scene: LoggedScene, row: Array) -> bool:

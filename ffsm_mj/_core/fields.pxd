@@ -1,0 +1,30 @@
+cdef class Bodies:
+    cdef readonly tuple names
+    cdef readonly object mass_kg, inertia_kg_m2, position_m, axes, velocity_m_s, angular_velocity_rad_s
+    cdef object forces, torques
+    cdef Py_ssize_t count
+    cdef double[::1] mass
+    cdef double[:, ::1] inertia, position, turn, velocity, spin, force, torque
+
+
+cdef class CompiledField:
+    cpdef int add_wrenches(self, double time_s, Bodies bodies) except -1
+
+
+cdef class FieldForces:
+    cdef readonly Bodies bodies
+    cdef readonly object done
+    cdef tuple fields
+    cdef object data, bound
+    cdef Py_ssize_t[::1] ids, trees
+    cdef const int[::1] parents, roots, dof_bodies
+    cdef const double[:, ::1] centres, frames, twists, subtree_centres, axes_of_dofs
+    cdef double[:, ::1] total, rates, sums, work
+
+    cpdef int push(self, data) except -1
+    cdef int evaluate(self, data) except -1
+    cdef void generalise(self, double* applied) noexcept
+    cdef void rate(self) noexcept
+    cpdef int begin(self) except -1
+    cpdef int add(self, double weight) except -1
+    cpdef int end(self, double duration_s) except -1

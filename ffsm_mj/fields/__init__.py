@@ -1,0 +1,1 @@
+"""External fields: forces and torques on every body from outside the system; orbits."""

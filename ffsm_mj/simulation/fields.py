@@ -1,0 +1,84 @@
+"""External fields as a source of forces, in whatever motion is integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ffsm_mj._core.fields import Bodies, FieldForces
+from ffsm_mj.arrays import FloatArray
+from ffsm_mj.contact_models.interface import ForceSource, Scene
+from ffsm_mj.dynamics.motion import Motion
+from ffsm_mj.fields.interface import Field
+from ffsm_mj.model.system import System
+from ffsm_mj.records.contact_forces import Wrench
+from ffsm_mj.state import get_states, set_states
+from ffsm_mj.unchanging import with_state
+
+
+def moving_bodies(system: System) -> tuple[list[int], list[int]]:
+    """Ids of the moving bodies of a system, and the index of the tree of each."""
+    pairs = sorted((body, i) for i, tree in enumerate(system.trees) for body in tree.bodies)
+    return [body for body, _ in pairs], [tree for _, tree in pairs]
+
+
+def bodies_of(system: System) -> Bodies:
+    """The moving bodies of a system."""
+    ids, _ = moving_bodies(system)
+    model = system.mj
+    return Bodies([model.body(i).name for i in ids], model.body_mass[ids], model.body_inertia[ids])
+
+
+class ExternalFields(ForceSource):
+    """Forces of the external fields of a scenario; the motions' steps integrate their work and impulses.
+
+    Attributes:
+        done: Work and impulse (P, L about the world origin) in the last (sub-)step, J, N s and N m s, (trees, 7).
+        forces: The forces in the current motion.
+    """
+
+    kind = "external fields"
+    active = True
+    is_external = True
+
+    def __init__(self, scene: Scene, fields: Sequence[Field]) -> None:
+        """Act on the bodies of a scene."""
+        super().__init__(scene)
+        self._fields, self.done = tuple(fields), np.zeros((len(scene.system.trees), 7))
+        self._stateful = {
+            f"{each.kind} {i}": with_state(each, f"the external field {each.kind!r}") for i, each in enumerate(fields)
+        }
+        self._ids, self._trees = moving_bodies(scene.system)
+
+    def bind(self, motion: Motion) -> None:
+        """Act in another motion."""
+        super().bind(motion)
+        if motion.field is None:
+            ids, bodies = [motion.bodies[body] for body in self._ids], bodies_of(self.scene.system)
+            motion.field = FieldForces(motion.model, motion.data, ids, self._trees, bodies, self._fields, self.done)
+        self.forces = motion.field
+
+    def get_state(self) -> dict[str, Any]:
+        """What fields of packages remember: those that say so have a state, others must not."""
+        return get_states(self._stateful)
+
+    def set_state(self, state: Any) -> None:
+        """Go on from a state."""
+        set_states(self._stateful, state, "ExternalFields")
+
+    def push(self, data: Any) -> None:
+        """Add the generalised forces to ``data.qfrc_applied``, which no other force has reached yet."""
+        self.forces.push(data)
+
+    def add_forces(self, applied: FloatArray) -> None:
+        """Add the same to generalised forces, (nv,) of the motion."""
+        self.forces.add_to(applied)
+
+    def wrenches(self, data: Any) -> Sequence[Wrench]:  # noqa: ARG002
+        """Force and torque on each body of the logged system, at its mass centre."""
+        self.forces.evaluate_now()
+        own = self.forces.bodies
+        parts = zip(self._ids, own.position_m.copy(), own.force_N.copy(), own.torque_N_m.copy(), strict=True)
+        return [Wrench(*part) for part in parts]
