@@ -11,7 +11,7 @@ from ffsm_mj.fields.interface import Field, StrictModel
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import TOUCH, grasping
 from tests.fields.fields import DragConstant, FrozenPulse, Pulse, Stirring
-from tests.scenes import ball, box, scene, two_balls
+from tests.scenes import HEAD, ball, box, scene, two_balls
 
 UNIFORM = {"fields": [{"kind": "uniform", "acceleration_m_s2": [0.0, 0.0, -9.81]}]}
 FIELDS = [DragConstant, Stirring, Pulse, FrozenPulse]
@@ -158,3 +158,17 @@ def test_unfit_classes_are_refused(tmp_path):
     for unfit, fault in ((_NoConfig, "needs a Config"), (Other, "another external field has the kind 'uniform'")):
         with pytest.raises(InputError, match=fault):
             ffsm_mj.run(two_balls(tmp_path), fields=[unfit])
+
+
+def test_implicit_steps(tmp_path):
+    # A servo so fast that steps are implicit, on a slide between two bodies that a field accelerates and turns.
+    arm = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>
+      <inertial pos="0 0 0" mass="8" diaginertia="0.5 0.6 0.7"/>
+      <body name="hand" pos="0.3 0 0"><joint name="wrist" axis="0 0 1"/>
+      <inertial pos="0.1 0 0" mass="1" diaginertia="0.01 0.02 0.03"/></body></body></worldbody>
+      <actuator><velocity name="wrist" joint="wrist" kv="2000"/></actuator></mujoco>"""
+    run = ffsm_mj.run(
+        scene(tmp_path, arm, {}, duration_s=0.2, environment={"fields": [{"kind": "stirring"}]}), fields=FIELDS
+    )
+    assert not failing(run)
+    assert abs(run["balance.robot_field_work_J"][-1]) > 1e-3
