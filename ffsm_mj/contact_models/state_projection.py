@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from ffsm_mj._core.tick import Maxima
 from ffsm_mj.arrays import BoolArray, FloatArray
 from ffsm_mj.balance.exchange import Exchange
 from ffsm_mj.contact_models.interface import Scene
@@ -15,6 +17,9 @@ from ffsm_mj.dynamics.projection import ClosedRows, project
 from ffsm_mj.dynamics.rigid_body import free_components, momentum_matrix
 from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.model.system import System, Tree
+from ffsm_mj.records.columns import Columns
+from ffsm_mj.records.signals import PROJECTED, Signal
+from ffsm_mj.state import Stateful
 
 
 def sum_exchanges(one: Exchange | None, other: Exchange) -> Exchange:
@@ -44,11 +49,31 @@ def exchange_signs(system: System, a: int, b: int, grasped: frozenset[int] = fro
     return (0.0, sign, 0.0) if free in robot else (0.0, 0.0, sign)
 
 
-class StateProjection:
-    """Projects the state of a scene onto closed contacts and loops, and accounts for what this changes."""
+class StateProjection(Stateful):
+    """Projects the state of a scene onto closed contacts and loops, and accounts for what this changes.
 
-    def __init__(self, scene: Scene) -> None:
-        """Determine the momentum components that the joints leave free."""
+    Attributes:
+        largest_J: Largest change of the energy of a subsystem by one projection since the last sample, J, (1,).
+        columns: Its column.
+    """
+
+    @dataclass
+    class State:
+        """The largest change since the last sample, J, (1,)."""
+
+        largest_J: FloatArray
+
+    def __init__(self, scene: Scene, what: str) -> None:
+        """Determine the momentum components that the joints leave free.
+
+        Args:
+            scene: The logged system and its data.
+            what: ``contacts`` or ``loops``: what closes at the beginning of steps.
+        """
+        self.largest_J, logged = np.zeros((2, 1))
+        meaning = f"largest change of the energy of a subsystem by one projection onto closed {what} since the sample before"
+        signals = (Signal("balance", PROJECTED.format(what), "J", meaning),)
+        self.columns = (Columns(signals, live=logged, on_sample=Maxima(self.largest_J, logged)),)
         self._scene, model = scene, scene.system.mj
         self._springs = JointSprings(model)
         self._weights = (model.body_mass * (1.0 - model.body_gravcomp))[:, None] * model.opt.gravity
@@ -94,6 +119,7 @@ class StateProjection:
                 heat += (tendons.dissipation_slope(tendons.rates(data)) @ tendons.rows(data)) * displacement
             own = sum(float(heat[tree.dofs].sum()) for tree in self._own_trees(motion))
             energy += np.array((heat.sum(), own, heat.sum() - own))
+        self.largest_J[0] = max(self.largest_J[0], np.abs(energy).max())
         return Exchange(energy, impulse, from_outside)
 
     def _own_trees(self, motion: Motion) -> tuple[Tree, ...]:

@@ -49,6 +49,8 @@ LIMIT_OVERRUN = {"rad": "joint_limit_overrun_rad", "m": "joint_limit_overrun_m"}
 """Signals of the largest travel past a joint limit, by the unit of the joint's coordinate."""
 FORCE_RESIDUAL = "contact_force_residual_N"
 """Signal of the residual of the complementarity conditions of contact forces."""
+PROJECTED = "projected_{}_J"
+"""Signals of the energy that projections of the state change, of closed contacts and of closed loops."""
 OBJECTS_WORK = "objects_work_J"
 FRICTION_HEAT, CONTACT_WORK = "friction_heat_J", "contact_work_J"
 """Signals of the heat of friction at impacts and in persistent contact, and of the work of persistent contact forces."""

@@ -11,6 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
+from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
 from ffsm_mj.replay import replay_log
 from ffsm_mj.tolerances import RANK
 from tests.contact_models.limits import DRIVEN, driven_by
@@ -232,3 +233,31 @@ def test_a_change_point_ends_the_run(tmp_path, bars, step_s):
     bar = run["state.q_robot_bar0_rad"]
     assert abs(bar[-1]) < 1.6 * 4.1e-3
     assert not [check for check in all_checks(run) if not check.passes]
+
+
+def test_what_projections_change_is_bounded(tmp_path, monkeypatch):
+    """Drift of a linkage at 4 rad/s in steps of 4 ms costs 2e-12 J; the balance would not miss what a wrong row takes.
+
+    An error of 1e-4 that is none moves the linkage at the start of each step, in 5e-5 J: energy passes, this check fails.
+    """
+    given = {"time_step_s": 4e-3, "control_period_s": 4e-3, "duration_s": 0.3}
+
+    def judged():
+        run = ffsm_mj.run(mechanism(tmp_path, four_bar(), {"crank": 1.0472}, {"crank": 4.0}, **given))
+        assert all(check.passes for check in run.checks() if check.name == "energy")
+        (check,) = [check for check in run.checks() if check.name == "energy of projections"]
+        assert check.residual == run["balance.projected_loops_J"].max()
+        return check
+
+    right, independent = judged(), ClosedLoops.independent
+    assert right.passes
+    assert right.residual < 1e-11
+
+    def shifted(self):
+        J, errors = independent(self)
+        return J, errors + 1e-4
+
+    monkeypatch.setattr(ClosedLoops, "independent", shifted)
+    wrong = judged()
+    assert not wrong.passes
+    assert wrong.residual > 1e-5

@@ -19,6 +19,7 @@ from tests.contact_models.joint_friction.scenes import arm, rubbing
 from tests.contact_models.joint_friction.test_chains import SWUNG
 from tests.controllers.detumbling import JETS, POSE, RATES, spacecraft
 from tests.forgetting import classes_with_state, forgetting
+from tests.mechanisms.models import four_bar, mechanism
 from tests.scenes import ball, scene, two_balls
 from tests.simulation.restored import is_rest_of, rest, told
 
@@ -29,6 +30,12 @@ UNTIL_IMPACT = [
     {"name": "before", "until": "impact", "controller": OFF},
     {"name": "after", "until": "end", "controller": OFF},
 ]
+
+
+def turns(folder):
+    """A linkage whose drift is projected out at 0.132 s, in the middle of a tick of ten steps."""
+    steps = {"time_step_s": 4e-3, "control_period_s": 0.04, "duration_s": 0.4}
+    return mechanism(folder, four_bar(), {"crank": 1.0472}, {"crank": 4.0}, **steps)
 
 
 def busy(folder):
@@ -141,6 +148,12 @@ SCENES: dict[str, tuple[Any, dict[str, Any], float, dict[str, str]]] = {
         {},
         -0.2,
         {"JointFriction": "senses heat_J"},
+    ),
+    "turns": (
+        turns,
+        {},
+        0.156,
+        {"LoopForces": "combinations projection", "StateProjection": "largest_J"},
     ),
     "slides": (
         lambda _: "squeeze",

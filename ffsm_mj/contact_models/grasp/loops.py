@@ -45,6 +45,7 @@ from ffsm_mj.model.system import System
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.contact_forces import Wrench
 from ffsm_mj.records.signals import Signal, identifier
+from ffsm_mj.state import entries
 from ffsm_mj.tolerances import MECHANISM_RANK, RANK
 
 
@@ -242,11 +243,12 @@ class LoopForces(ForceSource):
             self._loads = LoadSample(np.array([len(each) for each in signals]), others)
             every = tuple(signal for each in signals for signal in each)
             self.columns = (Columns(every, self._loads.values, None, self._loads, None, self._loads_now),)
+        self._projection = StateProjection(scene, "loops")
+        self.columns = (*self.columns, *self._projection.columns)
         self._latches: dict[str, LatchedBodies] = {}
         self._resting: tuple[RowSource, ...] = ()
         self._rubs = rubs
         self._others = tuple(others)
-        self._projection = StateProjection(scene)
         self._exchanged = LoopExchange(scene)
         self._projected: Exchange | None = None
         self._known: _LoopState | None = None
@@ -335,14 +337,24 @@ class LoopForces(ForceSource):
         if hasattr(self, "motion"):
             self._update()
 
-    def get_state(self) -> Any:
-        """Which combinations of the rows are independent; None without rows. The grasp model closes the latches."""
-        return None if self.motion.loops is None else self.motion.loops.get_state()
+    @dataclass
+    class State:
+        """Which combinations of the rows are independent, None without rows, and projections."""
+
+        combinations: Any
+        projection: Any
+
+    def get_state(self) -> State:
+        """The combinations; the grasp model closes the latches."""
+        combinations = None if self.motion.loops is None else self.motion.loops.get_state()
+        return self.State(combinations, self._projection.get_state())
 
     def set_state(self, state: Any) -> None:
         """Use these combinations."""
+        told = entries(state, ("combinations", "projection"), "LoopForces")
         if self.motion.loops is not None:
-            self.motion.loops.set_state(state)
+            self.motion.loops.set_state(told["combinations"])
+        self._projection.set_state(told["projection"])
 
     def names(self) -> str:
         """The closed latches."""

@@ -75,11 +75,15 @@ _START_FRACTIONS = tuple(0.5**k for k in range(1, 20))
 
 
 class DriftProjection:
-    """Projects out the drift of the closed contacts of a scene."""
+    """Projects out the drift of the closed contacts of a scene.
+
+    Attributes:
+        projection: Projects the state.
+    """
 
     def __init__(self, scene: Scene, closed: ActiveContactSet) -> None:
         """Bind to the closed contacts."""
-        self._system, self._active_set, self._projection = scene.system, closed, StateProjection(scene)
+        self._system, self._active_set, self.projection = scene.system, closed, StateProjection(scene, "contacts")
 
     def remove_drift(self) -> Exchange | None:
         """Project the state in ``data`` at the start of a step if needed; returns the energy and momentum this changed."""
@@ -89,7 +93,7 @@ class DriftProjection:
         contact_points, motion = closed.contact_points, closed.motion
         outside = Shares.of(self._system, contact_points, motion.grasped_bodies).outside != 0.0
         taken = unit_wrenches(closed, outside.any(axis=0))
-        return self._projection.apply(motion, lambda: closed_rows(closed), taken, outside.any(axis=1))
+        return self.projection.apply(motion, lambda: closed_rows(closed), taken, outside.any(axis=1))
 
 
 def drift_of(closed: ActiveContactSet) -> tuple[float, float, float]:
@@ -216,26 +220,28 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._limits = LimitReport(scene, limits, self._active_set)
         self._records = ChangeRecords(scene, self._active_set, self._report, self._limits, self._changes)
         self._drift = DriftProjection(scene, self._active_set)
-        self.columns = (*self._report.columns, *self._limits.columns)
+        of_projections = self._drift.projection.columns if pairs else ()
+        self.columns = (*self._report.columns, *self._limits.columns, *of_projections)
         self._previous: tuple[Motion, tuple[str, ...], frozenset[frozenset[int]]] | None = None
         self._landing, self._resumes = False, False
         self._located_s: float | None = None
 
     @dataclass
     class State:
-        """Closed contacts, which of them have a logged start, and what their columns say."""
+        """Closed contacts, which of them have a logged start, what their columns say, and projections."""
 
         closed: Any
         logged: list[str]
         contacts: Any
         limits: Any
         friction: Any
+        projection: Any
 
     def get_state(self) -> State:
         """The closed contacts."""
         logged = [pair.name for pair in self._changes.logged]
-        reports = self._report.get_state(), self._limits.get_state(), self._report.friction.get_state()
-        return self.State(self._active_set.get_state(), logged, *reports)
+        parts = self._report, self._limits, self._report.friction, self._drift.projection
+        return self.State(self._active_set.get_state(), logged, *(each.get_state() for each in parts))
 
     def set_state(self, state: Any) -> None:
         """Close contacts at the state in ``data``, with the motion of that state."""
@@ -245,6 +251,7 @@ class PersistentContactModel(EventSource, ForceSource, Replayable):
         self._report.set_state(told["contacts"])
         self._limits.set_state(told["limits"])
         self._report.friction.set_state(told["friction"])
+        self._drift.projection.set_state(told["projection"])
         self._active_set.set_state(told["closed"], by_name)
         self._landing, self._located_s = False, None
         names = [each.name for each in fields(ActiveContactSet.State)]
