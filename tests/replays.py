@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from zlib import crc32
 
+from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import replay_log
 from tests import long_share
 
@@ -30,6 +31,19 @@ def assert_replayed(run, *, records=True):
     assert all(worst.passes for name, worst in again.worst.items() if records or name != "impacts"), again.worst
     assert again.agrees or not records
     assert [check for check in again.checks() if not check.passes] == []
+
+
+def assert_passes(run):
+    """It ran to its end, and every check passes."""
+    assert run.outcome == "completed", run.message
+    assert [check for check in all_checks(run) if not check.passes] == []
+
+
+def proved(run, *, records=True):
+    """A run that ran to its end, whose every check passes, and whose log agrees with its states."""
+    assert_passes(run)
+    assert_replayed(run, records=records)
+    return run
 
 
 def _is_taken(current):

@@ -11,7 +11,7 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
 from ffsm_mj.records.signals import COMPONENTS
 from tests.contact_models.grasp.scenes import ARM, OFF
-from tests.contact_models.grasp.test_runs import holds
+from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
 from tests.simulation.restored import is_rest_of, told
 
@@ -82,7 +82,7 @@ def test_an_object_is_driven_as_a_robot_is(tmp_path):
     """The same laws drive the same spacecraft: the same motion, work and impulse, entered for the objects."""
     robot, driven = (ffsm_mj.run(alone(tmp_path / name, name == "robot")) for name in ("robot", "object"))
     for run in (robot, driven):
-        holds(run)
+        proved(run)
     same = {"rtol": 0, "atol": 1e-11}  # sums over the bodies of both models are in another order
     for key in ("q_{}_free_x_m", "v_{}_free_wx_rad_s", "q_{}_hinge_rad", "v_{}_rotor_z_rad_s"):
         np.testing.assert_allclose(driven[f"state.{key.format('rock')}"], robot[f"state.{key.format('robot')}"], **same)
@@ -134,7 +134,7 @@ def berthing(folder, latch, **changes):
 def test_a_grasped_object_drives_itself(tmp_path, latch):
     """What its wheels and thrusters do is its own, and what the latch passes on is the robot's: all checks hold."""
     run = ffsm_mj.run(berthing(tmp_path, latch))
-    holds(run)
+    proved(run)
     assert len(run.grasps) == 1
     assert abs(run["balance.objects_work_J"]).max() > 0.01
     assert abs(impulse(run, "external_on_objects")).max() > 0.1

@@ -17,11 +17,11 @@ from ffsm_mj.controller_protocol import ControllerContext
 from ffsm_mj.dynamics.motion import predict
 from ffsm_mj.dynamics.springs import JointSprings
 from ffsm_mj.errors import InputError
-from ffsm_mj.replay import replay_log
 from ffsm_mj.report.plots import figure_names
 from ffsm_mj.task_model import JointModel
 from tests.contact_models.grasp.scenes import TARGET, grasping
 from tests.model.test_pinocchio import oracle, to_pinocchio
+from tests.replays import proved
 from tests.scenes import HEAD, ball, compile_paths, scene
 
 K, BUS, MASS = 200.0, 3.0, 1.0
@@ -49,15 +49,6 @@ def violated(run):
     return {(check.name, check.subsystem) for check in all_checks(run) if not check.passes}
 
 
-def good(run):
-    """It ran to its end, every check passes, and the replay agrees."""
-    assert run.outcome == "completed", run.message
-    assert violated(run) == set()
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    return run
-
-
 def test_a_mass_rings_at_its_frequency_to_fourth_order(tmp_path):
     """The motion is q0 cos(w t) with the reduced mass; RK4's phase error falls 16 times per halving."""
     errors = []
@@ -71,7 +62,7 @@ def test_a_mass_rings_at_its_frequency_to_fourth_order(tmp_path):
 def test_truncation_is_the_sixth_power(tmp_path):
     """The energy falls by (h w)^6 / 72 - (h w)^8 / 576 of itself per step, and the check allows for the first term."""
     for step in (0.005, 0.01, 0.016):
-        run = good(ringing(tmp_path, step))
+        run = proved(ringing(tmp_path, step))
         lost, allowed = -run["balance.total_energy_residual_J"], run["balance.total_spring_truncation_J"]
         x = (step * W) ** 2
         steps, energy = len(run.time) - 1, 0.5 * K * 0.05**2
@@ -86,7 +77,7 @@ def test_truncation_is_the_sixth_power(tmp_path):
 
 def test_a_damped_mass_decays_and_its_heat_is_the_energy_lost(tmp_path):
     damping = 4.0
-    run = good(ringing(tmp_path, damping=damping))
+    run = proved(ringing(tmp_path, damping=damping))
     decay = damping / REDUCED / 2.0
     rate = math.sqrt(W * W - decay * decay)
     exact = 0.05 * np.exp(-decay * run.time) * (np.cos(rate * run.time) + decay / rate * np.sin(rate * run.time))
@@ -108,7 +99,7 @@ def test_a_hit_on_the_mass_is_one_on_a_free_mass(tmp_path):
         initial={"joints": {"stone/free": [1.4, 0, 0, 1, 0, 0, 0]}, "rates": {"stone/free": [-1.0, 0, 0, 0, 0, 0]}},
         contacts={"rules": [{"between": ["mass", "stone/stone"], "restitution": 1.0}]},
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     first = run.impacts[0]
     assert first.time_s == pytest.approx(0.2, abs=1e-12)
     assert first.impulse_N_s == pytest.approx(MASS, rel=1e-12)
@@ -143,7 +134,7 @@ def chain(folder, boost=(0.0, 0.0, 0.0), turn=(1.0, 0.0, 0.0, 0.0), **scenario):
 
 @pytest.fixture(scope="module")
 def tumbling(tmp_path_factory):
-    return good(chain(tmp_path_factory.mktemp("chain")))
+    return proved(chain(tmp_path_factory.mktemp("chain")))
 
 
 def test_all_kinds_of_joints_have_mujocos_energy_and_power(tumbling):
@@ -160,7 +151,7 @@ def test_all_kinds_of_joints_have_mujocos_energy_and_power(tumbling):
 
 
 def test_energies_are_the_same_boosted_and_turned(tumbling, tmp_path):
-    turned = good(chain(tmp_path, (3.0, -2.0, 5.0), (0.5, 0.5, -0.5, 0.5)))
+    turned = proved(chain(tmp_path, (3.0, -2.0, 5.0), (0.5, 0.5, -0.5, 0.5)))
     for key in ("energy.robot_elastic_J", "balance.robot_damper_heat_J", "balance.robot_spring_truncation_J"):
         np.testing.assert_allclose(turned[key], tumbling[key], rtol=1e-9, atol=1e-12)
 
@@ -169,7 +160,7 @@ def test_sub_steps_bring_any_step_within_the_accuracy(tmp_path):
     """At 50 ms the mode of the ball joint is at h w = 1.7: refused, unless ``accuracy`` divides the steps."""
     with pytest.raises(InputError, match=r"time_step_s: the spring of joint 'robot/ball' has a mode of .* use at most"):
         chain(tmp_path, time_step_s=0.05, control_period_s=0.05)
-    run = good(chain(tmp_path, time_step_s=0.05, control_period_s=0.05, accuracy=1e-7, duration_s=0.05))
+    run = proved(chain(tmp_path, time_step_s=0.05, control_period_s=0.05, accuracy=1e-7, duration_s=0.05))
     fine = chain(tmp_path, duration_s=0.05)
     np.testing.assert_allclose(run.qpos[-1], fine.qpos[-1], atol=1e-7)
 
@@ -203,7 +194,7 @@ def test_a_flexible_object_is_caught_held_and_let_go(tmp_path):
     """Its panel rings on the robot: what the robot gives the object counts the panel's elastic energy and heat."""
     path = grasping(tmp_path, duration_s=1.4)
     (tmp_path / "target.xml").write_text(PANEL)
-    run = good(ffsm_mj.run(path, {"phases.hold.for_s": 0.4}))
+    run = proved(ffsm_mj.run(path, {"phases.hold.for_s": 0.4}))
     held = run["contact.grasp_closed"] > 0.0
     assert 0.2 < held.mean() < 0.8
     assert np.ptp(run["energy.objects_elastic_J"][held]) > 1e-4
@@ -220,7 +211,7 @@ def test_a_spring_presses_a_contact(tmp_path):
         initial={"joints": {"s": -0.05, "stone/free": [1.15, 0, 0, 1, 0, 0, 0]}},
         contacts={"rules": [{"between": ["mass", "stone/stone"], "restitution": 0.0, "mu": 0.3}]},
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     forces = [run[key] for key in run.keys if key.startswith("contact.") and key.endswith("_force_N")]
     # With the ball in front, the spring moves 3 kg against 3 kg: the contact carries 2/3 of its force of 10 N at the start.
     assert max(each.max() for each in forces) == pytest.approx(K * 0.05 * 2.0 / 3.0, rel=1e-6)
@@ -310,7 +301,7 @@ def test_a_force_sensor_reads_the_spring_and_the_damper(tmp_path):
     site = '<geom name="mass" size="0.1" mass="0"/>'
     text = mass_on_bus(2.0).replace(site, site + '<site name="cut"/>')
     text = text.replace("</mujoco>", '<sensor><force name="f" site="cut"/></sensor></mujoco>')
-    run = good(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.2, initial={"joints": {"s": 0.05}})))
+    run = proved(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.2, initial={"joints": {"s": 0.05}})))
     expected = -(K * run["state.q_robot_s_m"] + 2.0 * run["state.v_robot_s_m_s"])
     np.testing.assert_allclose(run["sensor.robot_f_x_N"], expected, atol=1e-12)
 
@@ -369,7 +360,7 @@ def test_accelerations_agree_with_pinocchio():
 def test_the_panel_of_a_derelict_rings_after_the_capture():
     """It hangs still before, then rings with the mode of the grasped derelict, and every row replays."""
     changes = {"time_step_s": 0.01, "duration_s": 45.0}
-    run = good(ffsm_mj.run("capture-flexible", changes))
+    run = proved(ffsm_mj.run("capture-flexible", changes))
     (capture,) = run.grasps
     root = run["state.q_envisat_root_rad"]
     assert np.abs(root[run.time < capture.time_s]).max() < 1e-5

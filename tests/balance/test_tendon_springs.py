@@ -14,7 +14,8 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.balance.springs import SpringBalance
 from ffsm_mj.dynamics.springs import JointSprings, TendonSprings
 from ffsm_mj.errors import InputError
-from tests.balance.test_springs import good, violated
+from tests.balance.test_springs import violated
+from tests.replays import proved
 from tests.scenes import HEAD, scene
 
 K, MASSES = 200.0, (1.0, 0.6)
@@ -82,7 +83,7 @@ def test_two_masses_ring_at_their_frequency(tmp_path):
     """q_1 - q_2 = x_0 cos(w t) with the reduced mass of the two: the cord is internal. Order 4; nothing drifts."""
     errors = []
     for step in (0.008, 0.004):
-        run = good(
+        run = proved(
             ffsm_mj.run(
                 scene(
                     tmp_path,
@@ -104,7 +105,7 @@ def test_two_masses_ring_at_their_frequency(tmp_path):
 def test_a_damper_turns_all_into_heat(tmp_path):
     """The masses of a damped cord come to rest against each other: heat = mu v^2 / 2, by e^(-d t / mu)."""
     path = scene(tmp_path, masses('damping="4"'), {}, initial={"rates": {"s_1": 1.0}}, duration_s=1.0)
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     left = math.exp(-2.0 * 4.0 * 1.0 / REDUCED)
     assert run["balance.total_damper_heat_J"][-1] == pytest.approx(0.5 * REDUCED * (1.0 - left), rel=1e-9)
 
@@ -115,7 +116,7 @@ def test_a_cord_of_an_arm_is_entered_to_fourth_order(tmp_path, law, drum):
     """Polynomials along a spatial tendon of a floating arm: all balances hold, the end converges with order 4."""
     tendon = cord(law).replace('<site site="tip"/>', f'{drum}<site site="tip"/>')
     runs = [reaching(tmp_path / str(k), tendon, step=4e-3 / 2**k) for k in range(3)]
-    good(runs[-1])
+    proved(runs[-1])
     coarse, fine = (np.abs(last(run) - last(runs[-1])).max() for run in runs[:2])
     assert coarse / fine > 2**3.5  # (1 - 1/256) / (1/16 - 1/256) = 17
     assert np.ptp(runs[-1]["energy.total_elastic_J"]) > 1e-3
@@ -171,7 +172,7 @@ def test_a_motor_pulls_a_cord(tmp_path, tendon):
     """Constant forces on the length: work = sum of force times change of length, and no momentum."""
     (tmp_path / "pull.csv").write_text("time_s,pull_N\n0,-2\n0.5,1.5\n")
     law = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": str(tmp_path / "pull.csv")}}]
-    run = good(reaching(tmp_path / "scene", tendon, MOTOR, phases=law))
+    run = proved(reaching(tmp_path / "scene", tendon, MOTOR, phases=law))
     assert abs(run["balance.work_J"]).max() > 0.05
 
 
@@ -179,7 +180,7 @@ def test_a_force_along_a_cord_of_two_masses(tmp_path):
     """U on the difference: x = u t^2 / (2 mu), work = u x; the base does not move."""
     (tmp_path / "pull.csv").write_text("time_s,pull_N\n0,0.3\n")
     law = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": "pull.csv", "after": "hold"}}]
-    run = good(ffsm_mj.run(scene(tmp_path, masses("", MOTOR), {}, phases=law)))
+    run = proved(ffsm_mj.run(scene(tmp_path, masses("", MOTOR), {}, phases=law)))
     x = run["state.q_robot_s_1_m"] - run["state.q_robot_s_2_m"]
     np.testing.assert_allclose(x, 0.5 * 0.3 / REDUCED * run.time**2, atol=1e-12)
     np.testing.assert_allclose(run["balance.work_J"], 0.3 * x, atol=1e-12)
@@ -238,5 +239,5 @@ def test_what_is_refused(tmp_path, parts, message):
 
 def test_armature_on_one_branch_is_right(tmp_path):
     """Of a cord within a chain it is kinetic energy of its own: balances hold, and P and L are those of the bodies."""
-    run = good(reaching(tmp_path, cord('armature="0.4" stiffness="20"')))
+    run = proved(reaching(tmp_path, cord('armature="0.4" stiffness="20"')))
     assert not [check for check in all_checks(run) if not check.passes]

@@ -22,6 +22,7 @@ from ffsm_mj.records.events import Outcome, RunEnded
 from ffsm_mj.replay import replay_log
 from tests.contact_models import scenes
 from tests.contact_models.weld import Weld
+from tests.replays import assert_passes, assert_replayed
 from tests.scenes import ball, two_balls
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")
@@ -34,8 +35,7 @@ def test_a_spring_stores_and_returns_energy(tmp_path):
     The balance knows its force only through the wrenches that it reports.
     """
     seen = ffsm_mj.run(scenes.spring(tmp_path))
-    assert seen.outcome == "completed", seen.message
-    assert all(check.passes for check in all_checks(seen))
+    assert_passes(seen)
     begins, ceases = seen.records["springs"]
     assert (begins.pushing, ceases.pushing) == (1, 0)
     half_period = math.pi * math.sqrt(2.0 * 3.0 / 5.0 / 100.0)
@@ -171,9 +171,7 @@ def test_a_phase_ends_only_with_known_events(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("make", [scenes.spring, scenes.capture])
 def test_analyze_recomputes_a_run_with_a_contact_model(tmp_path, make):
-    again = replay_log(ffsm_mj.run(make(tmp_path), out=tmp_path / "run").log)
-    assert again.agrees, again.worst
-    assert all(check.passes for check in again.checks())
+    assert_replayed(ffsm_mj.run(make(tmp_path), out=tmp_path / "run"))
 
 
 def test_what_a_contact_model_imports_is_on_its_page():

@@ -15,9 +15,9 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.contact.joint_limit import TendonLimit
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.mcap.format import encode_record
-from tests.balance.test_springs import good
 from tests.balance.test_tendon_springs import BASE, MASSES, REACH, REDUCED, cord, masses
 from tests.hostile.test_logs import changed
+from tests.replays import proved
 from tests.scenes import scene
 
 RANGE = 'limited="true" range="-0.2 0.1"'
@@ -44,7 +44,7 @@ def sliding(folder, restitution=0.0, actuator="", rate=1.0, **scenario):
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
 def test_a_cord_stops_two_masses(tmp_path, e):
     """At t = 0.1 s the impulse is (1 + e) mu v, whatever the body that carries both; momenta are kept."""
-    run = good(sliding(tmp_path, e))
+    run = proved(sliding(tmp_path, e))
     first = run.records["limit_impacts"][0]
     assert (first.joint, first.side, first.unit) == ("robot/cord", "upper", "m")
     assert first.time_s == pytest.approx(0.1, abs=1e-12)
@@ -63,7 +63,7 @@ def test_pressed_against_its_end(tmp_path):
     """A motor of the cord pulls with 3 N against the end: the limit carries 3 N, and lets go as it pulls back."""
     (tmp_path / "pull.csv").write_text("time_s,pull_N\n0,3\n0.35,-2\n0.5,-2\n")
     law = [{"name": "p", "until": "end", "controller": {"kind": "playback", "file": "pull.csv", "after": "hold"}}]
-    run = good(sliding(tmp_path, 0.0, PULL, rate=0.0, phases=law, duration_s=0.5))
+    run = proved(sliding(tmp_path, 0.0, PULL, rate=0.0, phases=law, duration_s=0.5))
     held = (run.time > 0.25) & (run.time < 0.34)
     np.testing.assert_allclose(run["contact.robot_cord_limit_force_N"][held], -3.0, atol=1e-11)
     later = 0.1 - 0.5 * 2.0 / REDUCED * (0.5 - 0.35) ** 2
@@ -117,7 +117,9 @@ def test_a_cord_of_coupled_masses(tmp_path, e):
         "<actuator>", '<equality><joint joint1="s_1" joint2="s_2" polycoef="0 -2 0 0 0"/></equality><actuator>'
     )
     limits = {"cord": {"restitution": e}}
-    run = good(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.4, initial={"rates": {"s_1": 1.0}}, joint_limits=limits)))
+    run = proved(
+        ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.4, initial={"rates": {"s_1": 1.0}}, joint_limits=limits))
+    )
     m, a = np.array(MASSES), np.array([2.0, -1.0]) / 3.0
     along = m @ a**2 - (m @ a) ** 2 / (m.sum() + 3.0)
     first = run.records["limit_impacts"][0]
@@ -132,7 +134,9 @@ def test_two_cords_of_one_length_stop_at_once(tmp_path, e):
     twin = f'<fixed name="twin" limited="true" range="-1 .05">{twin}</fixed>'
     text = masses(RANGE).replace("</tendon>", f"{twin}</tendon>")
     limits = {name: {"restitution": e} for name in ("cord", "twin")}
-    run = good(ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.3, initial={"rates": {"s_1": 1.0}}, joint_limits=limits)))
+    run = proved(
+        ffsm_mj.run(scene(tmp_path, text, {}, duration_s=0.3, initial={"rates": {"s_1": 1.0}}, joint_limits=limits))
+    )
     both = run.records["limit_impacts"]
     assert {each.joint for each in both} == {"robot/cord", "robot/twin"}
     rates = [dict(both[-1].qvel_after)[f"robot/s_{i}"][0] for i in (1, 2)]
@@ -165,7 +169,7 @@ def swinging(folder, step, e=0.0, tendon=None):
 def test_a_spatial_cord_is_taut(tmp_path, e, tendon):
     """The length never exceeds its end; all balances and checks hold, and the end converges with order four."""
     runs = [swinging(tmp_path / str(k), 4e-3 / 2**k, e, tendon) for k in range(3)]
-    good(runs[-1])
+    proved(runs[-1])
     assert runs[-1].records["limit_impacts"]
     keys = [key for key in runs[-1].keys if key.startswith("state.v_")]
     coarse, fine = (max(abs(run[key][-1] - runs[-1][key][-1]) for key in keys) for run in runs[:2])

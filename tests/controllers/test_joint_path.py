@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.trajectories import MinimumJerk
 from ffsm_mj.errors import InputError
 from tests.controllers.test_hold import START, slider
 from tests.controllers.test_track import ARM, WHEELS
+from tests.replays import assert_passes
 
 
 def test_from_rest_to_rest_it_is_the_closed_form():
@@ -116,8 +116,7 @@ def test_a_run_follows_the_closed_form():
     off = {}
     for period in (0.02, 0.01):
         run = arm(law, time_step_s=0.01, control_period_s=period).run()
-        assert run.outcome == "completed", run.message
-        assert all(check.passes for check in all_checks(run))
+        assert_passes(run)
         off[period] = off_path(run)
         told = run["controller.path_error_rad"].max()
         assert told == pytest.approx(off[period], rel=1e-9)

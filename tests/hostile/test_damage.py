@@ -1,6 +1,6 @@
 """Random damage of logs of all shipped scenarios: it is reported as damage, and never as a failing check or as none.
 
-A plain run takes 30 damages of two short logs, and 80 of the 2000 that ``--long`` takes of logs of all shipped scenarios.
+A plain run takes 10 damages of two short logs, and 20 of the 2000 that ``--long`` takes of logs of all shipped scenarios.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.report.verification_report import verification
 from ffsm_mj.scenario.shipped import scenario_names
 from ffsm_mj.verification.truncation import ExplainedChecks
+from tests import long_share
 
 LONG_S = 9.0
 """Logs of longer runs are cut short, after the impact of the paper's scenario."""
@@ -102,13 +103,13 @@ def complaints(whole: bytes, seeds: range, folder: Path) -> list[str]:
 
 @pytest.mark.parametrize(("name", "duration_s"), [("squeeze", 0.3), ("tap", 0.4)])
 def test_damage_is_damage(logs, name, duration_s, tmp_path):
-    assert complaints(logs(name, duration_s), range(15), tmp_path) == []
+    assert complaints(logs(name, duration_s), range(15 if long_share.every_case else 5), tmp_path) == []
 
 
 PARTS = [(name, part) for name in scenario_names() for part in range(25)]
 
 
-@pytest.mark.long(one_of=25)
+@pytest.mark.long(one_of=115)
 @pytest.mark.parametrize(("name", "part"), PARTS)
 def test_damage_of_shipped_scenarios_is_damage(logs, name, part, tmp_path):
     size = -(-2000 // len(PARTS))

@@ -9,7 +9,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
-from tests.mechanisms.test_motions import assert_sound, last
+from tests.mechanisms.test_motions import last
+from tests.replays import proved
 
 ROOM = """<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody>
  <body name="post" pos="0 2 0"><geom name="post" type="box" size=".1 .1 .1"/></body>
@@ -53,7 +54,7 @@ def test_an_object_in_the_hand_from_the_start(tmp_path, kind):
     data = prepare(path).assemble().data
     np.testing.assert_allclose(data.site("box/face").xpos, data.site("robot/tip").xpos, rtol=0, atol=1e-12)
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     energy = run["energy.objects_J"]
     assert np.abs(np.diff(energy)).max() > 1e-6
     given = np.linalg.norm([run[f"balance.contact_P_{axis}_N_s"] for axis in "xyz"], axis=0)
@@ -64,7 +65,7 @@ def test_a_hand_on_a_fixed_post(tmp_path):
     """A fixed body takes momentum, and no energy."""
     path = room(tmp_path, '<connect body1="link" body2="post" anchor=".4 0 0"/>', {}, {"elbow": 0.8, "lid": 0.1})
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     energy = run["energy.robot_J"]
     np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-9 * (1 + energy[0]))
 
@@ -75,7 +76,7 @@ def test_joints_of_two_models_that_are_coupled(tmp_path):
         tmp_path, '<joint joint1="lid" joint2="elbow" polycoef="0 -2 .5 0 0"/>', {}, {"elbow": 0.8, "float": [0.1] * 6}
     )
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     elbow, lid = last(run, "q_robot_elbow_rad", "q_box_lid_rad")
     assert lid == pytest.approx(-2.0 * elbow + 0.5 * elbow**2, abs=1e-11)
     assert np.abs(np.diff(run["energy.objects_J"])).max() > 1e-6

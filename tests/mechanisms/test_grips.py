@@ -12,7 +12,8 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from tests.contact_models.limits import DRIVEN, driven_by
 from tests.mechanisms.models import HEAD, box, four_bar, gripper, mechanism
-from tests.mechanisms.test_motions import assert_sound, last
+from tests.mechanisms.test_motions import last
+from tests.replays import proved
 
 
 def gripped(folder, *, drive='tendon="pull"', mass=0.1, e=0.0):
@@ -45,7 +46,7 @@ def impacts(run):
 def test_coupled_fingers_grip_a_box(tmp_path, drive, normal):
     """M6: times and impulses in closed form, at rest off centre; 2 N each, wherever the motor pulls."""
     run = gripped(tmp_path, drive=drive)
-    assert_sound(run)
+    proved(run)
     found = impacts(run)
     first, second = sorted({time for time, _ in found})
     assert first == pytest.approx(math.sqrt(0.0015), abs=1e-11)
@@ -76,7 +77,7 @@ def test_one_finger_at_a_wall_of_the_palm(tmp_path):
         initial={"joints": {"box/by": 9.0}},
     )
     run = ffsm_mj.run(path, controllers=driven_by(lambda _: (4.0,)))
-    assert_sound(run)
+    proved(run)
     (force,) = [key for key in run.keys if key.startswith("contact.f1") and key.endswith("force_N")]
     assert run[force][-1] == pytest.approx(4.0, abs=1e-10)
     assert abs(last(run, "v_robot_f2_m_s")[0]) < 1e-12
@@ -98,7 +99,7 @@ def test_the_law_of_a_gripper_closes_coupled_fingers(tmp_path, law):
         control_period_s=1e-3,
     )
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     for finger in ("f1", "f2"):
         assert run[f"contact.{finger}_box_box_force_N"][-1] == pytest.approx(2.0, abs=1e-9)
 
@@ -106,7 +107,7 @@ def test_the_law_of_a_gripper_closes_coupled_fingers(tmp_path, law):
 def test_a_finger_that_would_have_to_pull_lets_go(tmp_path):
     """Of a box of 1 kg both contacts at rest would need -.0322 N s at the first finger: it opens instead."""
     run = gripped(tmp_path, mass=1.0)
-    assert_sound(run)
+    proved(run)
     found = impacts(run)
     second = max(time for time, _ in found)
     assert found[second, "f2"] > 0.02
@@ -116,7 +117,7 @@ def test_a_finger_that_would_have_to_pull_lets_go(tmp_path):
 def test_an_elastic_grip(tmp_path):
     """Elastic impacts of the first finger: energy of the whole is what the motor did."""
     run = gripped(tmp_path, e=1.0)
-    assert_sound(run)
+    proved(run)
     assert float(run["energy.total_J"][-1]) == pytest.approx(float(run["balance.work_J"][-1]), abs=1e-12)
 
 
@@ -138,7 +139,7 @@ def test_fingers_of_a_stiff_servo_hold_a_box_by_friction(tmp_path):
         time_step_s=1e-3,
     )
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     for finger in ("f1", "f2"):
         # Both fingers are at rest at 2 cm, to the 1e-9 m within which a contact is closed: 2e-7 N.
         assert run[f"contact.{finger}_box_box_force_N"][-1] == pytest.approx(0.5 * kp * (0.03 - 0.02), abs=1e-6)
@@ -187,7 +188,7 @@ def test_a_mechanism_takes_an_object(tmp_path):
     """The plastic impulse keeps the loop closed: the velocities nearest in the metric of M with all rows at rest."""
     path = holding(tmp_path)
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     (capture,) = run.records["grasp_impulses"]
     (release,) = run.records["releases"]
     assert release.time_s == pytest.approx(0.4, abs=1e-12)
@@ -254,7 +255,7 @@ def test_a_load_limit_of_a_grasp_of_a_mechanism(tmp_path):
     free = ffsm_mj.run(holding(tmp_path))
     limit = 0.9 * float(np.linalg.norm([free[f"contact.grasp_force_{axis}_N"] for axis in "xyz"], axis=0).max())
     run = ffsm_mj.run(holding(tmp_path, grasps={"grasp": GRASP | {"load_limit": {"force_N": limit}}}))
-    assert_sound(run)
+    proved(run)
     (release,) = run.records["releases"]
     assert release.reason == "load_limit"
     assert release.force_N >= limit * (1.0 - 1e-9)

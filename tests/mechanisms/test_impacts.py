@@ -18,7 +18,8 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from tests.mechanisms.models import four_bar, geared, mechanism, rock
-from tests.mechanisms.test_motions import assert_sound, last
+from tests.mechanisms.test_motions import last
+from tests.replays import proved
 from tests.scenes import scene
 
 
@@ -43,7 +44,7 @@ def hit_wheel(folder, e, *, boost=0.0, **scenario):
 def test_a_ball_hits_a_geared_wheel(tmp_path, boost):
     """M1: both wheels and the base respond at once, as the elimination says."""
     run = ffsm_mj.run(hit_wheel(tmp_path, 1.0, boost=boost))
-    assert_sound(run)
+    proved(run)
     (record,) = run.records["impacts"]
     assert record.impulse_N_s == pytest.approx(0.618700163172, abs=1e-11)
     after = record.qvel_after
@@ -61,7 +62,7 @@ def test_a_ball_hits_a_geared_wheel(tmp_path, boost):
 
 def test_half_of_the_restitution(tmp_path):
     run = ffsm_mj.run(hit_wheel(tmp_path, 0.5))
-    assert_sound(run)
+    proved(run)
     (record,) = run.records["impacts"]
     assert record.impulse_N_s == pytest.approx(0.464025122379, abs=1e-11)
 
@@ -121,7 +122,7 @@ def hit_rocker(folder, e, *, crank=0.0, turn=None, boost=0.0, mu=0.0, **scenario
 def test_a_ball_hits_the_rocker_of_a_four_bar_linkage(tmp_path):
     """M4: e .6 at half of the rocker along its normal; the pin and the crank respond."""
     run = ffsm_mj.run(hit_rocker(tmp_path, 0.6))
-    assert_sound(run)
+    proved(run)
     (record,) = run.records["impacts"]
     assert record.impulse_N_s == pytest.approx(0.450747917954, abs=1e-10)
     base = record.qvel_after["robot/base"]
@@ -166,7 +167,7 @@ def test_a_linkage_of_an_object_is_hit(tmp_path):
         contacts={"rules": [{"between": ["spot", "rock"], "restitution": 0.6}]},
     )
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     assert run.records["impacts"][0].impulse_N_s == pytest.approx(0.450747917954, abs=1e-10)
 
 
@@ -184,7 +185,7 @@ def test_an_impact_of_a_linkage_does_not_depend_on_frame_or_step(tmp_path, e):
         run = ffsm_mj.run(hit_rocker(tmp_path, e, crank=1.0, mu=0.2, duration_s=0.5, **change))
         (record,) = run.records["impacts"]
         found.append((record.impulse_N_s, record.time_s, *last(run, "q_robot_crank_rad", "v_robot_crank_rad_s")))
-        assert_sound(run)
+        proved(run)
     for each, tolerance in zip(found[1:], (1e-12, 1e-12, 2e-9), strict=True):  # h^4 of 1 ms is 1e-13 here, of 10 ms 1e-9
         np.testing.assert_allclose(each, found[0], rtol=0, atol=tolerance)
 
@@ -201,7 +202,7 @@ def test_a_coupled_joint_reaches_its_limit(tmp_path):
         control_period_s=0.01,
     )
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     (record,) = run.records["limit_impacts"]
     assert record.time_s == pytest.approx(0.4, abs=1e-12)
     assert record.impulse == pytest.approx(0.013046930069, abs=1e-12)
@@ -272,7 +273,7 @@ def test_friction_at_an_impact_of_a_mechanism(tmp_path, e):
     path = hit_wheel(tmp_path, e, duration_s=0.3)
     path.write_text(path.read_text().replace(f'"restitution": {e!r}', f'"restitution": {e!r}, "mu": 0.3'))
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     assert run.records["impacts"][0].mu == 0.3
 
 
@@ -291,7 +292,7 @@ def test_a_limit_inside_a_closed_loop(tmp_path):
             control_period_s=0.01,
         )
         run = ffsm_mj.run(path)
-        assert_sound(run)
+        proved(run)
         first = run.records["limit_impacts"][0]
         assert first.separation_rate == pytest.approx(e * first.approach_rate, abs=1e-11)
         assert abs(first.energy_change_J) < 1e-11 or e < 1.0  # of 3 J

@@ -21,7 +21,8 @@ from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.task_model import JointModel
 from tests.mechanisms.models import CHAIN, HEAD, five_bar, four_bar, geared, mechanism
-from tests.mechanisms.test_motions import assert_sound, last
+from tests.mechanisms.test_motions import last
+from tests.replays import proved
 
 TOW = """<mujoco>{head}<worldbody><body name="base"><freejoint name="base"/>
   <inertial pos="0 0 0" mass="20" diaginertia="2 2 2"/>
@@ -122,7 +123,7 @@ def test_a_path_of_a_geared_joint_is_followed(tmp_path):
                 duration_s=0.8,
             )
         )
-        assert_sound(run)
+        proved(run)
         errors.append(np.abs(np.subtract(last(run, "q_robot_shoulder_rad", "q_robot_elbow_rad"), (0.4, 0.5))).max())
     assert errors[1] < 2e-4
     assert last(run, "q_robot_disc_rad")[0] == pytest.approx(4.0 * last(run, "q_robot_elbow_rad")[0], abs=1e-11)
@@ -143,7 +144,7 @@ def test_osdre_brings_the_tip_of_a_mechanism_to_its_target(tmp_path):
             duration_s=6.0,
         )
     )
-    assert_sound(run)
+    proved(run)
     assert float(run["controller.osdre_error_m"][-1]) < 5e-3
 
 

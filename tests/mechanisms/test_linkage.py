@@ -13,7 +13,7 @@ import ffsm_mj
 from ffsm_mj.assembly import plant
 from ffsm_mj.scenario.shipped import scenarios_dir
 from tests.mechanisms.reduced import closing
-from tests.mechanisms.test_motions import assert_sound
+from tests.replays import proved
 from tests.scenes import FLOATING_BASES, scene
 
 DURATION_S, FRICTION_N_M, SETPOINT = 0.04, 0.2, 0.8
@@ -92,4 +92,4 @@ def test_divided_steps_end_at_the_limit_of_the_servo(friction, reference, step_s
     assert rates < 2e-10
     assert energies < 1e-9  # the accuracy of divided steps
     assert run.summary()["smallest_step_s"] < step_s
-    assert_sound(run)
+    proved(run)

@@ -10,7 +10,7 @@ import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from tests.mechanisms.models import WELDED, mechanism
 from tests.mechanisms.test_grips import gripped
-from tests.mechanisms.test_motions import assert_sound
+from tests.replays import proved
 
 FORCE, TORQUE = ([f"{what}_{x}_{unit}" for x in "xyz"] for what, unit in (("force", "N"), ("torque", "N_m")))
 ROPE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>
@@ -24,7 +24,7 @@ ROPE = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoi
 def test_the_tension_of_a_rope(tmp_path):
     """M10: masses of 3 and 2 kg turn about each other at 1.6 rad/s: mu r w^2 = 1.2 * .5 * 1.6^2 = 1.536 N."""
     run = ffsm_mj.run(mechanism(tmp_path, ROPE, {"x": 0.5}, {"x": 0.0, "y": 0.8}, time_step_s=5e-3, control_period_s=0.02))
-    assert_sound(run)
+    proved(run)
     # A tension shortens the rope. The state has the error of the steps, 5e-11.
     np.testing.assert_allclose(run["contact.robot_taut_force_N"], -1.536, rtol=0, atol=1e-9)
 
@@ -61,7 +61,7 @@ def test_the_load_of_a_weld_is_what_moves_the_body(tmp_path, name):
     rates = {"robot/base": [*-np.cross(om, centre), *om]}
     path = mechanism(tmp_path, text, {}, rates, control_period_s=h, time_step_s=h, duration_s=0.2)
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     force, torque = (np.stack([run[f"{start}_{key}"] for key in keys], axis=1) for keys in (FORCE, TORQUE))
     linear, spin, arm = momenta_of_child(path, run)
     # Central differences are off by h^2 / 6 of the third derivative: 7e-7 of some 2 N 1/s^2 and 1 N m 1/s^2.

@@ -12,10 +12,10 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.loops.closed_loops import ClosedLoops
-from ffsm_mj.replay import replay_log
 from ffsm_mj.tolerances import RANK
 from tests.contact_models.limits import DRIVEN, driven_by
 from tests.mechanisms.models import WELDED, four_bar, geared, mechanism, parallelogram, turned, two_loops
+from tests.replays import proved
 
 
 def last(run, *names):
@@ -26,16 +26,6 @@ def angle(run):
     """Angle of the base about z."""
     w, z = last(run, "q_robot_base_qw", "q_robot_base_qz")
     return 2.0 * math.atan2(z, w)
-
-
-def assert_sound(run):
-    """Complete, every check passes, and the replay of the log agrees."""
-    assert run.outcome == "completed", run.message
-    assert [check for check in all_checks(run) if not check.passes] == []
-    again = replay_log(run.log)
-    assert not again.obstacle
-    assert again.agrees
-    assert [check for check in again.checks() if not check.passes] == []
 
 
 def linkage(folder, step_s, **scenario):
@@ -66,7 +56,7 @@ def test_a_driven_four_bar_linkage(tmp_path):
             float(run["balance.work_J"][-1]),
         )
         errors.append(np.abs(np.subtract(found, M3)).max())
-    assert_sound(run)
+    proved(run)
     assert errors[1] < 4e-12
     assert errors[0] / errors[1] > 10.0
 
@@ -77,7 +67,7 @@ def test_a_parallelogram_with_a_redundant_bar(tmp_path):
     for bars in (3, 2):
         rates = {"robot/base": [0, 0, 0, 0, 0, 0.2], "bar0": 1.5}
         run = ffsm_mj.run(mechanism(tmp_path, parallelogram(bars), {"bar0": 0.8}, rates, control_period_s=0.02))
-        assert_sound(run)
+        proved(run)
         found.append([*last(run, "q_robot_base_x_m", "q_robot_base_y_m"), angle(run), *last(run, "q_robot_bar0_rad")])
     np.testing.assert_allclose(found[0], [0.01640258328, 0.051855406556, 0.336456346953, 2.061623317634], rtol=0, atol=2e-12)
     assert found[1][3] == pytest.approx(2.067992560911, abs=2e-12)
@@ -93,7 +83,7 @@ def test_numbers_of_a_file_that_are_rounded_leave_a_mechanism_its_motion(tmp_pat
         ffsm_mj.run(mechanism(tmp_path, parallelogram(off=off), {"bar0": 0.8}, rates, control_period_s=0.02, duration_s=0.4))
         for off in (0.0, 1e-8)
     )
-    assert_sound(rounded)
+    proved(rounded)
     for name in ("q_robot_bar0_rad", "q_robot_base_x_m", "v_robot_bar0_rad_s"):
         np.testing.assert_allclose(last(rounded, name), last(even, name), rtol=0, atol=1e-7)  # ten times the error
     # Rows that are closed to 1e-8 only close another way as the bars turn: the energy changes by less than that share.
@@ -115,7 +105,7 @@ def test_a_welded_body_moves_as_one_rigid_body(tmp_path, kind):
     om, centre = np.array([0.8, -1.1, 0.6]), np.array([0.8, 0.4, -0.2]) / 7.0
     rates = {"robot/base": [*-np.cross(om, centre), *om]}
     run = ffsm_mj.run(mechanism(tmp_path, text, {}, rates, control_period_s=0.02, time_step_s=2e-3))
-    assert_sound(run)
+    proved(run)
     spin = last(run, *(f"v_robot_base_w{axis}_rad_s" for axis in "xyz"))
     np.testing.assert_allclose(spin, [0.887732327255, -0.932093100647, 0.752527426020], rtol=0, atol=1e-12)
     turn = last(run, *(f"q_robot_base_q{axis}" for axis in "wxyz"))
@@ -137,7 +127,7 @@ def test_two_loops_that_share_a_joint(tmp_path):
         )
         run = ffsm_mj.run(path)
         found.append(last(run, "q_robot_crank_rad", "v_robot_crank_rad_s", "q_robot_r1_rad", "q_robot_r2_rad"))
-    assert_sound(run)
+    proved(run)
     coarse, fine = (np.abs(np.subtract(each, found[2])).max() for each in found[:2])
     assert coarse / fine == pytest.approx(17.0, rel=0.3)
     assert fine < 1e-11
@@ -160,7 +150,7 @@ def test_two_masses_on_a_tendon_of_constant_length(tmp_path):
         x, y = last(run, "q_robot_x_m", "q_robot_y_m")
         assert math.hypot(x, y) == pytest.approx(0.5, abs=1e-10)
         errors.append(abs(math.atan2(y, x) - 1.6))
-    assert_sound(run)
+    proved(run)
     assert errors[1] < 2e-10
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.2)
     assembly = prepare(path).assemble()
@@ -214,7 +204,7 @@ def test_a_scene_has_no_soft_forces(tmp_path):
     path = mechanism(tmp_path, geared(), {}, {"A": 1.0}, duration_s=0.1)
     assert prepare(path).system.mj.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EQUALITY
     run = ffsm_mj.run(path)
-    assert_sound(run)
+    proved(run)
     a, b = last(run, "v_robot_A_rad_s", "v_robot_B_rad_s")
     assert b == pytest.approx(-3.0 * a, abs=1e-12)
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.errors import InputError
-from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import grasping
+from tests.replays import proved
 from tests.scenes import HEAD, scene
 
 BASE, LINK, ROTOR, GEAR, K = 0.7, 0.3, 2e-5, 80.0, 40.0
@@ -65,17 +64,9 @@ def pushed(folder, flex=None, robot=ARM, **changes):
     return ffsm_mj.run(path, controllers={"push": Push})
 
 
-def good(run):
-    assert run.outcome == "completed", run.message
-    assert [check for check in all_checks(run) if not check.passes] == []
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    return run
-
-
 def test_a_step_of_torque_on_the_rotor(tmp_path):
     """The spring gives way by -(u / (B w^2)) (1 - cos w t); the rotor has the rest, and base and link keep a spin of 0."""
-    run = good(pushed(tmp_path))
+    run = proved(pushed(tmp_path))
     since = run.time
     deflection = -0.6 / (REFLECTED * W * W) * (1.0 - np.cos(W * since))
     error = np.abs(run["state.q_robot_drive_flex_rad"] - deflection).max()
@@ -137,7 +128,7 @@ def test_a_flexible_arm_catches_and_holds(tmp_path):
     """The laws of both phases compute with the rigid arm, free and with the object, and hold the motors."""
     path = grasping(tmp_path, duration_s=1.4)
     drive = {"stiffness": 60.0, "damping": 0.05, "gear": 100.0, "rotor_inertia": 2e-5}
-    run = good(ffsm_mj.run(path, {"robot.joint_flex": {"shoulder": drive, "elbow": drive}, "phases.hold.for_s": 0.4}))
+    run = proved(ffsm_mj.run(path, {"robot.joint_flex": {"shoulder": drive, "elbow": drive}, "phases.hold.for_s": 0.4}))
     (capture,) = run.grasps
     assert capture.release_s is not None
     held = (run.time > capture.time_s) & (run.time < capture.release_s)

@@ -13,6 +13,7 @@ from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.records.events import ImpactRecord
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import FLAT_ARM, FLAT_TARGET, OFF, TOUCH, grasping, stone
+from tests.replays import assert_replayed
 from tests.scenes import scene
 
 SENSORS = {
@@ -53,7 +54,7 @@ def test_bits_of_the_run_are_those_without_sensors(tmp_path, measured):
     assert len(without.grasps) == 1
     for key in without.keys:
         assert np.array_equal(without[key], measured[key], equal_nan=True), key
-    assert replay_log(measured.log).agrees
+    assert_replayed(measured)
 
 
 def test_a_log_with_a_gap_while_an_object_is_held_agrees(measured):
@@ -128,7 +129,7 @@ def test_a_joint_that_the_grasp_removes_is_not_measured_while_it_is_closed(tmp_p
     assert 10 < held.sum() < 100
     assert np.array_equal(np.isnan(run["sensor.slide_true_m"]), held)
     assert np.array_equal(run["sensor.slide_valid"] == 0.0, held)
-    assert replay_log(run.log).agrees
+    assert_replayed(run)
 
 
 SLIDER = """<mujoco><option gravity="0 0 0"/><worldbody><body name="base"><freejoint name="base"/>

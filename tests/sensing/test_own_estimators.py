@@ -18,6 +18,7 @@ from ffsm_mj.experiments.engines import loop
 from ffsm_mj.replay import replay_log
 from tests.controllers.test_plugins import ffsm, install
 from tests.experiments.files import campaign_file
+from tests.replays import assert_replayed
 from tests.scenes import two_balls
 from tests.sensing.scenes import column
 
@@ -100,7 +101,7 @@ def test_a_class_of_a_script_is_flown_and_told(tmp_path, capfd):
     assert run.outcome == "completed"
     assert len(set(run["actuators.robot_push_x_command_N"])) == 1
     assert np.array_equal(run["estimate.frozen_calls"][:-1], np.arange(1.0, len(run.time)))
-    assert replay_log(run.log).agrees
+    assert_replayed(run)
     assert "\nscript_laws: [mine]\n" in (out / "scenario.yaml").read_text()
     again = pickle.loads(pickle.dumps(prepare(out, estimators={"mine": Frozen}))).run()
     assert np.array_equal(again.log.rows, run.log.rows, equal_nan=True)

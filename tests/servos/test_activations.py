@@ -9,7 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.actuators import Activations
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
 from tests.servos.scenes import START, link_scene, steps
 from tests.servos.test_servos import ANGLE, RATE, passes
@@ -99,8 +99,7 @@ def test_an_activation_is_integrated_with_the_motion(tmp_path, what):
         )
     assert errors[0] < at_4_ms
     assert errors[2] < max(errors[1] / 10.0, 2e-10)  # steps that the control has divided are near rounding
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
+    assert_replayed(run)
 
 
 def test_the_end_of_a_range_inside_a_step_spoils_the_order(tmp_path, monkeypatch):

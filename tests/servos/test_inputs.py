@@ -57,8 +57,7 @@ def test_a_controller_of_angle_and_rate_moves_as_its_law_says(tmp_path, actuator
     assert errors[0] < 1e-8
     # The limit is met within the error of the root, 1e-9 of it, of which 3e-11 is left in the integral.
     assert errors[1] < 5e-11
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
+    assert_replayed(run)
 
 
 def test_the_rate_is_part_of_the_law(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ffsm_mj.dynamics.actuators import ForceLimits
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.servos.scenes import INERTIA, link, run_link, steps
 from tests.servos.test_servos import ANGLE, RATE, passes
 
@@ -86,7 +86,6 @@ def test_steps_end_at_kinks(tmp_path, monkeypatch, what, torque):
     errors = [errors_of(run, torque) for run in runs]
     assert errors[1] < errors[0] / 13.0 + 2e-13  # 16, and the error of the reference
     assert all(passes(run) for run in runs)
-    again = replay_log(runs[1].log)
-    assert again.agrees, again.worst
+    assert_replayed(runs[1])
     monkeypatch.setattr(ForceLimits, "first_kink", lambda _, path, __: path.move_to(0.0))
     assert errors_of(run_of(tmp_path, what, 8e-3), torque) > 15.0 * errors[0]

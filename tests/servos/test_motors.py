@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from ffsm_mj.dynamics.actuators import MotorKinks
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.servos.scenes import INERTIA, steps
 from tests.servos.test_activations import ACTIVATION, MOTOR, run_of
 from tests.servos.test_servos import ANGLE, RATE, passes
@@ -120,8 +120,7 @@ def test_a_motor_moves_as_its_law_says(tmp_path, what):
     assert errors[1][0] < errors[0][0] / CASES[what][-1] + 2e-10
     assert errors[1][0] < 2e-8
     assert passes(errors[1][1])
-    again = replay_log(errors[1][1].log)
-    assert again.agrees, again.worst
+    assert_replayed(errors[1][1])
 
 
 @pytest.mark.parametrize("what", CASES)

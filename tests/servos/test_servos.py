@@ -10,7 +10,6 @@ from ffsm_mj.analysis.run_models import effort
 from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.dynamics.actuators import ForceLimits
 from ffsm_mj.errors import ControllerError
-from ffsm_mj.replay import replay_log
 from tests.replays import assert_replayed
 from tests.scenario.test_scenario import faults
 from tests.scenes import ARM, HEAD, ball
@@ -115,8 +114,7 @@ def test_a_scenario_makes_a_servo_a_motor(tmp_path):
     run = ffsm_mj.run(link_scene(tmp_path, hold, actuators=actuator), as_motor)
     motor = ffsm_mj.run(link_scene(tmp_path, hold, actuators='<motor name="servo" joint="j" forcerange="-2 2"/>'))
     np.testing.assert_array_equal(run.log.rows, motor.log.rows)
-    again = replay_log(run.log)
-    assert again.agrees, again.obstacle
+    assert_replayed(run)
 
 
 def test_servos_on_a_tendon_drive_both_its_joints(tmp_path):
@@ -232,8 +230,7 @@ def test_the_step_ends_where_a_force_leaves_its_limit(tmp_path, limit_of_joint):
         assert passes(run)
     assert errors[0] < 7e-10
     assert errors[1] < errors[0] / 10.0 + 1e-12
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
+    assert_replayed(run)
 
 
 def test_a_kink_inside_a_step_spoils_the_order(tmp_path, monkeypatch):

@@ -16,6 +16,7 @@ from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, driven_by
 from tests.contact_models.persistent.random_pushes import LAWS, drawn
+from tests.replays import assert_passes, assert_replayed
 from tests.scenes import ARM, HEAD, box, scene
 
 
@@ -144,8 +145,7 @@ def test_under_pressing_contacts_and_across_events(tmp_path, seed):
     path.write_text(json.dumps(said | {"accuracy": 1e-9}))
     run = ffsm_mj.run(path, controllers=LAWS)
     again = replay_log(run.log)
-    assert run.outcome == "completed"
-    assert all(check.passes for check in all_checks(run))
+    assert_passes(run)
     assert again.agrees
     assert all(check.passes for check in again.checks())
 
@@ -161,8 +161,7 @@ def test_while_an_object_is_grasped_and_with_thrusters_and_ideal_motors(scenario
     overrides = {"accuracy": 1e-9, "duration_s": 14.0, "time_step_s": period_s, "control_period_s": period_s}
     run = ffsm_mj.run(scenario, overrides)
     again = replay_log(run.log)
-    assert run.outcome == "completed"
-    assert all(check.passes for check in all_checks(run))
+    assert_passes(run)
     assert again.agrees
     assert run.summary()["sub_steps"] > run.summary()["steps"]
 
@@ -172,7 +171,7 @@ def test_a_motion_too_fast_for_any_step_ends_the_run(tmp_path):
     run = ffsm_mj.run(whirling(tmp_path, rate=1e5, accuracy=1e-9))
     assert run.outcome == "step_limit"
     assert "shorter time_step_s or a larger accuracy" in run.message
-    assert replay_log(run.log).agrees
+    assert_replayed(run)
 
 
 def test_what_a_shorter_step_does_not_mend_is_left_to_the_checks(tmp_path, monkeypatch):
@@ -189,8 +188,7 @@ def test_rounding_of_short_steps_does_not_make_a_step_long(tmp_path, monkeypatch
     honest = StepError.relative
     monkeypatch.setattr(StepError, "relative", lambda self, t, *a, **k: honest(self, t, *a, **k) + 1e-12)
     run = ffsm_mj.run(whirling(tmp_path, accuracy=1e-9, duration_s=0.1))
-    assert run.outcome == "completed"
-    assert all(check.passes for check in run.checks())
+    assert_passes(run)
 
 
 @pytest.mark.parametrize(("value", "said"), [("1e-12", "greater than or equal"), ("1", "less than"), ("yes", "number")])

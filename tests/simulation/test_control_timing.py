@@ -9,7 +9,7 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.errors import InputError
-from ffsm_mj.replay import replay_log
+from tests.replays import assert_replayed
 from tests.scenes import ball, scene
 from tests.sensing.scenes import Listener, arm, column, pushing, run
 
@@ -81,7 +81,7 @@ def test_the_time_of_arrival_is_exact(tmp_path):
     assert np.allclose(pushed[1:], 6.0 * (times[1:] - 0.0037), rtol=1e-4)
     (change,) = made.log.records["effort_changes"]
     assert change.time_s == pytest.approx(0.0037, abs=1e-12)
-    assert replay_log(made.log).agrees
+    assert_replayed(made)
 
 
 def test_delays_of_whole_periods_need_no_events(tmp_path):
@@ -89,7 +89,7 @@ def test_delays_of_whole_periods_need_no_events(tmp_path):
     assert not made.log.records.get("effort_changes")
     assert (column(made, "actuators.robot_m1_applied_N_m")[:3] == 0.0).all()
     assert (column(made, "actuators.robot_m1_applied_N_m")[3:] == 0.2).all()
-    assert replay_log(made.log).agrees
+    assert_replayed(made)
 
 
 def test_each_actuator_has_its_delay_and_that_of_the_model_counts(tmp_path):
@@ -101,7 +101,7 @@ def test_each_actuator_has_its_delay_and_that_of_the_model_counts(tmp_path):
     }
     assert first == {"m1": 2, "m2": 2, "push": 0}  # 0.02, 0.013 and 0 s in ticks of 0.01 s
     assert {round(change.time_s % 0.01, 9) for change in made.log.records["effort_changes"]} == {0.003}
-    assert replay_log(made.log).agrees
+    assert_replayed(made)
 
 
 def test_late_ticks_are_called_late_and_are_the_same_again(tmp_path):
@@ -112,7 +112,7 @@ def test_late_ticks_are_called_late_and_are_the_same_again(tmp_path):
     assert late.min() >= 0.0
     assert late.max() < 0.008
     assert late.std() == pytest.approx(0.008 / math.sqrt(12.0), rel=0.3)
-    assert replay_log(made.log).agrees
+    assert_replayed(made)
     again = run(pushing(tmp_path, actuation={"control_jitter_s": 0.008}, seed=5))
     assert np.array_equal(made.log.rows, again.log.rows, equal_nan=True)
     with pytest.raises(InputError, match=r"actuation.control_jitter_s: must be less than control_period_s \(0.01 s\)"):

@@ -55,6 +55,7 @@ def check_in_another_process(folder, scenario, given, wanted):
         assert is_rest_of(whole, part), from_bytes(file.read_bytes())["time_s"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_in_another_process(scenario, tmp_path):
     """Two points of each scenario: its second event, and a random tick."""
@@ -64,7 +65,7 @@ def test_in_another_process(scenario, tmp_path):
 
 
 @pytest.mark.long(one_of=100)
-@pytest.mark.parametrize("scenario", sorted(SCENARIOS, key=lambda name: name != "dock"))
+@pytest.mark.parametrize("scenario", sorted(SCENARIOS, key=lambda name: name != "no-actuation"))
 def test_at_every_event_and_at_random_ticks(scenario, tmp_path):
     random, duration_s = Random(scenario), prepare(scenario).scenario.duration_s
     check_in_another_process(tmp_path, scenario, {}, ("events", *(random.uniform(0.0, duration_s) for _ in range(TICKS))))

@@ -13,7 +13,8 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.features.body_motion import BodyMotion, dot, shifted, unit
 from ffsm_mj.contact.features.cores import Circle
 from ffsm_mj.contact.features.search import features
-from tests.contact_models.impact.test_fixed import good, slab
+from tests.contact_models.impact.test_fixed import slab
+from tests.replays import proved
 from tests.scenes import HEAD, scene
 
 _RADIUS, _HALF, _OVER = 0.12, 0.15, 0.05
@@ -64,7 +65,7 @@ def test_the_fastest_point_of_a_rim_is_a_contact_point(tmp_path):
     assert near.rate == pytest.approx(-0.2 - _RADIUS * math.hypot(0.7, 0.45), abs=1e-12)
     run = ffsm_mj.run(path)
     assert run.impacts
-    good(run)
+    proved(run)
 
 
 def test_the_second_rate_where_a_rim_crosses_an_edge(tmp_path):

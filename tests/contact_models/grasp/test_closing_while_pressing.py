@@ -10,8 +10,8 @@ import ffsm_mj
 from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import read_model
-from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.impact.test_fixed import slab
+from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")
@@ -121,7 +121,7 @@ def plastic(folder, qpos, qvel):
 def test_a_pair_that_presses_is_on_one_rigid_body_from_there(tmp_path, case):
     """Its contact ends at that instant; the joining is the plastic one; what is let go at gap 0 presses again."""
     within, changes = CASES[case]
-    run = holds(ffsm_mj.run(pushing(tmp_path / "scene", within, **changes)))
+    run = proved(ffsm_mj.run(pushing(tmp_path / "scene", within, **changes)))
     (capture,) = run.records["grasp_impulses"]
     assert pressed_until(run, capture.time_s)
     assert ("inside" in case) == (abs(capture.time_s / 1e-3 - round(capture.time_s / 1e-3)) > 1e-3)
@@ -153,7 +153,7 @@ def test_dispersed_starts(tmp_path, seed):
     }
     offset = float(np.hypot(position[1] + 0.02, position[2] + 0.03))
     within = {"position_m": float(np.hypot(0.1, offset) * rng.uniform(0.975, 1.05))}
-    run = holds(ffsm_mj.run(pushing(tmp_path / "scene", within, initial=start)))
+    run = proved(ffsm_mj.run(pushing(tmp_path / "scene", within, initial=start)))
     for capture in run.grasps:  # three slide past their bounds
         assert pressed_until(run, capture.time_s)
         assert capture.loss_J > 0.0

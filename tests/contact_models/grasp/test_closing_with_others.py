@@ -11,8 +11,8 @@ from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows, stopp
 from ffsm_mj.log.scenario import compile_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
 from tests.contact_models.grasp.test_closing_while_pressing import pressed_until, pushing
-from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.limits import driven_by
+from tests.replays import proved
 from tests.scenes import ball
 
 SITES = {"robot_site": "robot/centre", "object_site": "handle"}
@@ -63,7 +63,7 @@ def test_two_pairs_touch_at_one_instant_and_one_of_them_latches(tmp_path, restit
         phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": OFF}],
         duration_s=0.2,
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     system, (capture,) = compile_log(run.log), run.records["grasp_impulses"]
     first, second, *later = run.records["impacts"]
     assert first.event == second.event
@@ -103,7 +103,7 @@ def test_an_arm_on_its_stop_takes_what_pushes_it_further(tmp_path, kind, restitu
         phases=[{"name": "all", "until": "end", "arm": ["grasp"], "controller": {"kind": "driven"}}],
         duration_s=0.3,
     )
-    run = holds(ffsm_mj.run(path, controllers=driven_by(lambda _: (0.0, 0.05))))
+    run = proved(ffsm_mj.run(path, controllers=driven_by(lambda _: (0.0, 0.05))))
     system, (capture,) = compile_log(run.log), run.records["grasp_impulses"]
     assert capture.time_s > 0.1
     at = int(np.searchsorted(run.time, capture.time_s))
@@ -128,7 +128,7 @@ def test_a_pair_that_presses_stays_active_in_a_latch_with_freedom(tmp_path, kind
     """The hand pushes the crate along x: on a cylindrical latch along x by the contact alone, the latch cannot."""
     axis = {"axis": [1.0, 0.0, 0.0]} if kind == "cylindrical" else {}
     grasps = {"grasp": {**SITES, "joint": kind, **axis, "when": {"within": {"position_m": 0.1185}}}}
-    run = holds(ffsm_mj.run(pushing(tmp_path, {}, grasps=grasps)))
+    run = proved(ffsm_mj.run(pushing(tmp_path, {}, grasps=grasps)))
     (capture,) = run.records["grasp_impulses"]
     assert pressed_until(run, capture.time_s)
     holding = run["contact.grasp_closed"] == 1.0

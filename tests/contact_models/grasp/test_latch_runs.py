@@ -15,7 +15,7 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF, grasping, stone
-from tests.contact_models.grasp.test_runs import holds
+from tests.replays import proved
 from tests.scenes import scene
 
 AXIS = [2.0, -3.0, 6.0]
@@ -61,7 +61,7 @@ def loads(run):
 @pytest.mark.parametrize("kind", KINDS)
 def test_soft_capture_hard_capture_and_release(tmp_path, kind):
     """All checks, in the run and from its log; no load along what is free; the grasp that takes over ends the first."""
-    run = holds(ffsm_mj.run(docking(tmp_path, kind)))
+    run = proved(ffsm_mj.run(docking(tmp_path, kind)))
     soft, hard = run.records["grasp_impulses"]
     assert (soft.joint, soft.replaces, soft.rank) == (kind, "", {"ball": 3, "cylindrical": 4}.get(kind, 5))
     assert (hard.joint, hard.replaces, hard.rank) == ("rigid", "soft", 6)
@@ -180,8 +180,8 @@ def test_a_stone_hits_what_is_latched(tmp_path, kind):
         },
         contacts={"rules": [{"between": ["stone/stone", "target/target"], "restitution": 0.5, "mu": 0.3}]},
     )
-    run = holds(ffsm_mj.run(path, out=tmp_path / "run"))
-    holds(ffsm_mj.resume(tmp_path / "run", 0.04, out=tmp_path / "on"))
+    run = proved(ffsm_mj.run(path, out=tmp_path / "run"))
+    proved(ffsm_mj.resume(tmp_path / "run", 0.04, out=tmp_path / "on"))
     (hit,) = run.records["impacts"]
     twist = [np.array(rates["target/free"][3:]) - rates["robot/free"][3:] for rates in (hit.qvel_before, hit.qvel_after)]
     assert kind == "rigid" or np.linalg.norm(twist[1] - twist[0]) > 0.1
@@ -280,7 +280,7 @@ def test_an_object_that_swings_into_the_hand_bounces_off_it(tmp_path, kind):
         },
         duration_s=0.5,
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     hits = [hit for hit in run.records["impacts"] if hit.time_s < 0.35]
     assert hits
     assert all(set(hit.geoms) == {"robot/hand", "target/target"} for hit in hits)

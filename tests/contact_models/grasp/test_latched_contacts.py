@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.replay import replay_log
 from tests import long_share
 from tests.contact_models.impact.test_fixed import slab
+from tests.replays import proved
 from tests.scenes import scene
 
 BOX = """<mujoco><option gravity="{gravity}"/><worldbody><body name="object"><freejoint name="free"/>
@@ -33,16 +32,6 @@ AXIS = {
     "slide": {"axis": [1, 0, 0]},
     "cylindrical": {"axis": [1, 0, 0]},
 }
-
-
-def proven(run):
-    """The run completes, every check passes, and the replay agrees."""
-    assert run.outcome == "completed", run.log.outcome
-    assert [check for check in all_checks(run) if not check.passes] == []
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    assert [check for check in again.checks() if not check.passes] == []
-    return run
 
 
 def pressed(folder, kind, *, limited=False, mu=0.0, restitution=0.0, gravity="0 0 0", wall_mu=0.0, **scenario):
@@ -104,7 +93,7 @@ def test_a_contact_that_latches_hold_takes_no_part_in_a_limit_impact(tmp_path, m
         contacts={"rules": [{"between": ["pad", "object/box"], "restitution": restitution, "mu": mu}]},
         phases=[{"name": "hold", "until": "end", "arm": ["one", "two"], "controller": {"kind": "off"}}],
     )
-    run = proven(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert run["state.v_robot_base_vy_m_s"][-1] == pytest.approx(0.6 / 23, abs=1e-12)
     assert run["state.v_robot_j_m_s"][-1] == pytest.approx(0.0, abs=1e-12)
 
@@ -117,7 +106,7 @@ NEAR = {"within": {"position_m": 0.01}}
 @pytest.mark.parametrize("kind", AXIS)
 def test_a_latched_box_is_pressed_against_a_wall(tmp_path, kind, mu):
     """Latches of every kind fix the gap of pad and box along the normal: only the wall has a force, that of the motor."""
-    run = proven(ffsm_mj.run(pressed(tmp_path, kind, mu=mu, wall_mu=mu)))
+    run = proved(ffsm_mj.run(pressed(tmp_path, kind, mu=mu, wall_mu=mu)))
     assert run["contact.object_box_wall_wall_mode"].max() > 0.0
 
 
@@ -126,7 +115,7 @@ def test_a_ball_latch_bears_what_a_face_does_not(tmp_path):
 
     The latch takes any pressure of the pad, so the margin of the friction cones has no bound along internal forces.
     """
-    run = proven(
+    run = proved(
         ffsm_mj.run(
             pressed(
                 tmp_path,
@@ -157,7 +146,7 @@ def test_a_ball_latch_bears_what_a_face_does_not(tmp_path):
 def test_a_hinge_leaves_a_contact_one_relative_motion(tmp_path, restitution, mu, path, status):
     """Slip and normal velocity vanish together: run, check and replay agree on path, work and use of friction."""
     latch = {"robot_site": "tip", "object_site": "end", "joint": "hinge", "axis": [0, 0, 1]}
-    run = proven(
+    run = proved(
         ffsm_mj.run(
             scene(
                 tmp_path,

@@ -11,8 +11,8 @@ from ffsm_mj.errors import InputError
 from ffsm_mj.log.scenario import compile_log
 from tests.contact_models.grasp.scenes import OFF
 from tests.contact_models.grasp.test_latch_runs import ANY, SITES, docking, loads
-from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.limits import driven_by
+from tests.replays import proved
 from tests.scenes import HEAD, scene
 
 START = {
@@ -64,14 +64,14 @@ def test_it_opens_at_the_root_of_the_load(tmp_path, kind):
     The instant is the root whatever the step, to the truncation of the motion, and the logged load there is the limit.
     """
     start = reversed_end(ffsm_mj.run(swinging(tmp_path / "before", kind)))
-    free = holds(ffsm_mj.run(swinging(tmp_path / "free", kind, initial=start)))
+    free = proved(ffsm_mj.run(swinging(tmp_path / "free", kind, initial=start)))
     force, at = np.linalg.norm(loads(free)[:, :3], axis=1), 250
     assert np.all(np.diff(force[2:]) > 0.0)
     limit_N = float(0.3 * force[at - 1] + 0.7 * force[at])
     times = []
     for step_s in (1e-3, 0.5e-3):
         changes = {"time_step_s": step_s, "control_period_s": 1e-3, "initial": start}
-        run = holds(ffsm_mj.run(swinging(tmp_path / f"{step_s}", kind, {"force_N": limit_N}, **changes)))
+        run = proved(ffsm_mj.run(swinging(tmp_path / f"{step_s}", kind, {"force_N": limit_N}, **changes)))
         (release,) = run.records["releases"]
         assert release.reason == "load_limit"
         assert release.force_N == pytest.approx(limit_N, rel=1e-12)
@@ -102,7 +102,7 @@ def test_it_opens_at_the_tick_whose_efforts_are_too_large(tmp_path):
         contacts={"rules": []},
         phases=[{"name": "pull", "until": "end", "arm": ["grasp"], "controller": {"kind": "driven"}}],
     )
-    run = holds(ffsm_mj.run(path, controllers=driven_by(lambda time_s: (1.0 + round(time_s / 0.01),))))
+    run = proved(ffsm_mj.run(path, controllers=driven_by(lambda time_s: (1.0 + round(time_s / 0.01),))))
     (release,) = run.records["releases"]
     assert release.time_s == pytest.approx(0.08, abs=1e-12)
     assert release.force_N == pytest.approx(9.0 / 4.0, rel=1e-13)

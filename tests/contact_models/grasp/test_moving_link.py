@@ -9,7 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from tests.contact_models.grasp.scenes import ARM, OFF
-from tests.contact_models.grasp.test_runs import holds
+from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
 from tests.simulation.restored import is_rest_of, told
 
@@ -95,7 +95,7 @@ def test_it_is_a_grasp_of_a_base(tmp_path, latch):
     """Rows hold the panel where it is a link, a joint where it is the root: the same impulse, motion and load."""
     link, base = (ffsm_mj.run(catching(tmp_path / str(b), from_bus=b, latch=latch)) for b in (True, False))
     for run in (link, base):
-        holds(run)
+        proved(run)
     one, other = link.records["grasp_impulses"][0], base.records["grasp_impulses"][0]
     np.testing.assert_allclose(one.impulse_N_s, other.impulse_N_s, atol=1e-13)
     np.testing.assert_allclose(one.angular_impulse_N_m_s, other.angular_impulse_N_m_s, atol=1e-13)
@@ -138,7 +138,7 @@ def test_a_base_and_a_link_at_once(tmp_path):
     for name, text in (("robot", arm), ("client", bus)):
         (path.parent / f"{name}.xml").write_text(text)
     run = ffsm_mj.run(path)
-    holds(run)
+    proved(run)
     # Robot and object have 15 coordinates; 9 are left of the first grasp, and 6 of the loop through base, arm and hinge.
     impulses = [(each.grasp, each.rank, each.mobility) for each in run.records["grasp_impulses"]]
     assert impulses == [("panel", 6, 9), ("bus", 3, 6)]
@@ -158,7 +158,7 @@ def test_it_is_hit_while_it_is_held(tmp_path):
             },
         )
     )
-    holds(run)
+    proved(run)
     assert run.impacts
     assert run.impacts[0].time_s < 0.4
 
@@ -189,6 +189,6 @@ def test_its_motor_works_while_the_panel_is_held(tmp_path):
         {"name": "hold", "until": "end", "controllers": {"arm": arm, "panel": hold}, "drives": {"panel": "client"}},
     ]
     run = ffsm_mj.run(catching(tmp_path / "scene", phases=phases))
-    holds(run)
+    proved(run)
     assert [check for check in all_checks(run) if not check.passes] == []
     assert abs(run["balance.objects_work_J"]).max() > 1e-4

@@ -19,8 +19,8 @@ from ffsm_mj.contact_models.persistent.model import PersistentContactModel
 from ffsm_mj.records.signals import COMPONENTS
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import ARM, OFF, grasping
-from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.impact.test_fixed import slab
+from tests.replays import proved
 from tests.scenes import ball, scene
 
 pytestmark = pytest.mark.usefixtures("example_contact_models")
@@ -80,7 +80,7 @@ def along(run, what, rows):
 
 def test_the_load_balances_the_wall(tmp_path):
     """Nothing moves: motor, link and wall bear the same force, which changes with nothing but the motor."""
-    run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene", restitution=0.2)))
+    run = proved(ffsm_mj.run(on_a_wall(tmp_path / "scene", restitution=0.2)))
     rows = pressed(run)
     motor, wall, load = run["actuators.robot_push_x_applied_N"][rows], along(run, "late", rows), along(run, "grasp", rows)
     np.testing.assert_allclose(wall, [[force, 0.0, 0.0] for force in motor], atol=1e-13)  # on the wall
@@ -90,7 +90,7 @@ def test_the_load_balances_the_wall(tmp_path):
 
 def test_the_peak_of_the_load_is_right_after_an_event(tmp_path):
     """Masses and motor say what it is at the capture, between two ticks; the motor pushes ever less from there."""
-    run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene", duration_s=0.06)))
+    run = proved(ffsm_mj.run(on_a_wall(tmp_path / "scene", duration_s=0.06)))
     (capture,), (told,) = run.records["grasp_impulses"], run.grasps
     assert told.peak_s == capture.time_s
     motor = capture.efforts_after["robot/push_x"][0]
@@ -109,7 +109,7 @@ def test_the_peak_of_the_load_is_right_after_an_event(tmp_path):
 
 def test_an_impact_on_what_is_held_and_pressed_has_its_load_after(tmp_path):
     """A wall is hit for good: from a share of the motor's force to all of it, at that instant."""
-    run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene", duration_s=0.2)))
+    run = proved(ffsm_mj.run(on_a_wall(tmp_path / "scene", duration_s=0.2)))
     hit = next(impact for impact in run.impacts if impact.pair == "late")
     (row,) = np.flatnonzero(run["contact.grasp_event_s"] == hit.time_s)
     assert run["contact.grasp_event_force_N"][row] == pytest.approx(hit.efforts_after["robot/push_x"][0], rel=1e-12)
@@ -118,7 +118,7 @@ def test_an_impact_on_what_is_held_and_pressed_has_its_load_after(tmp_path):
 
 def test_what_is_let_go_in_touch_stays_closed(tmp_path):
     """Hand and target at gap 0 are a closed pair again, which bears what the grasp bore."""
-    run = holds(ffsm_mj.run(on_a_wall(tmp_path / "scene")))
+    run = proved(ffsm_mj.run(on_a_wall(tmp_path / "scene")))
     (capture,) = run.grasps
     begun = [(record.pair, record.time_s) for record in run.records["contact_beginnings"]]
     assert begun[-1] == ("ball-target/target", capture.release_s)
@@ -159,7 +159,7 @@ def test_what_lies_on_a_slab_is_taken_up_from_it(tmp_path, down_m_s):
             {"name": "hold", "until": "end", "controller": OFF},
         ],
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (capture,), late = run.grasps, [impact.time_s for impact in run.impacts if impact.pair == "late"]
     ended = [record.time_s for record in run.records["contact_endings"]]
     assert ended == ([capture.time_s] if down_m_s else [])
@@ -174,7 +174,7 @@ def test_a_third_body_is_pushed_on(tmp_path):
         "joints": {"target/free": [0.2504, 0, 0, 1, 0, 0, 0], "stone/free": [0.47, 0, 0, 1, 0, 0, 0]},
         "rates": {"robot/x": 1.0},
     }
-    run = holds(ffsm_mj.run(rail(tmp_path / "scene", stone, pairs, initial=initial)))
+    run = proved(ffsm_mj.run(rail(tmp_path / "scene", stone, pairs, initial=initial)))
     rows = pressed(run)
     a = run["actuators.robot_push_x_applied_N"][rows] / sum(MASS.values())
     np.testing.assert_allclose(along(run, "late", rows)[:, 0], MASS["stone"] * a, atol=1e-12)
@@ -198,7 +198,7 @@ def sprung(folder, on="wall"):
 @pytest.mark.parametrize("on", ["wall", "stone"])
 def test_a_spring_on_what_is_held_is_no_part_of_the_load(tmp_path, on):
     """The load is what the link bears: mass times acceleration of the object, and what the spring puts on it."""
-    run = holds(ffsm_mj.run(sprung(tmp_path / "s", on)))
+    run = proved(ffsm_mj.run(sprung(tmp_path / "s", on)))
     rows = (run["contact.spring_force_N"] > 0.1) & (run["contact.grasp_closed"] == 1.0)
     assert rows.sum() > 40
     spring, motor = run["contact.spring_force_N"][rows], run["actuators.robot_push_x_applied_N"][rows]
@@ -258,7 +258,7 @@ def leaning(folder):
 
 def test_in_space_load_and_slab_give_the_object_its_momentum(tmp_path):
     """P and L about the origin, integrated over the time of pressing by the trapezoidal rule: another way to the same."""
-    run = holds(ffsm_mj.run(leaning(tmp_path / "scene"), controllers={"lean": Lean}))
+    run = proved(ffsm_mj.run(leaning(tmp_path / "scene"), controllers={"lean": Lean}))
     rows = pressed(run)
     first, last = np.flatnonzero(rows)[[0, -1]]
     assert rows[first : last + 1].all()
@@ -299,7 +299,7 @@ def hull(folder):
 
 def test_what_is_held_lies_on_the_base_of_the_robot(tmp_path):
     """An inner force: it moves no mass centre, and nothing of it is from outside."""
-    run = holds(ffsm_mj.run(hull(tmp_path / "scene")))
+    run = proved(ffsm_mj.run(hull(tmp_path / "scene")))
     rows = pressed(run)
     total = np.column_stack([run[f"momentum.total_{component}"] for component in COMPONENTS])
     assert np.ptp(total[rows], axis=0).max() < 1e-11  # what RK4 leaves in that time; the contact's impulse is 0.1 N s

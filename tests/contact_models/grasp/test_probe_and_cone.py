@@ -8,7 +8,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.experiments.planning import load_campaign
-from ffsm_mj.replay import replay_log
+from tests.replays import proved
 
 REDUCED_MASS_KG = 152.0 * 90.0 / 242.0
 
@@ -17,10 +17,7 @@ REDUCED_MASS_KG = 152.0 * 90.0 / 242.0
 def test_the_probe_is_guided_and_locked():
     """The hard latch stops 2 cm/s of the reduced mass along the axis, to what the lever arms of some millimetres change."""
     run = ffsm_mj.run("probe-and-cone", {"duration_s": 12.0})
-    assert (run.outcome, run.message) == ("completed", "")
-    assert all(check.passes for check in all_checks(run)), [check for check in all_checks(run) if not check.passes]
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
+    proved(run)
     assert [(phase.name, phase.reason) for phase in run.phases] == [
         ("approach", "start"),
         ("in_cone", "grasp"),

@@ -20,24 +20,16 @@ from ffsm_mj.replay import replay_log
 from ffsm_mj.report.run_report import run_report
 from ffsm_mj.verification.truncation import ExplainedChecks
 from tests.contact_models.grasp.scenes import BOUNDS, FLAT_TARGET, NEAR, OFF, TARGET, TOUCH, grasping, stone
-from tests.replays import assert_replayed
+from tests.replays import proved
 from tests.scenes import ball, scene
 
 HOLD = {"kind": "pd", "kp": 2.0, "kd": 1.0, "target": [0.5, -0.4]}
 
 
-def holds(run):
-    """All laws, in the run and recomputed from its log, and every number of the log."""
-    assert run.outcome == "completed", run.message
-    assert all(check.passes for check in all_checks(run)), [check for check in all_checks(run) if not check.passes]
-    assert_replayed(run)
-    return run
-
-
 def test_taken_at_a_touch_held_and_let_go(tmp_path):
     """At the instant of the impact, resolved first; velocities of the object while held are those of the hand's frame."""
     out = tmp_path / "run"
-    run = holds(ffsm_mj.run(grasping(tmp_path / "scene"), out=out))
+    run = proved(ffsm_mj.run(grasping(tmp_path / "scene"), out=out))
     (impact,), (capture,), (release,) = (run.records[name] for name in ("impacts", "grasp_impulses", "releases"))
     assert (capture.time_s, capture.step) == (impact.time_s, impact.step)
     assert capture.qvel_before == impact.qvel_after
@@ -86,7 +78,7 @@ def test_the_load_gives_the_object_its_momentum(tmp_path):
 @pytest.mark.parametrize("step_s", [1e-3, 2e-3, 4e-3])
 def test_bounds_are_met_at_a_root_not_at_a_tick(tmp_path, step_s):
     """The instant does not depend on the step, and the largest value is its bound there."""
-    run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, time_step_s=step_s, control_period_s=4e-3, duration_s=1.2)))
+    run = proved(ffsm_mj.run(grasping(tmp_path, BOUNDS, time_step_s=step_s, control_period_s=4e-3, duration_s=1.2)))
     (capture,) = run.records["grasp_impulses"]
     values = capture.position_m / 0.1, capture.angle_rad / 0.5, capture.speed_m_s, capture.rate_rad_s
     assert max(values) == pytest.approx(1.0, abs=1e-11)
@@ -111,7 +103,7 @@ def test_bounds_that_hold_when_armed_capture_at_once(tmp_path):
         {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "hold", "until": "end", "controller": OFF},
     ]
-    run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
+    run = proved(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
     assert [phase.start_s for phase in run.phases] == [0.0, pytest.approx(0.8), pytest.approx(0.8)]
 
 
@@ -121,7 +113,7 @@ def test_a_grasp_that_never_closes_is_told_of_once_per_arming(tmp_path):
         {"name": "rest", "for_s": 0.5, "controller": OFF},
         {"name": "again", "until": "end", "arm": ["grasp"], "controller": OFF},
     ]
-    run = holds(ffsm_mj.run(grasping(tmp_path, NEAR, phases=phases, duration_s=1.2)))
+    run = proved(ffsm_mj.run(grasping(tmp_path, NEAR, phases=phases, duration_s=1.2)))
     first, second = run.records["near_misses"]
     assert (first.time_s, second.time_s) == (pytest.approx(0.5), pytest.approx(1.2))
     assert first.least_s == pytest.approx(0.5)
@@ -151,7 +143,7 @@ def test_a_miss_names_each_bound_that_failed(tmp_path):
         phases=[{"name": "try", "until": "end", "arm": ["grasp"], "controller": OFF}],
         duration_s=0.2,
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (miss,) = run.records["near_misses"]
     assert miss.bounds == {name: (bound,) for name, bound in within.items()}
     assert (miss.failed, miss.failed_bound) == ("speed_m_s", 0.4)
@@ -184,7 +176,7 @@ def test_a_miss_tells_the_least_of_all_instants(tmp_path, step_s):
         time_step_s=step_s,
         control_period_s=2e-2,
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (miss,), (arming,) = run.records["near_misses"], run.records["armings"]
     assert (arming.time_s, miss.time_s) == (0.0, pytest.approx(0.8))
     # The distance is flat there, but the offset along the velocity is not: it is known to 1e-15 m at 1 m/s, and times of
@@ -209,7 +201,7 @@ def test_a_miss_before_an_impact_does_not_look_behind_it(tmp_path):
         time_step_s=1e-2,
         control_period_s=1e-2,
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (miss,) = run.records["near_misses"]
     assert (miss.least_ratio, miss.least_s) == (pytest.approx(4.0, abs=1e-12), pytest.approx(0.3037, abs=1e-12))
 
@@ -226,7 +218,7 @@ def test_taken_let_go_and_taken_again(tmp_path):
         {"name": "leave_and_take", "until": "end", "release": ["wide"], "arm": ["wide"], "controller": OFF},
     ]
     grasps = {"grasp": {**sites, "when": BOUNDS}, "wide": {**sites, "when": wide}}
-    run = holds(ffsm_mj.run(grasping(tmp_path, grasps=grasps, phases=phases, duration_s=1.5)))
+    run = proved(ffsm_mj.run(grasping(tmp_path, grasps=grasps, phases=phases, duration_s=1.5)))
     first, second, third = run.grasps
     assert [each.grasp for each in run.grasps] == ["grasp", "wide", "wide"]
     assert first.release_s < second.time_s < second.release_s == third.time_s
@@ -240,7 +232,7 @@ def test_let_go_at_once_leaves_the_common_twist(tmp_path):
         {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": OFF},
         {"name": "leave", "until": "end", "release": ["grasp"], "controller": OFF},
     ]
-    run = holds(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
+    run = proved(ffsm_mj.run(grasping(tmp_path, BOUNDS, phases=phases, duration_s=1.0)))
     (capture,), (release,) = run.records["grasp_impulses"], run.records["releases"]
     assert release.time_s == capture.time_s
     assert release.qvel_after == capture.qvel_after
@@ -258,7 +250,7 @@ def test_what_is_held_is_hit(tmp_path):
             {"name": "late", "between": ["stone/stone", "target/target"], "restitution": e},
         ]
         folder = tmp_path / str(e)
-        run = holds(
+        run = proved(
             ffsm_mj.run(
                 grasping(folder, others={"stone": stone()}, initial=initial, contacts={"rules": pairs}, duration_s=2.0)
             )
@@ -285,7 +277,7 @@ def test_the_held_object_hits_the_base(tmp_path):
         {"name": "pull", "until": "end", "controller": {"kind": "pd", "kp": 3.0, "kd": 0.5, "target": [0.0, 2.9]}},
     ]
     path = grasping(tmp_path, phases=phases, contacts={"rules": pairs}, duration_s=4.0)
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     hits = [impact for impact in run.impacts if impact.pair == "hull"]
     assert hits
     assert hits[0].separation_speed_m_s == pytest.approx(0.6 * hits[0].approach_speed_m_s, rel=1e-9)

@@ -15,8 +15,8 @@ from ffsm_mj.dynamics.rigid_body import momentum_matrix
 from ffsm_mj.errors import InputError
 from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import OFF
-from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.grasp.two_arms import CLAMP, JOINTS, LEFT, PD, POSE, RATES, RIGHT, holding, plate, robot
+from tests.replays import proved
 from tests.scenes import scene
 
 
@@ -43,7 +43,7 @@ def load_on(run, grasp):
 
 def test_a_release_of_one_keeps_the_other(both):
     """The model is that of the other arm's grasp then, a tree again; energy, P and L are kept through the whole."""
-    holds(both)
+    proved(both)
     left, right = both.records["grasp_impulses"]
     assert [(each.grasp, each.place, each.rank, each.mobility) for each in (left, right)] == [
         ("left", 1, 6, 14),  # 6 + 8 joints: the plate is a part of the robot
@@ -97,7 +97,7 @@ def test_two_touches_at_one_instant_close_both(tmp_path):
     phases = [{"name": "meet", "until": "grasp", "arm": ["left", "right"], "controller": OFF}]
     phases += [{"name": "hold", "until": "end", "controller": OFF}]
     wide = plate().replace('size="0.1 0.25 0.05"', 'size="0.1 0.35 0.05"').replace('pos="0.03 0.02 0"', 'pos="0.03 0 0"')
-    run = holds(
+    run = proved(
         ffsm_mj.run(
             holding(
                 tmp_path,
@@ -251,7 +251,7 @@ def two_robots():
 def test_chains(tmp_path, scenario):
     """Rank and mobility by counting, and every check through the whole of it."""
     changes, counted = scenario()
-    run = holds(ffsm_mj.run(holding(tmp_path, duration_s=0.4, **changes)))
+    run = proved(ffsm_mj.run(holding(tmp_path, duration_s=0.4, **changes)))
     assert [(each.rank, each.mobility) for each in run.records["grasp_impulses"]] == counted
 
 
@@ -261,7 +261,7 @@ def test_a_planar_chain_has_loads_of_least_norm(tmp_path):
     place = {"plate/free": [1.35, 0.02, 0, 1, 0, 0, 0], **JOINTS}
     rates = {"robot/free": [0.02, -0.01, 0, 0, 0, 0.06], "plate/free": [-0.05, 0.1, 0, 0, 0, 0.15], **flat}
     run = ffsm_mj.run(holding(tmp_path, axes=("0 0 1",) * 4, initial={"joints": place, "rates": rates}, duration_s=0.2))
-    holds(run)
+    proved(run)
     second = run.records["grasp_impulses"][1]
     assert (second.rank, second.mobility) == (3, 11)  # 6 + 8 - 3
     force, torque, _ = load_on(run, "right")
@@ -271,7 +271,7 @@ def test_a_planar_chain_has_loads_of_least_norm(tmp_path):
 
 def test_a_load_limit_needs_a_load_that_is_determined(tmp_path):
     limit = {"load_limit": {"force_N": 1.2}}
-    run = holds(ffsm_mj.run(holding(tmp_path / "one", {"left": LEFT, "right": RIGHT | limit}, duration_s=0.3)))
+    run = proved(ffsm_mj.run(holding(tmp_path / "one", {"left": LEFT, "right": RIGHT | limit}, duration_s=0.3)))
     (opened,) = run.records["releases"]
     assert (opened.grasp, opened.reason) == ("right", "load_limit")
     assert opened.force_N >= 1.2
@@ -329,7 +329,7 @@ def test_a_grasp_closes_and_another_opens_while_the_plate_is_pressed_on_a_wall(t
         contacts={"rules": [{"between": ["plate/plate", "wall/wall"], "restitution": 0.0, **friction}]},
         phases=phases,
     )
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     closes, opens = run.grasps[1].time_s, run.grasps[0].release_s
     pressed = [(each.start_s, each.end_s or run.time[-1]) for each in run.contacts]
     assert any(start < closes <= end for start, end in pressed)

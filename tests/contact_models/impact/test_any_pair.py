@@ -14,15 +14,8 @@ from ffsm_mj.assembly.prepare import prepare
 from ffsm_mj.contact.motion_bound import speeds_per_root_energy
 from ffsm_mj.contact_models.impact.laws import FRICTIONLESS
 from ffsm_mj.impact import Contact, contact_jacobian, reflect, resolve
-from tests.replays import assert_replayed
+from tests.replays import proved
 from tests.scenes import CHAIN, ball, scene, self_hit, three_balls
-
-
-def good(run):
-    """Every check passes, and the log agrees with its states."""
-    assert [check for check in all_checks(run) if not check.passes] == []
-    assert_replayed(run)
-    return run
 
 
 def change_of(run, key):
@@ -43,7 +36,7 @@ def test_two_objects_head_on(tmp_path):
         },
         contacts={"rules": [{"between": ["one/one", "two/two"], "restitution": e}]},
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (hit,) = run.impacts
     impulse = (1 + e) * (v[0] - v[1]) * m[0] * m[1] / sum(m)
     after = v[0] - impulse / m[0], v[1] + impulse / m[1]
@@ -64,7 +57,7 @@ def test_two_objects_head_on(tmp_path):
 
 def test_robot_on_object_and_object_on_object(tmp_path):
     """Two impacts in a row by the closed form: only the first is between subsystems, both change the objects' energy."""
-    run = good(ffsm_mj.run(three_balls(tmp_path, CHAIN)))
+    run = proved(ffsm_mj.run(three_balls(tmp_path, CHAIN)))
     first, second = run.impacts
     handed = 1.8 * 1.0 * 2 * 3 / 5
     assert first.impulse_N_s == pytest.approx(handed, rel=1e-13)
@@ -81,7 +74,10 @@ def test_the_order_of_the_pair_does_not_matter(tmp_path):
     """``[object, robot]``: normal and impulse act on the robot; motion and balances are the same."""
     (tmp_path / "turned").mkdir()
     turned = [{"between": ["left/left", "ball"], "restitution": 0.8}, CHAIN[1]]
-    run, other = (ffsm_mj.run(three_balls(tmp_path, CHAIN)), good(ffsm_mj.run(three_balls(tmp_path / "turned", turned))))
+    run, other = (
+        ffsm_mj.run(three_balls(tmp_path, CHAIN)),
+        proved(ffsm_mj.run(three_balls(tmp_path / "turned", turned))),
+    )
     one, two = run.impacts[0], other.impacts[0]
     np.testing.assert_allclose(two.normal, -np.array(one.normal), atol=1e-15)
     assert two.impulse_N_s == pytest.approx(one.impulse_N_s, rel=1e-14)
@@ -100,7 +96,7 @@ def test_all_three_at_once(tmp_path):
         contacts={"rules": [{"between": ["ball", "left/left"]}, {"between": ["left/left", "right/right"]}]},
         duration_s=0.2,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert [(record.event, record.pair) for record in run.impacts] == [(0, "ball-left/left"), (0, "left/left-right/right")]
     # The contact of the two at rest is found as a closed gap of up to 1e-9 m, its velocities are exact to rounding.
     np.testing.assert_allclose([run[f"state.v_{n}_x_m_s"][-1] for n in ("robot", "left", "right")], (0, 0, 1), atol=1e-14)
@@ -111,7 +107,7 @@ def test_all_three_at_once(tmp_path):
 @pytest.mark.parametrize("pair", [("hull", "tip"), ("tip", "hull")])
 @pytest.mark.parametrize("restitution", [0.0, 0.6, 1.0])
 def test_the_robot_hits_itself(tmp_path, pair, restitution):
-    run = good(ffsm_mj.run(self_hit(tmp_path, pair=pair, restitution=restitution)))
+    run = proved(ffsm_mj.run(self_hit(tmp_path, pair=pair, restitution=restitution)))
     hit = run.impacts[0]
     assert hit.geoms == tuple(f"robot/{name}" for name in pair)
     assert hit.robot_geom == hit.object_geom == ""

@@ -14,21 +14,13 @@ from ffsm_mj.balance.balance import Balance
 from ffsm_mj.records.signals import COMPONENTS
 from ffsm_mj.replay import replay_log
 from tests.contact_models import scenes
-from tests.replays import assert_replayed
+from tests.replays import proved
 from tests.scenes import HEAD, ball, box, scene
 
 
 def slab(name, half="5 5 0.5"):
     """MJCF of a box fixed in the world of its file; its mass is irrelevant."""
     return f'<mujoco>{HEAD}<worldbody><geom name="{name}" type="box" size="{half}" mass="1e4"/></worldbody></mujoco>'
-
-
-def good(run):
-    """Every check passes, and the log agrees with its states."""
-    assert run.outcome == "completed"
-    assert [check for check in all_checks(run) if not check.passes] == []
-    assert_replayed(run)
-    return run
 
 
 def external_impulse(run, subsystem):
@@ -53,7 +45,7 @@ def bouncing(folder, **scenario):
 
 def test_a_ball_on_a_fixed_floor(tmp_path):
     """Closed form: v = -e v along the normal, the tangential part unchanged; the floor gives (1 + e) m v, and no work."""
-    run = good(ffsm_mj.run(bouncing(tmp_path)))
+    run = proved(ffsm_mj.run(bouncing(tmp_path)))
     (hit,) = run.impacts
     # All numbers are below 4 in SI units: rounding is some 1e-16 of each, and a root good to 1e-14 m at 1 m/s.
     assert hit.time_s == pytest.approx(0.3, abs=1e-13)
@@ -82,7 +74,7 @@ def test_no_tunnelling_through_thin_walls(tmp_path):
         contacts={"rules": [{"between": ["ball", f"{side}/{side}"]} for side in ("left", "right")]},
         duration_s=0.2,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     # Ten hits at 40 m/s: positions are good to 1e-16 m a hit, times to that over 40 m/s.
     assert [hit.time_s for hit in run.impacts] == pytest.approx([0.01 + 0.02 * k for k in range(10)], abs=1e-13)
     assert [hit.object_geom for hit in run.impacts] == ["right/right", "left/left"] * 5
@@ -123,7 +115,7 @@ def test_a_spinning_box_on_a_tilted_wall(tmp_path):
         contacts={"rules": [{"between": ["wall/wall", "box/box"], "restitution": 0.6}]},
         stop_on_impact=True,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (hit,) = run.impacts
     n, point = np.array(hit.normal), np.array(hit.point_m)
     np.testing.assert_allclose(n, (np.sin(tilt), 0.0, np.cos(tilt)), atol=1e-13)
@@ -174,7 +166,7 @@ def between(folder, restitution, **scenario):
 
 def test_the_robot_between_an_object_and_a_wall_in_one_instant(tmp_path):
     """All stop at e = 0: the ball's 3 N s pass through the robot, and the wall takes 5 N s."""
-    run = good(ffsm_mj.run(between(tmp_path, 0.0)))
+    run = proved(ffsm_mj.run(between(tmp_path, 0.0)))
     on_rock, on_hand = run.impacts
     assert (on_rock.event, on_hand.event) == (0, 0)
     assert on_rock.time_s == pytest.approx(0.2, abs=1e-9)  # the gap of the two in touch is rounding of 1e-17 m
@@ -190,7 +182,7 @@ def test_the_robot_between_an_object_and_a_wall_in_one_instant(tmp_path):
 @pytest.mark.parametrize("restitution", [0.4, 1.0])
 def test_the_same_with_a_bounce(tmp_path, restitution):
     """Whatever the outcome, the wall takes what the whole system loses, and no residual remains."""
-    run = good(ffsm_mj.run(between(tmp_path, restitution)))
+    run = proved(ffsm_mj.run(between(tmp_path, restitution)))
     change = run["momentum.total_P_x_N_s"][-1] - 5.0
     assert external_impulse(run, "robot")[0] == pytest.approx(change, abs=1e-12)
     lost = run["energy.total_J"][-1] - 2.5
@@ -222,7 +214,7 @@ def both(folder, **scenario):
 
 def test_robot_and_object_hit_one_wall_at_once(tmp_path):
     """One wrench on each subsystem: -(1 + e) m v, with the ball's moment about the origin; nothing between the two."""
-    run = good(ffsm_mj.run(both(tmp_path)))
+    run = proved(ffsm_mj.run(both(tmp_path)))
     assert [record.event for record in run.impacts] == [0, 0]
     np.testing.assert_allclose(external_impulse(run, "robot"), (-3.0, 0, 0, 0, 0, 0), atol=1e-13)
     np.testing.assert_allclose(external_impulse(run, "objects"), (-5.4, 0, 0, 0, 0, 5.4), atol=1e-13)
@@ -274,7 +266,7 @@ def test_a_grasped_object_hits_a_wall(tmp_path):
             "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},
         },
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (grip,) = run.records["welds"]
     hits = [record for record in run.impacts if record.time_s > grip.time_s]
     assert hits

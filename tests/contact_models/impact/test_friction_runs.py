@@ -30,7 +30,7 @@ from tests.contact_models import scenes as contact_model_scenes
 from tests.contact_models.grasp import scenes as grasps
 from tests.contact_models.grasp.test_pressing import on_a_wall
 from tests.contact_models.impact.test_fixed import slab
-from tests.replays import assert_replayed
+from tests.replays import proved
 from tests.scenes import ball, box, scene, two_balls
 
 OFF_CENTRE = {
@@ -62,13 +62,6 @@ def flat(folder, e=0.5, mu=0.3, **scenario):
     )
 
 
-def good(run):
-    """Every check passes, and the log agrees with its states."""
-    assert [check for check in all_checks(run) if not check.passes] == []
-    assert_replayed(run)
-    return run
-
-
 @pytest.fixture(scope="module")
 def one(tmp_path_factory):
     """One contact, from its log on disk."""
@@ -88,7 +81,7 @@ def several(tmp_path_factory):
 @pytest.mark.parametrize("which", ["one", "several"])
 def test_checks_from_the_log(which, request):
     """Momenta by subsystem including friction, energy, and the heat, which is minus the work of friction."""
-    run = good(request.getfixturevalue(which))
+    run = proved(request.getfixturevalue(which))
     hits = run.impacts
     assert {hit.law for hit in hits} == {"stronge" if which == "one" else "coulomb"}
     work = sum(hit.friction_work_J for hit in hits)
@@ -213,7 +206,7 @@ def test_without_friction_there_is_no_cost(tmp_path, monkeypatch):
 
     for place, name in ((resolution, "resolve_with_friction"), (impact_checks.FrictionCheck, "worst")):
         monkeypatch.setattr(place, name, never)
-    run = good(ffsm_mj.run(off_centre(tmp_path, mu=0.0)))
+    run = proved(ffsm_mj.run(off_centre(tmp_path, mu=0.0)))
     (hit,) = run.impacts
     assert (hit.law, hit.status, hit.theta, hit.path) == ("blend", "ok", 1.0, "")
     assert not any(hit.tangential_impulse_N_s + hit.slip_before_m_s + hit.slip_after_m_s)
@@ -256,7 +249,7 @@ def test_a_ball_between_two_walls(tmp_path):
         initial={"joints": {}, "rates": {"robot/free": [1.0, 0.5, 0, 0, 0, 0]}},
         contacts={"rules": walls},
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     first, second, *_ = run.impacts
     assert [hit.pair for hit in run.impacts] == ["ball-right/wall", "ball-left/wall", "ball-right/wall"]
     assert first.tangential_impulse_N_s[1] == pytest.approx(2.0 * -0.5 * 2 / 7 * -1, abs=1e-12)  # on the wall
@@ -288,7 +281,7 @@ def pressed(folder, phases=None, mu=0.3, sideways=0.2, **scenario):
 @pytest.mark.parametrize(("mu", "slides"), [(0.5, False), (0.01, True)])
 def test_a_pressed_pair_sticks_or_slides(tmp_path, mu, slides):
     """The impact stops the slip if friction is large enough; both spheres then roll on each other, or rub."""
-    run = good(ffsm_mj.run(pressed(tmp_path, mu=mu)))
+    run = proved(ffsm_mj.run(pressed(tmp_path, mu=mu)))
     assert run.outcome == "completed"
     (hit,) = run.impacts
     assert (math.hypot(*hit.slip_after_m_s) > 0.1) == slides
@@ -305,7 +298,7 @@ def test_a_pressed_pair_sticks_or_slides(tmp_path, mu, slides):
 
 
 def test_a_closed_pair_without_force_continues(tmp_path):
-    run = good(ffsm_mj.run(pressed(tmp_path, phases=[{"name": "off", "until": "end", "controller": {"kind": "off"}}])))
+    run = proved(ffsm_mj.run(pressed(tmp_path, phases=[{"name": "off", "until": "end", "controller": {"kind": "off"}}])))
     assert run.outcome == "completed"
     assert len(run.impacts) == 1
 
@@ -317,7 +310,7 @@ def test_a_capture_at_the_same_instant_comes_first(tmp_path):
         {"name": "meet", "until": "grasp", "arm": ["grasp"], "controller": PUSH},
         {"name": "hold", "until": "end", "controller": PUSH},
     ]
-    run = good(ffsm_mj.run(pressed(tmp_path, phases, grasps={"grasp": grasp})))
+    run = proved(ffsm_mj.run(pressed(tmp_path, phases, grasps={"grasp": grasp})))
     assert run.outcome == "completed"
     (hit,), (caught,) = run.impacts, run.records["grasp_impulses"]
     assert hit.time_s == caught.time_s
@@ -337,7 +330,7 @@ def test_a_grasp_closes_on_a_contact_pressed_by_spin(tmp_path):
             "rates": {"target/free": [-0.3, 0, 0, 0.4, 2.0, 2.5], "shoulder": 0.1},
         },
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (hit,), (caught,), (begin,), (end,) = (
         run.impacts,
         run.grasps,
@@ -369,7 +362,7 @@ def test_a_grasped_object_is_hit(tmp_path):
         contacts={"rules": RUBBING},
         initial=THROWN,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     (hit,) = (hit for hit in run.impacts if hit.mu)
     assert run.grasps[0].time_s < hit.time_s < run.grasps[0].release_s
     assert hit.law == "stronge"
@@ -379,7 +372,7 @@ def test_a_grasped_object_is_pressed_on_a_rough_wall(tmp_path):
     """The grasped object is pressed on the wall, and rubs on it."""
     pair = {"name": "late", "between": ["target/target", "wall/wall"], "restitution": 0.0, "mu": 0.3}
     path = on_a_wall(tmp_path, contacts={"rules": [{"between": ["ball", "target/target"], "restitution": 0.5}, pair]})
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert run.outcome == "completed"
     (held,) = run.grasps
     assert held.release_s is not None
@@ -401,7 +394,7 @@ def test_an_unknown_contact_model_holds_the_hit_object(tmp_path):
             "rates": {"robot/free": [0.8, 0, 0, 0.02, -0.03, 0.05], "target/free": [0.1, 0, 0, 0.4, -0.2, 0.3]},
         },
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert run.impacts[0].time_s > run.records["welds"][0].time_s
     assert not impact_energy_check(run, friction_work_J=changed(run.impacts[0].friction_work_J)).passes
 
@@ -439,7 +432,7 @@ def test_an_impact_at_the_instant_of_a_release_acts_on_the_grasped_object(tmp_pa
         initial=THROWN,
         phases=[MEET, HOLD, LEAVE],
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert run.grasps[0].release_s == run.impacts[1].time_s
     (caught,) = run.records["grasp_impulses"]
     wrong = replace(run.log, records={**run.records, "grasp_impulses": (replace(caught, robot_site="robot/no"),)})
@@ -458,7 +451,7 @@ def test_a_grasp_that_closes_in_contact_causes_an_impact(tmp_path):
         when={"within": {"position_m": 1.0}},
         phases=[MEET, {**HOLD, "until": "end"}],
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert run.grasps[0].time_s == run.impacts[0].time_s == 0.0
 
 
@@ -481,7 +474,7 @@ def test_hostile_numbers(tmp_path, mu):
 
 
 def test_very_large_friction_sticks(tmp_path):
-    run = good(ffsm_mj.run(off_centre(tmp_path, mu=1e6)))
+    run = proved(ffsm_mj.run(off_centre(tmp_path, mu=1e6)))
     assert run.impacts[0].path.endswith("stick")
 
 
@@ -571,7 +564,7 @@ def test_an_angular_impulse_about_the_wrong_point_fails_a_check(tmp_path, monkey
 
 def test_spin_transfer():
     """The shipped scenario: the object touched without friction keeps its spin, the others are braked."""
-    run = good(ffsm_mj.run("spin-transfer", {"duration_s": 1.5}))
+    run = proved(ffsm_mj.run("spin-transfer", {"duration_s": 1.5}))
     assert run.outcome == "completed"
     assert [(hit.mu, hit.path) for hit in run.impacts] == [(0.0, ""), (0.2, "slip"), (0.8, "slip, stick")]
     spins = [run[f"state.v_{name}_free_wz_rad_s"][-1] for name in ("smooth", "rough", "rougher")]
@@ -583,7 +576,7 @@ def test_spin_transfer():
 @pytest.mark.parametrize(("slip", "agrees"), [(1e-10 + 2e-13, True), (1e-6, False)])
 def test_a_log_replay_takes_the_logged_path_where_rounding_decides_it(tmp_path, slip, agrees):
     """A sphere sticks from the start below a slip of 1e-10 of its speed; the velocities of a log are known to 1e-12 m/s."""
-    log = good(ffsm_mj.run(on_wall(tmp_path, slip))).log
+    log = proved(ffsm_mj.run(on_wall(tmp_path, slip))).log
     (hit,) = log.impacts
     assert hit.path == "slip, stick"
     (still,) = ffsm_mj.run(on_wall(tmp_path, 0.0)).impacts
@@ -593,7 +586,7 @@ def test_a_log_replay_takes_the_logged_path_where_rounding_decides_it(tmp_path, 
 
 @pytest.mark.parametrize(("field", "value"), [("path", "slip"), ("impulse_N_s", 3.8 * (1.0 + 1e-8))])
 def test_a_logged_impact_that_no_rounding_makes_is_found(tmp_path, field, value):
-    log = good(ffsm_mj.run(on_wall(tmp_path, 0.5))).log
+    log = proved(ffsm_mj.run(on_wall(tmp_path, 0.5))).log
     (hit,) = log.impacts
     assert hit.impulse_N_s == pytest.approx(3.8, rel=1e-12)
     changed = replace(log, records={**log.records, "impacts": (replace(hit, **{field: value}),)})

@@ -11,7 +11,8 @@ import ffsm_mj
 from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.impact.records import IMPACT
 from tests.contact_models.impact.test_fixed import slab
-from tests.contact_models.impact.test_friction_runs import PUSH, good, impact_energy_check
+from tests.contact_models.impact.test_friction_runs import PUSH, impact_energy_check
+from tests.replays import proved
 from tests.scenes import ball, scene
 
 
@@ -33,7 +34,7 @@ def test_a_ball_that_locks_itself_is_wedged(tmp_path, capsys, e):
 
     The wall is 0.3 m away, 0.3 sqrt(5) m along the slide; impulses along it are m v: (n + 2 t) / sqrt(5) = 2 N s, t = mu n.
     """
-    run = good(ffsm_mj.run(oblique(tmp_path, e=e), out=tmp_path / "run", rerun=False))
+    run = proved(ffsm_mj.run(oblique(tmp_path, e=e), out=tmp_path / "run", rerun=False))
     assert run.outcome == "completed"
     (hit,) = run.impacts
     assert (hit.status, hit.law) == ("wedged", "stronge")
@@ -54,7 +55,7 @@ def test_a_ball_that_locks_itself_is_wedged(tmp_path, capsys, e):
 def test_a_wedged_contact_under_load_stays_at_rest(tmp_path):
     """The slide meets the wall inside the friction cone: friction holds it against any push along the slide."""
     push = [{"name": "push", "until": "end", "controller": PUSH}]
-    run = good(ffsm_mj.run(oblique(tmp_path, phases=push, duration_s=0.36)))  # it meets the wall at 0.32 s
+    run = proved(ffsm_mj.run(oblique(tmp_path, phases=push, duration_s=0.36)))  # it meets the wall at 0.32 s
     assert [hit.status for hit in run.impacts] == ["wedged"]
     assert run.outcome == "completed"
     assert abs(run["state.v_robot_x_m_s"][-1]) < 1e-12

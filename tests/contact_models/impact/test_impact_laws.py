@@ -24,7 +24,8 @@ from ffsm_mj.impact import Contact, Coverage, ImpactLaw, ImpactSolution, registe
 from ffsm_mj.replay import replay_log
 from ffsm_mj.scenario.schema import scenario_schema
 from ffsm_mj.verification.check_result import Check
-from tests.contact_models.impact.test_friction_runs import flat, good, off_centre
+from tests.contact_models.impact.test_friction_runs import flat, off_centre
+from tests.replays import proved
 from tests.scenes import box, scene, two_balls
 
 DOC = Path(__file__).parents[3] / "docs" / "impact-laws.md"
@@ -99,9 +100,9 @@ def test_a_law_for_friction_and_several_contacts_is_recorded_and_verified(tmp_pa
             return replace(Blend().solve(problem), rule="")
 
     register_law(Renamed())
-    run = good(ffsm_mj.run(make(tmp_path, mu=mu, impact={"law": "renamed"})))
+    run = proved(ffsm_mj.run(make(tmp_path, mu=mu, impact={"law": "renamed"})))
     assert {impact.law for impact in run.impacts} == {"renamed"}
-    other = good(ffsm_mj.run(make(tmp_path, mu=mu)))
+    other = proved(ffsm_mj.run(make(tmp_path, mu=mu)))
     np.testing.assert_array_equal(run.qvel, other.qvel)
 
 

@@ -20,17 +20,8 @@ from ffsm_mj.replay import replay_log
 from tests.conftest import MJCF
 from tests.contact_models.limits import DRIVEN, INERTIA, SPAN, bounces, driven_by, failures, rotor
 from tests.model.test_pinocchio import oracle, to_pinocchio
+from tests.replays import proved
 from tests.scenes import ARM, HEAD, ball, compile_paths, scene
-
-
-def passes_everything(run, *, replay=True):
-    """All checks pass, and the log agrees with its states."""
-    assert run.outcome == "completed", run.message
-    assert not failures(all_checks(run))
-    if replay:
-        again = replay_log(run.log)
-        assert again.agrees, again.worst
-        assert not failures(again.checks())
 
 
 def test_fifty_elastic_hits_between_two_stops(tmp_path):
@@ -45,7 +36,7 @@ def test_fifty_elastic_hits_between_two_stops(tmp_path):
         assert hit.impulse == pytest.approx(2 * INERTIA * 20.0, abs=1e-10)
         assert hit.value == pytest.approx(hit.limit, abs=1e-10)
         assert hit.unit == "rad"
-    passes_everything(run)
+    proved(run)
 
 
 def test_fifty_hits_of_a_driven_rotor_that_loses_half_its_rate(tmp_path):
@@ -60,7 +51,7 @@ def test_fifty_hits_of_a_driven_rotor_that_loses_half_its_rate(tmp_path):
     np.testing.assert_allclose([hit.time_s for hit in hits], expected[:, 0], rtol=0.0, atol=1e-10)
     np.testing.assert_allclose([hit.approach_rate for hit in hits], expected[:, 1], rtol=0.0, atol=1e-9)
     assert [hit.side for hit in hits] == ["lower" if side < 0.0 else "upper" for side in expected[:, 2]]
-    passes_everything(run)
+    proved(run)
 
 
 @pytest.mark.parametrize("step", [5e-4, 1e-3, 1e-2])
@@ -74,7 +65,7 @@ def test_several_hits_within_one_step(tmp_path):
     """At 2000 rad/s the rotor hits a stop every 0.5 ms; steps of 10 ms miss none, and the joint never leaves its range."""
     run = ffsm_mj.run(rotor(tmp_path, 1.0, rate=2000.0, time_step_s=0.01, control_period_s=0.01, duration_s=0.1))
     assert len(run.records["limit_impacts"]) == math.floor((0.1 * 2000.0 / SPAN + 1) / 2)
-    passes_everything(run)
+    proved(run)
 
 
 def test_limits_that_are_ignored_stop_nothing(tmp_path):
@@ -88,7 +79,7 @@ def test_limits_that_are_ignored_stop_nothing(tmp_path):
     run = ffsm_mj.run(path)
     assert run["state.q_robot_hinge_rad"][-1] == pytest.approx(4.0)
     assert "limit_impacts" not in run.records
-    passes_everything(run)
+    proved(run)
 
 
 ROBOTS = [("ffsm_3dof", "box_1m"), ("spacecraft_7dof", "satellite_defunct")]
@@ -204,7 +195,7 @@ def test_a_contact_and_a_limit_at_one_instant_are_one_problem(tmp_path, mu, law,
         assert hit.separation_speed_m_s == pytest.approx(e * hit.approach_speed_m_s, abs=1e-12)
         assert stop.separation_rate == pytest.approx(e * stop.approach_rate, abs=1e-12)
     assert hit.energy_change_J < 0.0
-    passes_everything(run)
+    proved(run)
     assert [each["event"] for each in run.summary()["limit_impacts"]][:1] == [0]
 
 
@@ -236,7 +227,7 @@ def test_until_impact_and_stop_on_impact_wait_for_geoms(tmp_path):
     assert run.records["limit_impacts"][0].time_s < 0.1
     assert run.phases[1].start_s == run.impacts[0].time_s == pytest.approx(1.0, abs=1e-9)
     assert ffsm_mj.run(path, {"stop_on_impact": True}).time[-1] == run.impacts[0].time_s
-    passes_everything(run)
+    proved(run)
 
 
 ROD = f"""<mujoco>{HEAD}<worldbody><body name="base"><freejoint name="free"/>

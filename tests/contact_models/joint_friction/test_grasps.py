@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
-from ffsm_mj.replay import replay_log
 from tests.contact_models.grasp.scenes import ARM, grasping
 from tests.contact_models.joint_friction.scenes import changes, heat
+from tests.replays import proved
 from tests.simulation.restored import is_rest_of, rest, told
 
 JOINTS = ARM.replace('name="shoulder" type="hinge"', 'name="shoulder" type="hinge" frictionloss="0.05"').replace(
@@ -32,10 +31,7 @@ def test_an_arm_with_friction_catches_and_lets_go(tmp_path, robot):
     while not simulator.ended:
         simulator.step()
     made = simulator.close()
-    assert made.outcome == "completed", made.message
-    assert [check for check in all_checks(made) if not check.passes] == []
-    again = replay_log(made.log)
-    assert again.agrees, again.worst
+    proved(made)
     assert is_rest_of(told(made), rest(path, {}, state))
     caught, let_go = made.records["grasp_impulses"][0], made.records["releases"][0]
     assert any(caught.time_s < time_s < let_go.time_s for _, time_s, *_ in changes(made))

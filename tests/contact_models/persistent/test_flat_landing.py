@@ -9,8 +9,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.contact_models.persistent import active_set, clearance
-from ffsm_mj.replay import replay_log
-from tests.replays import assert_replayed
+from tests.replays import assert_replayed, proved
 from tests.scenes import HEAD, scene
 
 ENERGY_J = 5.9
@@ -114,15 +113,6 @@ def falling(folder, tilt_rad, azimuth_rad, inertia_kg_m2, *, spin_rad_s=0.0, mu=
     )
 
 
-def replayed(run):
-    """Every check passes, and the log says what its states say."""
-    assert run.outcome == "completed", run.message
-    assert [check for check in all_checks(run) if not check.passes] == []
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
-    return run
-
-
 @pytest.mark.parametrize(
     ("tilt_rad", "azimuth_rad", "mu"),
     [(1e-5, 0.0, 0.0), (1e-5, 0.4, 0.0), (1e-5, 0.4, 0.3), (3e-7, 0.4, 0.0)]
@@ -136,7 +126,7 @@ def test_a_disc_that_falls_straight_to_flat_has_one_impact_all_round_its_rim(
 
     With friction its rim sticks, and its angular momentum about the rim includes that of the motion along the slab.
     """
-    run = replayed(falling(tmp_path, tilt_rad, azimuth_rad, inertia_kg_m2, mu=mu))
+    run = proved(falling(tmp_path, tilt_rad, azimuth_rad, inertia_kg_m2, mu=mu))
     along, across = MASS_KG * HALF_HEIGHT_M**2 * (mu > 0.0), MASS_KG * RADIUS_M**2
     turning = SPEED_M_S * MASS_KG * RADIUS_M / (inertia_kg_m2 + along + across)
     rocks = max(inertia_kg_m2 + along - across, 0.0) / (inertia_kg_m2 + along + across) * turning
@@ -149,7 +139,7 @@ def test_a_disc_that_falls_straight_to_flat_has_one_impact_all_round_its_rim(
 @pytest.mark.parametrize(("tilt_rad", "spin_rad_s"), [(1e-4, 3.0), pytest.param(1e-4, 20.0, marks=pytest.mark.long)])
 def test_a_disc_that_spins_rolls_on_its_rim_as_it_falls_flat(tmp_path, tilt_rad, spin_rad_s):
     """The tilt turns on its way to zero, and the contact point travels round the rim."""
-    run = replayed(falling(tmp_path, tilt_rad, 1.1, 0.01, spin_rad_s=spin_rad_s, duration_s=0.03))
+    run = proved(falling(tmp_path, tilt_rad, 1.1, 0.01, spin_rad_s=spin_rad_s, duration_s=0.03))
     assert 0 < len(run.records["contact_changes"]) < 60
 
 
@@ -168,7 +158,7 @@ PUSHED = {"controller": {"kind": "pd", "joints": ["s"], "kp": 0.5, "kd": 0.0, "t
 )
 def test_a_disc_under_load_falls_flat_in_few_steps(tmp_path, tilt_rad, azimuth_rad, mu, step_s):
     """A slider pushes it; steps that shrank without end, or 1e-8 m of penetration, stood for this."""
-    run = replayed(ffsm_mj.run(pushed(tmp_path, tilt_rad, azimuth_rad, mu, step_s)))
+    run = proved(ffsm_mj.run(pushed(tmp_path, tilt_rad, azimuth_rad, mu, step_s)))
     assert len({impact.event for impact in run.impacts}) == 2
     assert len(run.records["contact_changes"]) < 60
 

@@ -11,7 +11,7 @@ import pytest
 import ffsm_mj
 from ffsm_mj.errors import InputError
 from ffsm_mj.report.record_tables import contact_table
-from tests.contact_models.persistent.test_closed_forms import good
+from tests.replays import proved
 from tests.scenes import scene
 
 FLOOR = '<mujoco>{gravity}<worldbody><geom name="plane" type="box" size="20 20 1"/></worldbody></mujoco>'
@@ -65,7 +65,7 @@ class Watch:
 def rolled(tmp_path_factory):
     phases = [{"name": "watch", "until": "end", "controller": {"kind": "watch"}}]
     path = on_floor(tmp_path_factory.mktemp("rolled"), rates=SLIPS, phases=phases)
-    return good(ffsm_mj.run(path, controllers={"watch": Watch})), list(Watch.told)
+    return proved(ffsm_mj.run(path, controllers={"watch": Watch})), list(Watch.told)
 
 
 def test_columns_of_a_sphere_that_slips_and_then_rolls(rolled):
@@ -121,7 +121,7 @@ def test_control_laws_see_mode_friction_and_slip(rolled):
 def test_the_share_of_the_limit_that_is_used_is_the_share_of_mu_that_holds(tmp_path):
     """A box on a floor under a load of 0.2 along it, 1 across: 0.2 of friction per normal force at the least."""
     box = {"geom": 'type="box" size=".5 .4 .1"', "height": 0.1, "gravity": (-0.2, 0.0, -1.0), "duration_s": 0.02}
-    run = good(ffsm_mj.run(on_floor(tmp_path, mu=0.5, **box)))
+    run = proved(ffsm_mj.run(on_floor(tmp_path, mu=0.5, **box)))
     use = run["contact.sole_friction_use"]
     assert np.ptp(use) < 1e-9
     assert 0.2 <= 0.5 * use[0] < 0.3
@@ -207,7 +207,7 @@ def test_other_coefficients_of_friction_are_refused_by_name(tmp_path, key, says)
 def test_the_slip_of_a_face_is_that_of_its_fastest_point(tmp_path):
     """A box turns about a vertical axis through its middle and moves along x: the corner at -y is the fastest."""
     box = {"geom": 'type="box" size=".5 .4 .1"', "height": 0.1, "duration_s": 0.02}
-    run = good(ffsm_mj.run(on_floor(tmp_path, mu=0.1, rates=(0.3, 0.0, 0.0, 0.0, 0.0, 2.0), **box)))
+    run = proved(ffsm_mj.run(on_floor(tmp_path, mu=0.1, rates=(0.3, 0.0, 0.0, 0.0, 0.0, 2.0), **box)))
     speed = np.hypot(0.3 + 2.0 * 0.4, 2.0 * 0.5)
     assert run["contact.sole_slip_m_s"][0] == pytest.approx(speed, abs=1e-12)
     # It slows down by some 0.1 m/s^2, and turns by 0.04 rad: the slip distance is between those of both ends.

@@ -11,8 +11,8 @@ import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.replay import replay_log
 from ffsm_mj.verification.checks import evaluate_checks
-from tests.contact_models.persistent.test_closed_forms import good
 from tests.contact_models.persistent.test_friction_seen import SLIPS, T_STOP, U0, on_floor
+from tests.replays import proved
 
 HEAT, TOTAL, WORK = "contact.sole_heat_J", "balance.friction_heat_J", "balance.contact_work_J"
 
@@ -20,7 +20,7 @@ HEAT, TOTAL, WORK = "contact.sole_heat_J", "balance.friction_heat_J", "balance.c
 @pytest.fixture(scope="module")
 def rolled(tmp_path_factory):
     """A sphere that slips, pressed with 1 N at mu = 0.2, and then rolls."""
-    return good(ffsm_mj.run(on_floor(tmp_path_factory.mktemp("rolled"), rates=SLIPS)))
+    return proved(ffsm_mj.run(on_floor(tmp_path_factory.mktemp("rolled"), rates=SLIPS)))
 
 
 def failures(checks):
@@ -41,7 +41,7 @@ def test_heat_is_friction_times_way_until_the_slip_stops(rolled):
 
 def test_heat_of_impacts_and_of_sliding_add_up(tmp_path):
     """A sphere that falls at 0.5 m/s with e = 0: a plastic impact, which rubs, and then sliding."""
-    run = good(ffsm_mj.run(on_floor(tmp_path, rates=(0.9, 0.0, -0.5, 0.0, 0.0, 0.0), duration_s=0.048)))
+    run = proved(ffsm_mj.run(on_floor(tmp_path, rates=(0.9, 0.0, -0.5, 0.0, 0.0, 0.0), duration_s=0.048)))
     (hit,) = run.impacts
     assert hit.friction_work_J < 0.0
     assert run[HEAT][-1] > 0.001
@@ -74,7 +74,7 @@ def test_heat_that_falls_fails_the_check(rolled):
 def test_sticking_gives_no_heat(tmp_path):
     """A box on a slope of 1 in 5, mu = 0.5."""
     slope = {"geom": 'type="box" size=".5 .4 .1"', "height": 0.1, "gravity": (-0.2, 0.0, -1.0), "duration_s": 0.048}
-    run = good(ffsm_mj.run(on_floor(tmp_path, mu=0.5, **slope)))
+    run = proved(ffsm_mj.run(on_floor(tmp_path, mu=0.5, **slope)))
     assert not run[HEAT].any()
 
 

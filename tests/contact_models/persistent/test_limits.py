@@ -15,15 +15,8 @@ from ffsm_mj.replay.truncation import AnalysisLimits
 from tests.contact_models.grasp.scenes import ARM as HAND
 from tests.contact_models.grasp.scenes import OFF, grasping
 from tests.contact_models.limits import DRIVEN, FLYWEIGHTS, GRIPPER, PANEL, driven_by, failures, sentences
-from tests.replays import assert_replayed
+from tests.replays import assert_replayed, proved
 from tests.scenes import ARM, HEAD, ball, box, scene
-
-
-def passes_everything(run):
-    """All checks pass, and the log agrees with its states."""
-    assert run.outcome == "completed", run.message
-    assert not failures(all_checks(run))
-    assert_replayed(run)
 
 
 def gripper(folder, force, **changes):
@@ -53,7 +46,7 @@ def test_jaws_that_close_on_nothing_press_on_their_own_stops(tmp_path):
     assert [each[0] for each in sentences(run)][-4:] == ["LimitImpactRecord"] * 2 + ["LimitBegins"] * 2
     begins = run.records["limit_beginnings"][-1]
     assert (begins.state, begins.unit, begins.force_after) == ("pressed", "m", pytest.approx(1.5, abs=1e-12))
-    passes_everything(run)
+    proved(run)
 
 
 def test_a_start_at_a_limit_is_pressed_from_the_first_step(tmp_path):
@@ -61,7 +54,7 @@ def test_a_start_at_a_limit_is_pressed_from_the_first_step(tmp_path):
     np.testing.assert_array_equal(run["contact.robot_left_limit"], -2.0)
     np.testing.assert_allclose(run["contact.robot_left_limit_force_N"], 2.0, atol=1e-12)
     np.testing.assert_allclose(run["state.q_robot_left_m"], 0.0, atol=1e-16)
-    passes_everything(run)
+    proved(run)
 
 
 def test_a_start_at_a_limit_with_a_rate_into_it_is_an_impact_at_once(tmp_path):
@@ -70,7 +63,7 @@ def test_a_start_at_a_limit_with_a_rate_into_it_is_an_impact_at_once(tmp_path):
     )
     hit = run.records["limit_impacts"][0]
     assert (hit.time_s, hit.joint, hit.approach_rate) == (0.0, "robot/left", 0.5)
-    passes_everything(run)
+    proved(run)
 
 
 def test_the_force_follows_the_efforts_and_the_jaws_leave_when_it_turns_round(tmp_path):
@@ -82,7 +75,7 @@ def test_the_force_follows_the_efforts_and_the_jaws_leave_when_it_turns_round(tm
     np.testing.assert_allclose(force[pressed], expected[pressed], atol=1e-10)
     ends = [each for each in run.records["limit_endings"] if each.side == "upper"]
     assert [each.time_s for each in ends] == [pytest.approx(0.201, abs=1e-9)] * 2
-    passes_everything(run)
+    proved(run)
 
 
 RATE, TORQUE, HELD = 6.0, 2.0, 2.0
@@ -113,7 +106,7 @@ def test_release_at_the_root_of_the_force(tmp_path):
     spin = RATE - TORQUE / SPUN * run.time
     np.testing.assert_allclose(run["contact.robot_a_limit_force_N"][pressed], HELD - 0.15 * spin[pressed] ** 2, atol=1e-9)
     assert run["state.q_robot_a_m"][-1] < 0.299
-    passes_everything(run)
+    proved(run)
 
 
 def test_a_sample_between_two_events_changes_no_record(tmp_path):
@@ -126,7 +119,7 @@ def test_a_sample_between_two_events_changes_no_record(tmp_path):
         run = flyweights(folder, time_step_s=0.01, control_period_s=0.02, **changes)
         ends.append(run.records["limit_endings"])
     assert ends[0] == ends[1]
-    assert replay_log(run.log).agrees
+    assert_replayed(run)
 
 
 LOOSE = f"""<mujoco>{HEAD}<worldbody><body name="target"><freejoint name="free"/>
@@ -203,7 +196,7 @@ def test_energy_and_momentum_to_rounding(tmp_path):
     assert len(run.records["limit_impacts"]) > 3
     assert run["contact.robot_elbow_limit"][-1] == 2.0
     assert max(check.residual for check in all_checks(run) if check.name != "contact complementarity") < 2e-12
-    passes_everything(run)
+    proved(run)
 
 
 def held_panel(folder, **changes):
@@ -220,7 +213,7 @@ def test_a_panel_of_a_grasped_target_stops_at_its_limit(tmp_path):
     (caught,), (left,) = run.records["grasp_impulses"], run.records["releases"]
     times = [hit.time_s for hit in run.records["limit_impacts"]]
     assert any(caught.time_s < time < left.time_s for time in times)
-    passes_everything(run)
+    proved(run)
 
 
 def test_a_panel_of_a_grasped_target_is_pressed(tmp_path):
@@ -228,7 +221,7 @@ def test_a_panel_of_a_grasped_target_is_pressed(tmp_path):
     path = held_panel(tmp_path)
     run = ffsm_mj.run(path, {"initial.rates.panel": 1.0})
     assert np.abs(run["contact.target_panel_limit"]).max() == 2.0
-    passes_everything(run)
+    proved(run)
 
 
 @pytest.mark.long
@@ -248,7 +241,7 @@ def test_a_limit_in_the_same_step_as_a_capture(tmp_path, late_s):
     hits = stopped.records["limit_impacts"]
     assert any(abs(hit.time_s - caught.time_s) < 1e-3 for hit in hits)
     assert stopped.records["grasp_impulses"]
-    passes_everything(stopped)
+    proved(stopped)
 
 
 def test_jaws_on_an_object_and_on_their_own_stops_share_the_load(tmp_path):
@@ -271,7 +264,7 @@ def test_jaws_on_an_object_and_on_their_own_stops_share_the_load(tmp_path):
     for jaw in ("left", "right"):
         assert run[f"contact.robot_{jaw}_limit_force_N"][-1] == pytest.approx(-0.5, abs=1e-9)
         assert run[f"contact.{jaw}_ball_ball_force_N"][-1] == pytest.approx(0.5, abs=1e-9)
-    passes_everything(run)
+    proved(run)
 
 
 @pytest.mark.long
@@ -305,7 +298,7 @@ def test_a_release_is_seen_by_the_phases(tmp_path):
     run = gripper(tmp_path, 1.5, phases=phases, initial={"joints": {"left": 0.01, "right": 0.01}})
     assert run.phases[1].reason == "limit_begins"
     assert run.phases[1].start_s == pytest.approx(run.records["limit_beginnings"][0].time_s, abs=1.1e-3)
-    passes_everything(run)
+    proved(run)
 
 
 CRANK = """<mujoco>{head}<worldbody><body name="base"><freejoint name="free"/>
@@ -336,7 +329,7 @@ def test_a_contact_that_opens_within_a_step_is_no_redistribution_of_its_load(tmp
         accuracy=1e-9,
     )
     run = ffsm_mj.run(path, controllers=driven_by(lambda _: 10.0))
-    passes_everything(run)
+    proved(run)
     end = run.records["contact_endings"][-1]
     assert 0.1305 < end.time_s < 0.1345  # not at a tick, where efforts could jump
     assert end.force_before_N == pytest.approx(0.0, abs=1e-6)

@@ -7,9 +7,8 @@ import pytest
 
 import ffsm_mj
 from tests.contact_models.grasp.test_pressing import MASS, along, pressed, rail
-from tests.contact_models.grasp.test_runs import holds
 from tests.contact_models.impact.test_fixed import slab
-from tests.contact_models.persistent.test_closed_forms import good
+from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
 
 BALL = '<geom name="{0}" type="sphere" size="0.1" pos="{1} 0 0" mass="0"/>'
@@ -60,7 +59,7 @@ def test_feet_share_by_least_norm(tmp_path, feet, joints):
     # A spring of 1e-6 N/m that would be at rest 2e6 m below: 2 N, but for 5e-8 of it.
     push = {"kind": "pd", "joints": ["z"], "kp": 1e-6, "kd": 0.0, "target": [-2e6]}
     phases = [{"name": "press", "until": "end", "controller": push}]
-    run = good(ffsm_mj.run(standing(tmp_path, feet, joints.split(), phases=phases)))
+    run = proved(ffsm_mj.run(standing(tmp_path, feet, joints.split(), phases=phases)))
     places = {name: np.array(POINTS[kind]) + np.array((at, 0.0)) for name, (kind, at) in feet.items()}
     x, y = np.vstack(list(places.values())).T
     balances = np.array([np.ones_like(x), x, y])[: 1 + ("pitch" in joints) + ("roll" in joints)]
@@ -83,7 +82,7 @@ def test_a_weight_walks_off_a_table(tmp_path):
     feet = {"left": (BALL, -0.5), "middle": (BALL, 0.0), "right": (BALL, 0.5)}
     weight = """<body name="weight"><inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>
       <joint name="walk" type="slide" axis="1 0 0"/></body>"""
-    run = good(
+    run = proved(
         ffsm_mj.run(
             standing(
                 tmp_path,
@@ -145,7 +144,7 @@ def test_a_share_that_begins_or_ends_inside_a_step_has_its_impulse(tmp_path, sta
     A quadrature over the kink misses up to 10 N/s h^2 / 8, 5e-4 N s at 20 ms. The kink is known to 1e-6 of a step, to the
     square of which the impulse is off: 4e-15 N s.
     """
-    run = good(ffsm_mj.run(walking(tmp_path, start_m, speed_m_s, step_s)))
+    run = proved(ffsm_mj.run(walking(tmp_path, start_m, speed_m_s, step_s)))
     kink = (1.0 - start_m) / speed_m_s
     # Of least squares where the middle is between the others, of two where the left one has nothing.
     shares = {"left": lambda s: 10.0 * (1.0 - 1.5 * s), "right": lambda s: 10.0 * (1.0 + 1.5 * s), "middle": lambda _: 10.0}
@@ -169,7 +168,7 @@ def test_a_finger_and_what_is_held_share_a_wall(tmp_path):
     ]
     robot, wall = ball("ball", mass=MASS["robot"], joints="x", extra=finger), {"wall": slab("wall", "0.1 2 0.5")}
     path = rail(tmp_path / "scene", wall, pairs, fixed={"wall": {"position_m": [0.47, 0, 0]}}, robot=robot)
-    run = holds(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     rows = pressed(run)
     motor = run["actuators.robot_push_x_applied_N"][rows]
     for what in ("late", "own", "grasp"):

@@ -9,20 +9,12 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.log.scenario import compile_log
 from tests.random_scenes.drawing import draw
-from tests.replays import assert_replayed
+from tests.replays import assert_replayed, proved
 from tests.scenes import HEAD, ball, scene
 
 PRESS_N = 20.0
-
-
-def good(run):
-    """Every check passes, and the log says what its states say."""
-    assert [check for check in all_checks(run) if not check.passes] == []
-    assert_replayed(run)
-    return run
 
 
 def rocking(folder, restitution, *, duration=1.5, **scenario):
@@ -70,7 +62,7 @@ ON_SLAB = "contact.block_slab_slab"
 @pytest.mark.parametrize("restitution", [0.3, 0.6])
 def test_a_rocking_block_comes_to_rest_on_both_edges_and_is_hit_by_a_third_body(tmp_path, restitution):
     """Hits of both edges in turn, then rest on four corners; the ball's blow is passed on to the slab; rest again."""
-    run = good(rocking(tmp_path, restitution, duration=1.5))
+    run = proved(rocking(tmp_path, restitution, duration=1.5))
     assert run.outcome == "completed"
     rocks = {impact.event for impact in run.impacts if impact.time_s < 1.0}
     assert 4 <= len(rocks) <= 40
@@ -101,7 +93,7 @@ def test_a_ball_slides_over_a_corner(tmp_path):
     """From a face over an edge to the corner and beyond, pressed all the way; each change is at the bound of its feature."""
     block = f"""<mujoco>{HEAD}<worldbody><geom name="block" type="box" size="0.2 0.2 0.2"/></worldbody></mujoco>"""
     push = {"kind": "pd", "joints": ["robot/x", "robot/y", "robot/z"], "kp": 10.0, "kd": 6.0, "target": [0.5, 0.45, -0.5]}
-    run = good(
+    run = proved(
         ffsm_mj.run(
             scene(
                 tmp_path,
@@ -144,7 +136,7 @@ def test_a_plate_slides_over_an_edge_corner_by_corner(tmp_path):
     <actuator><motor name="x" joint="x"/><motor name="z" joint="z"/></actuator></mujoco>"""
     far = 1e6
     push = {"kind": "pd", "joints": ["x", "z"], "kp": [0.0, 2.0 / far], "kd": 0.0, "target": [0.0, -far]}
-    run = good(
+    run = proved(
         ffsm_mj.run(
             scene(
                 tmp_path,

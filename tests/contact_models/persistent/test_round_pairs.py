@@ -10,8 +10,8 @@ import pytest
 import ffsm_mj
 from ffsm_mj.contact_models.persistent.model import first_change
 from tests.contact_models.persistent.random_pushes import drawn
-from tests.contact_models.persistent.test_closed_forms import good
 from tests.contact_models.persistent.test_random_pushes import wrong
+from tests.replays import proved
 from tests.scenes import scene
 
 G = 9.81
@@ -56,7 +56,7 @@ def test_what_slides_off_a_smooth_circle_leaves_it_where_its_weight_no_longer_be
     The force falls to zero at the rate 3 g m sin' = 40 N/s, and RK4 at 2 ms errs by (v h / r)^4 / 120 = 1e-9 of it.
     """
     speed, r = 0.3, 0.3
-    run = good(
+    run = proved(
         ffsm_mj.run(
             on_top(tmp_path, moving, {"base": fixed}, initial={"joints": {"robot/z": r}, "rates": {"robot/x": speed}})
         )
@@ -74,7 +74,7 @@ def test_what_falls_into_a_groove_bounces_and_rests_on_both_sides(tmp_path, movi
     """Between two cylinders at x = +-0.15 m, radius 0.1 m as its own, each bears m g / (2 cos), with sin = 0.15 / 0.2."""
     sides = {name: f'type="cylinder" size="0.1 0.4" {LEVEL} pos="{x} 0 0"' for name, x in (("left", -0.15), ("right", 0.15))}
     initial, steps = {"joints": {"robot/z": 0.14}}, {"time_step_s": step, "control_period_s": step}
-    run = good(ffsm_mj.run(on_top(tmp_path, moving, sides, initial=initial, duration_s=0.2, **steps)))
+    run = proved(ffsm_mj.run(on_top(tmp_path, moving, sides, initial=initial, duration_s=0.2, **steps)))
     assert len(run.impacts) >= 4
     for name in sides:
         force = run[f"contact.robot_g_base_{name}_force_N"][-1]
@@ -98,7 +98,7 @@ def test_a_tilted_cylinder_slides_over_the_rim_of_a_cap(tmp_path):
         initial={"joints": {"robot/free": [-0.017, -0.005, 0.2672, np.cos(0.1), np.sin(0.1), 0, 0]}},
         contacts={"rules": [{"between": ["robot/g", "base/base"], "restitution": 0.0}]},
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     modes = [each.mode for each in (*run.records["contact_beginnings"], *run.records["contact_changes"])]
     assert modes[0] == "rim on cap"
     assert "rim on rim" in modes

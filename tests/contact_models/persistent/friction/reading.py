@@ -6,23 +6,6 @@ import math
 
 import numpy as np
 
-from ffsm_mj.analysis.run_models import all_checks
-from tests.replays import assert_replayed
-
-
-def good(run, *, records=True):
-    """It ran to its end, every check passes, and the log says what its states say.
-
-    Args:
-        run: The run.
-        records: Whether records of events are compared too. Redundant points at the limit of friction share their load in
-            the cones to 1e-9 of their force only, and the centre of pressure in a record is known no better.
-    """
-    assert run.outcome == "completed", run.message
-    assert [check for check in all_checks(run) if not check.passes] == []
-    assert_replayed(run, records=records)
-    return run
-
 
 def heat(run):
     """Heat of friction until the end, J."""

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import at, final, good, heat, slips, sticks
+from tests.contact_models.persistent.friction.reading import at, final, heat, slips, sticks
 from tests.contact_models.persistent.friction.scenes import block, load, loaded, on_slab, sphere, steps
+from tests.replays import proved
 from tests.scenes import HEAD, ball, scene
 
 STEPS = [0.05, *(pytest.param(step, marks=pytest.mark.long) for step in (0.1, 4e-3, 2e-3, 1e-3, 5e-4))]
@@ -22,7 +23,7 @@ def test_a_sliding_sphere_rolls(tmp_path, step):
 
     The stop is set where the slip is 1e-9 of 0.7 m/s, along the line of friction: v and place of rolling are the same.
     """
-    run = good(ffsm_mj.run(sphere(tmp_path, mu=0.2, velocity=(0.7, 0, 0), step=step, duration=1.2)))
+    run = proved(ffsm_mj.run(sphere(tmp_path, mu=0.2, velocity=(0.7, 0, 0), step=step, duration=1.2)))
     np.testing.assert_allclose(final(run, "v_robot_free"), [0.5, 0, 0, 0, 0.5, 0], atol=1e-12)
     assert at(run, 1.0, "q_robot_free_x")[0] == pytest.approx(0.6, abs=1e-12)
     assert final(run, "q_robot_free_x")[0] == pytest.approx(0.7, abs=1e-12)
@@ -34,7 +35,7 @@ def test_a_sliding_sphere_rolls(tmp_path, step):
 @pytest.mark.parametrize("step", [4e-3, *(pytest.param(step, marks=pytest.mark.long) for step in (2e-3, 1e-3, 5e-4))])
 def test_a_rolling_sphere_that_spins_rolls_straight_on(tmp_path, step):
     """The contact point moves with the centre: with the rate of a point fixed in the body its path bends by metres."""
-    run = good(ffsm_mj.run(sphere(tmp_path, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=step, duration=0.5)))
+    run = proved(ffsm_mj.run(sphere(tmp_path, mu=5.0, velocity=(0.5, 0, 0), spin=(0, 0.5, 5), step=step, duration=0.5)))
     # Free joints have their spin in body axes; the sphere turns as a whole about one fixed axis.
     assert np.linalg.norm(final(run, "v_robot_free")[3:]) == pytest.approx(math.hypot(0.5, 5.0), abs=1e-12)
     np.testing.assert_allclose(final(run, "v_robot_free")[:3], [0.5, 0, 0], atol=1e-12)
@@ -61,7 +62,7 @@ def foot_on_plate(folder, *, mu, speed, push, step, duration):
 @pytest.mark.parametrize("step", STEPS)
 def test_a_foot_comes_to_rest_on_a_free_plate(tmp_path, step):
     """0.8 m/s, relative deceleration 0.2 (1 + 1/3): they stick at 3 s, at the common speed of 0.8 N s / 4 kg."""
-    run = good(ffsm_mj.run(foot_on_plate(tmp_path, mu=0.2, speed=0.8, push=[0, 0, 0], step=step, duration=3.2)))
+    run = proved(ffsm_mj.run(foot_on_plate(tmp_path, mu=0.2, speed=0.8, push=[0, 0, 0], step=step, duration=3.2)))
     assert sticks(run) == [pytest.approx(3.0, abs=1e-8)]
     for column in ("v_robot_x", "v_foot_x"):
         assert final(run, column)[0] == pytest.approx(0.2, abs=1e-12)
@@ -71,7 +72,7 @@ def test_a_foot_comes_to_rest_on_a_free_plate(tmp_path, step):
 @pytest.mark.parametrize("step", STEPS)
 def test_a_foot_breaks_away_from_a_free_plate(tmp_path, step):
     """An inner force of 0.1 t: all of it is friction, until 0.5 N at 5 s; then u' = (0.1 t - 0.5) (1 + 1/3)."""
-    run = good(ffsm_mj.run(foot_on_plate(tmp_path, mu=0.5, speed=0.0, push=[0.1, 0, 0], step=step, duration=6.0)))
+    run = proved(ffsm_mj.run(foot_on_plate(tmp_path, mu=0.5, speed=0.0, push=[0.1, 0, 0], step=step, duration=6.0)))
     assert slips(run) == [pytest.approx(5.0, abs=1e-9)]
     assert final(run, "v_foot_x")[0] - final(run, "v_robot_x")[0] == pytest.approx(1 / 15, abs=1e-12)
     assert heat(run) == pytest.approx(1 / 90, abs=1e-12)
@@ -94,7 +95,7 @@ def test_a_probe_pressed_on_a_face_at_45_degrees(tmp_path, mu, slides):
         contact_models=loaded(load("robot/probe", force_N=[[0, 0, -2]])),
         **steps(4e-3, 0.4),
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     speed = (1.0 - mu) / math.sqrt(2) * 0.4 if slides else 0.0
     down = speed / math.sqrt(2)
     assert [*final(run, "v_robot_x"), *final(run, "v_robot_z")] == pytest.approx([down, -down], abs=1e-12)
@@ -113,7 +114,7 @@ def test_a_sliding_block(tmp_path, pull):
         duration=0.6,
         loads=[load("robot/box", force_N=[[pull, 0, 0]], at_m=[0, 0, -0.05])],
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     gain = pull - 4.0
     time = 0.6 if gain > 0.0 else min(0.6, 0.5 / -gain)
     assert final(run, "v_robot_free_vx")[0] == pytest.approx(0.5 + gain * time, abs=1e-12)
@@ -134,7 +135,7 @@ def test_a_block_on_a_slope(tmp_path, slope, sticks_there):
         duration=0.3,
         loads=[load("robot/box", force_N=[[10 * slope * 0.6, 10 * slope * 0.8, 0]], at_m=[0, 0, -0.05])],
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     speed = 0.0 if sticks_there else 10 * (slope - 0.3) * 0.3
     np.testing.assert_allclose(final(run, "v_robot_free")[:2], [0.6 * speed, 0.8 * speed], atol=1e-11)
 
@@ -160,7 +161,7 @@ def test_a_block_taller_than_friction_tips(tmp_path):
             initial={"joints": {"robot/free": [0, 0, height, 1, 0, 0, 0]}},
             loads=[load("robot/box", force_N=[[3, 0, 0]], at_m=[0, 0, height])],
         )
-        run = good(ffsm_mj.run(path))
+        run = proved(ffsm_mj.run(path))
         assert bool(abs(final(run, "v_robot_free_wy")[0]) > 1e-3) is tips
         assert not slips(run)
         if not tips:  # 3 N of mu W = 5 N, however the load is shared; margins are known to 1e-14 of the forces

@@ -12,8 +12,8 @@ from ffsm_mj.contact_models.persistent.friction.choice import ModeChoice
 from ffsm_mj.contact_models.persistent.friction.cones import depth, largest_margin
 from ffsm_mj.contact_models.persistent.friction.internal_forces import least_in_cones
 from ffsm_mj.replay import replay_log
-from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.test_friction_seen import in_a_v, on_floor
+from tests.replays import proved
 
 
 def problems(count):
@@ -57,7 +57,7 @@ def test_a_ball_pressed_into_a_v_is_logged_with_forces_on_its_cones(tmp_path):
 
     Along the load n sin 30 + t cos 30 = 1/2 at each side.
     """
-    run = good(ffsm_mj.run(in_a_v(tmp_path, 0.5, math.radians(30.0), (0.0, -1.0))))
+    run = proved(ffsm_mj.run(in_a_v(tmp_path, 0.5, math.radians(30.0), (0.0, -1.0))))
     normal = 0.5 / (0.5 + 0.5 * math.sqrt(0.75))
     np.testing.assert_allclose(run["contact.groove_friction_N"], normal, rtol=1e-8)
     np.testing.assert_allclose(run["contact.groove_force_N"], 2.0 * normal * math.hypot(1.0, 0.5), rtol=1e-8)

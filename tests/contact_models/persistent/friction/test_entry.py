@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, good, sticks
+from tests.contact_models.persistent.friction.reading import final, sticks
 from tests.contact_models.persistent.friction.scenes import block, sphere
+from tests.replays import proved
 
 
 def thrown(folder, interval):
@@ -34,7 +35,7 @@ def thrown(folder, interval):
 )
 def test_a_thrown_sphere_ends_up_rolling(tmp_path, interval, impacts, entry):
     """The speed is 5/7 v0 + 2/7 R w0 however often it bounces."""
-    run = good(ffsm_mj.run(thrown(tmp_path, interval)))
+    run = proved(ffsm_mj.run(thrown(tmp_path, interval)))
     assert len(run.impacts) == impacts
     assert run.impacts[-1].time_s == pytest.approx(entry, abs=1e-9)
     assert all(impact.energy_change_J < 0.0 for impact in run.impacts)
@@ -56,6 +57,6 @@ def test_a_block_that_lands_flat_slides_to_rest(tmp_path, restitution):
         restitution=restitution,
         impact={"rest_interval_s": 1e-2},
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     # Impacts give 0.5 (1 + e) (1 + e + e^2 ...) N s and flights nothing, rest 1 N: in all 1 N times the time and 0.5 N s.
     assert final(run, "v_robot_free")[0] == pytest.approx(1.0 - 0.1 * (0.5 + 2.5), abs=1e-10)

@@ -10,8 +10,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.replay import replay_log
-from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.test_friction_seen import SLIPS, T_STOP, on_floor
+from tests.replays import proved
 
 ROW = 30
 """A row while the sphere slips."""
@@ -21,7 +21,7 @@ SHORT = {"duration_s": 0.208, "time_step_s": 4e-3}
 
 @pytest.fixture(scope="module")
 def rolled(tmp_path_factory):
-    return good(ffsm_mj.run(on_floor(tmp_path_factory.mktemp("rolled"), rates=SLIPS, **SHORT))).log
+    return proved(ffsm_mj.run(on_floor(tmp_path_factory.mktemp("rolled"), rates=SLIPS, **SHORT))).log
 
 
 def falsified(log, column, error, row=ROW):

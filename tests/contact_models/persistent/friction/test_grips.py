@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, good, heat, slips
+from tests.contact_models.persistent.friction.reading import final, heat, slips
 from tests.contact_models.persistent.friction.scenes import BALL_TIP, PAD, PLATE, cube, gripped, load, thrust
+from tests.replays import proved
 from tests.scenes import HEAD
 
 FINER = [pytest.param(step, marks=pytest.mark.long) for step in (1e-2, 2e-3, 1e-3, 5e-4)]
@@ -37,7 +38,7 @@ def test_a_grip_loses_what_is_too_heavy(tmp_path, step, tip):
         step=step,
         duration=0.6,
     )
-    run = good(ffsm_mj.run(path), records=tip == BALL_TIP)
+    run = proved(ffsm_mj.run(path), records=tip == BALL_TIP)
     # Bracketed to 1e-12 s.
     assert slips(run) == [pytest.approx(0.5, abs=1e-11)] * 2
     before = run.time < 0.499
@@ -65,7 +66,7 @@ def test_pads_hold_a_cube_off_centre_as_long_as_any_pressure_does(tmp_path):
         step=2e-3,
         duration=0.052,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert slips(run)[0] == pytest.approx(0.05, abs=1e-11)
     before = run.time < 0.0499
     assert np.abs((run["state.v_cube_free_vz_m_s"] - run["state.v_robot_free_vz_m_s"])[before]).max() < 1e-13
@@ -92,7 +93,7 @@ def test_a_cube_swings_about_ball_tips_as_on_a_hinge(tmp_path, step):
         step=step,
         duration=0.3,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     w, _, y, _ = final(run, "q_cube_free")[3:]
     angle = 2.0 * math.atan2(y, w)
     assert angle == pytest.approx(0.383815560117, abs=3 * SWING_ERRORS[step] + 1e-12)
@@ -125,7 +126,7 @@ def test_pads_hold_below_the_limit_and_not_above(tmp_path, share):
     thrust_N = share * LIMIT_N
     held = cube(2.0, 0.05, 0.004)
     path = gripped(tmp_path, PAD, held, loads=[thrust((thrust_N, 0, 0))], step=4e-3, duration=0.04, **SOFT)
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     at_once = final(run, "v_cube_free")[0] / 0.04, final(run, "v_robot_free")[0] / 0.04
     expected = (thrust_N / 12.4,) * 2 if share < 1.0 else (7.0, (thrust_N - 14.0) / 10.4)
     assert at_once == pytest.approx(expected, rel=1e-12)
@@ -140,7 +141,7 @@ def test_pads_hold_a_twist_by_their_corners(tmp_path, share):
     inertia = 0.004
     twist = [load("cube/cube", "robot/base", torque_N_m=[[0, share * most, 0]], axes="robot/base")]
     path = gripped(tmp_path, PAD, cube(2.0, 0.05, inertia), loads=twist, step=4e-3, duration=0.04, **SOFT)
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     rate = 0.0 if share < 1.0 else (share - 1.0) * most / inertia
     assert final(run, "v_cube_free")[4] == pytest.approx(0.04 * rate, abs=1e-10)
     # The base of 0.9 kg m^2 takes the reaction.
@@ -165,7 +166,7 @@ def test_a_pinch_lets_go_of_both_sides_at_once(tmp_path):
         finger_kg=0.5,
         half_m=0.5,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert slips(run) == [pytest.approx(5.0, abs=1e-10)] * 2
     speed, way = lost(run)
     np.testing.assert_allclose(speed, [-5 / 9, 0, 0], atol=1e-10)
@@ -184,7 +185,7 @@ def test_a_grip_at_half_the_limit_does_not_creep(tmp_path):
         duration=10.0,
         **SOFT,
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     way = run["state.q_cube_free_x_m"] - run["state.q_robot_free_x_m"]
     assert run["state.q_robot_free_x_m"][-1] == pytest.approx(175.0, rel=1e-9)
     assert np.abs(way).max() < 1e-11

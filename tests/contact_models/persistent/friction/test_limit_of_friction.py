@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, good, slips
+from tests.contact_models.persistent.friction.reading import final, slips
 from tests.contact_models.persistent.friction.scenes import block, load, on_slab
+from tests.replays import proved
 from tests.scenes import ball
 
 WEIGHT_N, MU, DURATION_S = 10.0, 0.3, 0.04
@@ -52,7 +53,7 @@ def test_a_pull_just_beyond_the_limit_slips_along_itself(tmp_path, scene, step, 
     """
     along, across = np.array((0.6, 0.8)), np.array((-0.8, 0.6))
     pull = (3.0 + excess) * along
-    run = good(ffsm_mj.run(scene(tmp_path, (*pull, 0.0), step)))
+    run = proved(ffsm_mj.run(scene(tmp_path, (*pull, 0.0), step)))
     u = slip_of(run)
     assert [u @ along, u @ across] == pytest.approx([excess * DURATION_S, 0.0], abs=1e-15)
 
@@ -61,7 +62,7 @@ def test_a_pull_just_beyond_the_limit_slips_along_itself(tmp_path, scene, step, 
 @pytest.mark.parametrize(("excess", "sticks"), [(3e-12, True), (3e-10, True), (3e-9, False)])
 def test_an_excess_within_rounding_of_the_accelerations_sticks(tmp_path, scene, excess, sticks):
     """These are known to 1e-10 of the largest term, 10 m/s^2; beyond, it slips, and neither changes its mode again."""
-    run = good(ffsm_mj.run(scene(tmp_path, (3.0 + excess, 0.0, 0.0), 2e-3)))
+    run = proved(ffsm_mj.run(scene(tmp_path, (3.0 + excess, 0.0, 0.0), 2e-3)))
     assert [*slips(run), *run.records["contact_changes"], *run.records["contact_sticks"]] == []
     assert slip_of(run)[0] == pytest.approx(0.0 if sticks else excess * DURATION_S, abs=1e-15)
 
@@ -73,5 +74,5 @@ def test_a_pull_that_passes_the_limit_slips_there(tmp_path):
     """
     pull = load("robot/foot", force_N=[[2.999, 0, 0], [0.05, 0, 0]])
     scene = pulled_foot(tmp_path, (0.0, 0.0, 0.0), 2e-3)
-    run = good(ffsm_mj.run(scene, {"contact_models.0.loads.1": pull}))
+    run = proved(ffsm_mj.run(scene, {"contact_models.0.loads.1": pull}))
     assert slips(run) == [pytest.approx(0.02, abs=2.5e-11)]

@@ -9,8 +9,9 @@ import pytest
 
 import ffsm_mj
 from tests.contact_models.impact.test_fixed import slab
-from tests.contact_models.persistent.friction.reading import final, good, heat
+from tests.contact_models.persistent.friction.reading import final, heat
 from tests.contact_models.persistent.friction.scenes import PLATE, cube, gripped, load, loaded, steps
+from tests.replays import proved
 from tests.scenes import box, scene
 
 BOUND_M = 1e-9
@@ -60,7 +61,7 @@ def test_a_cube_slides_out_of_two_pads(tmp_path, before_s):
     """
     time_s, speed = lost_after(0.3)
     step = (time_s - before_s) / 40
-    run = good(ffsm_mj.run(pulled_out(tmp_path, force_N=(PULL_N, 0, 0), step=step, duration=42 * step)))
+    run = proved(ffsm_mj.run(pulled_out(tmp_path, force_N=(PULL_N, 0, 0), step=step, duration=42 * step)))
     # Brackets of 1e-13 s, and steps whose errors are rounding: the acceleration is constant.
     assert ends(run) == [pytest.approx(time_s + BOUND_M / speed, abs=1e-11)] * 2
     assert heat(run) == pytest.approx(FRICTION_N * SLIP_M, rel=1e-7)
@@ -70,7 +71,7 @@ def test_a_cube_slides_out_of_two_pads(tmp_path, before_s):
 def test_without_friction_it_is_the_same_closed_form(tmp_path):
     time_s, speed = lost_after(0.0)
     path = pulled_out(tmp_path, force_N=(PULL_N, 0, 0), mu=0.0, step=4e-3, duration=0.132)
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert ends(run) == [pytest.approx(time_s + BOUND_M / speed, abs=1e-11)] * 2
 
 
@@ -82,7 +83,7 @@ def test_a_cube_slides_out_obliquely(tmp_path, before_s):
     coarse = ffsm_mj.run(pulled_out(tmp_path, force_N=(6, 0, 3), rates=velocity, step=2e-3, duration=0.1))
     last_s = ends(coarse)[0]
     step = (last_s - before_s) / 40
-    run = good(ffsm_mj.run(pulled_out(tmp_path, force_N=(6, 0, 3), rates=velocity, step=step, duration=42 * step)))
+    run = proved(ffsm_mj.run(pulled_out(tmp_path, force_N=(6, 0, 3), rates=velocity, step=step, duration=42 * step)))
     # By symmetry: a tilt would part the cube from one pad first.
     assert ends(run) == [pytest.approx(last_s, abs=1e-6)] * 2
     spin = final(run, "v_cube_free")[3:]
@@ -96,7 +97,7 @@ def test_a_cube_slides_out_obliquely(tmp_path, before_s):
 @pytest.mark.long
 def test_pads_of_unequal_friction_turn_the_cube_out(tmp_path):
     """The patches shrink until they cannot balance the moment; the cube then turns about their edges until it is lost."""
-    run = good(ffsm_mj.run(pulled_out(tmp_path, force_N=(PULL_N, 0, 0), mu=(0.3, 0.2), step=4e-3, duration=0.22)))
+    run = proved(ffsm_mj.run(pulled_out(tmp_path, force_N=(PULL_N, 0, 0), mu=(0.3, 0.2), step=4e-3, duration=0.22)))
     assert len(ends(run)) == 2
     # The pad that rubs more holds back its side: the cube turns about +z, where left is at y > 0.
     assert final(run, "v_cube_free")[5] > 1e-3
@@ -124,7 +125,7 @@ def test_a_block_tips_where_its_centre_of_pressure_passes_the_edge(tmp_path, mu,
         contact_models=loaded(load("robot/box", "slab/slab", force_N=[[0, 0, -PRESS_N]], at_m=[-0.1, 0, 0])),
         **steps(step, 0.6),
     )
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     brake, way = mu * PRESS_N, 0.4 - 0.05 * mu
     tips = way / SPEED if mu == 0.0 else (SPEED - math.sqrt(SPEED**2 - 2 * brake * way)) / brake
     changes = [record.time_s for record in run.records["contact_changes"]]

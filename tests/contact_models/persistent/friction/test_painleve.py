@@ -11,10 +11,9 @@ import pytest
 import ffsm_mj
 from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.cli.main import main
-from ffsm_mj.replay import replay_log
 from tests.contact_models.impact.test_fixed import slab
-from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.friction.scenes import steps
+from tests.replays import assert_replayed, proved
 from tests.scenes import HEAD, scene
 
 ACROSS, DOWN = 1.0 / math.sqrt(5.0), 2.0 / math.sqrt(5.0)
@@ -54,7 +53,7 @@ def rod(folder, *, mu, slip, free_s=0.0, duration=0.03, gravity=0.0):
 @pytest.mark.parametrize(("mu", "slip"), [(1.2, 0.5), (1.2, -0.5), (1.5, -0.5)])
 def test_a_rod_slides_where_it_can(tmp_path, mu, slip):
     """The force at the start is 1 / D; D = 0.16 presses hard enough to rotate the rod and to stop it."""
-    run = good(ffsm_mj.run(rod(tmp_path, mu=mu, slip=slip)))
+    run = proved(ffsm_mj.run(rod(tmp_path, mu=mu, slip=slip)))
     assert run["contact.foot_force_z_N"][0] == pytest.approx(-1.0 / (1.6 - math.copysign(1.2, slip) * mu), rel=1e-6)
 
 
@@ -90,8 +89,7 @@ def test_the_log_stands_until_there(tmp_path, capsys):
     assert run.time[-1] >= 0.019
     np.testing.assert_allclose(run["state.q_robot_x_m"], 0.5 * run.time, atol=1e-15)
     assert all(check.passes for check in all_checks(run))
-    again = replay_log(run.log)
-    assert again.agrees, again.worst
+    assert_replayed(run)
     capsys.readouterr()
     assert main(["analyze", str(out)]) == 0
     assert "painleve" in capsys.readouterr().out

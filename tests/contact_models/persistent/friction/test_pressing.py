@@ -6,8 +6,8 @@ import pytest
 
 import ffsm_mj
 from ffsm_mj.contact_models.impact import rest_rule
-from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.friction.scenes import block, load
+from tests.replays import proved
 
 HALF = L, W, H = 0.1, 0.08, 0.3
 """A tall block of 1 kg: friction mu tips it over its front edge where mu h > l, at mu = 1/3."""
@@ -45,7 +45,7 @@ def side(impact):
 @pytest.mark.parametrize("mu", [0.0, 0.1, 0.3])
 def test_friction_of_a_block_that_slides_presses_its_front(tmp_path, pressing, mu):
     """Corners share 1 N: 1/4 (1 +- mu h / l) each; without its own force a corner falls at (G_nn -+ mu G_nt) lambda_n."""
-    run = good(ffsm_mj.run(landing(tmp_path, mu)))
+    run = proved(ffsm_mj.run(landing(tmp_path, mu)))
     sides = [side(impact) for impact in run.impacts]
     expected = [0.25 * (1.0 + at * mu * H / L) * (INVERSE - at * mu * COUPLING) for at in sides]
     assert pressing[0] == pytest.approx(expected, abs=ROUNDING)
@@ -55,7 +55,7 @@ def test_friction_of_a_block_that_slides_presses_its_front(tmp_path, pressing, m
 @pytest.mark.parametrize("mu", [0.4, 0.7])
 def test_nothing_presses_the_rear_of_a_block_that_tips(tmp_path, pressing, mu):
     """Its rear lifts off, however slowly; without friction each corner would be pressed at 1/4 G_nn."""
-    run = good(ffsm_mj.run(landing(tmp_path, mu)))
+    run = proved(ffsm_mj.run(landing(tmp_path, mu)))
     sides = [side(impact) for impact in run.impacts]
     total = 1.0 / (1.0 + L**2 / I_Y - mu * COUPLING)
     expected = [0.5 * total * (INVERSE - mu * COUPLING) if at > 0.0 else 0.0 for at in sides]
@@ -65,7 +65,7 @@ def test_nothing_presses_the_rear_of_a_block_that_tips(tmp_path, pressing, mu):
 
 def test_friction_of_a_block_that_sticks_counts_too(tmp_path, pressing):
     """It is pulled by 0.2 N at its centre, of which each corner takes a quarter."""
-    run = good(ffsm_mj.run(landing(tmp_path, 0.8, speed=0.0, loads=[load("robot/box", force_N=[[0.2, 0, 0]])])))
+    run = proved(ffsm_mj.run(landing(tmp_path, 0.8, speed=0.0, loads=[load("robot/box", force_N=[[0.2, 0, 0]])])))
     sides = [side(impact) for impact in run.impacts]
     expected = [0.25 * ((1.0 + at * 0.2 * H / L) * INVERSE - at * 0.2 * COUPLING) for at in sides]
     assert pressing[0] == pytest.approx(expected, abs=ROUNDING)

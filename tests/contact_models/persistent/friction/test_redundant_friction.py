@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, good, heat, slips, yaw
+from tests.contact_models.persistent.friction.reading import final, heat, slips, yaw
 from tests.contact_models.persistent.friction.scenes import load, loaded, steps
 from tests.contact_models.persistent.test_closed_forms import wedge
+from tests.replays import proved
 from tests.scenes import ball, box, scene
 
 PLATE_HALF, BLOCK_HALF = (1.0, 1.0, 0.05), (0.2, 0.1, 0.05)
@@ -57,7 +58,7 @@ def corner_slips(run):
 @pytest.mark.parametrize("step", [8e-3, 4e-3, 2e-3, 1e-3, 5e-4])
 def test_a_block_turns_off_on_a_free_plate(tmp_path, step):
     """It holds as long as any forces at its corners would; then it slides and turns about a point beside it."""
-    run = good(ffsm_mj.run(pushed_off_centre(tmp_path, step)))
+    run = proved(ffsm_mj.run(pushed_off_centre(tmp_path, step)))
     assert slips(run)[0] == pytest.approx(0.423158259833, abs=1e-8)
     allowed = 1e-7 * (step / 4e-3) ** 4 + 1e-8
     assert sorted(corner_slips(run)) == pytest.approx(
@@ -93,7 +94,7 @@ def test_a_ball_in_a_v_is_held_up_to_the_normal_of_a_face(tmp_path, half_angle, 
     for angle, moves in ((limit - 1e-3, False), (limit + 1e-3, True)):
         folder = tmp_path / str(angle)
         folder.mkdir()
-        run = good(ffsm_mj.run(in_a_v(folder, half_angle, mu, angle)))
+        run = proved(ffsm_mj.run(in_a_v(folder, half_angle, mu, angle)))
         # 1e-3 degrees are 1.7e-5 of 1 N along the face for 0.008 s, of which a rolling ball has 5/7.
         assert bool(np.abs(final(run, "v_robot_free")[:3]).max() > 1e-8) is moves
 
@@ -102,7 +103,7 @@ def test_a_ball_in_a_v_is_held_up_to_the_normal_of_a_face(tmp_path, half_angle, 
 @pytest.mark.parametrize("angle", [0.0, 59.0, 61.0, 120.0])
 def test_a_wedged_ball_is_held_whatever_pulls(tmp_path, angle):
     """Above tan(beta) forces between the faces hold the ball against loads that would lift it off one of them."""
-    run = good(ffsm_mj.run(in_a_v(tmp_path, 30, 0.8, angle)))
+    run = proved(ffsm_mj.run(in_a_v(tmp_path, 30, 0.8, angle)))
     assert np.abs(final(run, "v_robot_free")).max() < 1e-12
 
 
@@ -110,5 +111,5 @@ def test_a_wedged_ball_is_held_whatever_pulls(tmp_path, angle):
 def test_a_ball_pressed_into_a_v_stays_when_pulled_out_if_it_is_wedged(tmp_path, mu, stays):
     """The load turns round at 0.01 s: opening solves the problem as well, but present modes that are valid are kept."""
     path = in_a_v(tmp_path, 30, mu, 0.0, more=[[0, 0, 100]], duration=0.02)
-    run = good(ffsm_mj.run(path))
+    run = proved(ffsm_mj.run(path))
     assert bool(np.abs(final(run, "v_robot_free")).max() < 1e-12) is stays

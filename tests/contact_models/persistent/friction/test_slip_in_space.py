@@ -9,8 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import at, final, good, heat, slips, sticks, yaw
+from tests.contact_models.persistent.friction.reading import at, final, heat, slips, sticks, yaw
 from tests.contact_models.persistent.friction.scenes import block, pulled, sphere
+from tests.replays import proved
 
 LONG_STEPS = [1e-3, 5e-4]
 
@@ -33,7 +34,7 @@ def test_a_sphere_slides_along_a_parabola(tmp_path, step):
 
     Steps of order 4, of which what is left at the stop is known from 4 ms: 1.5e-11 of the velocity, 1.5e-9 of the time.
     """
-    run = good(ffsm_mj.run(curving(tmp_path, step)))
+    run = proved(ffsm_mj.run(curving(tmp_path, step)))
     allowed = 3e-11 * max(1.0, (step / 4e-3) ** 4) + 1e-12
     spent = 2.4 - STOP_S
     velocity = np.array((0.7, -0.4)) - 2.0 / 7.0 * U0
@@ -54,7 +55,7 @@ ERRORS = {4e-3: 1.7e-10, 2e-3: 1.2e-11, 1e-3: 1.3e-12, 5e-4: 1.7e-13}
 @pytest.mark.parametrize("step", [4e-3, 2e-3, *LONG_STEPS])
 def test_a_foot_breaks_away_along_a_curve(tmp_path, step):
     """It slips where (0.4 + 0.5 t)^2 + 0.36 t^4 = 0.25, and then turns; reference by Radau IIA to 1e-12."""
-    run = good(ffsm_mj.run(pulled(tmp_path, step, PULL)))
+    run = proved(ffsm_mj.run(pulled(tmp_path, step, PULL)))
     assert slips(run) == [pytest.approx(0.198873109993, abs=1e-11)]
     rates = [*final(run, "v_robot_x"), *final(run, "v_robot_y")]
     assert rates == pytest.approx([0.042675671986, 0.011535190635], abs=3 * ERRORS[step] + 1e-12)
@@ -93,7 +94,7 @@ SPIN_ERRORS = {4e-3: 7.7e-10, 2e-3: 3.9e-11, 1e-3: 2.4e-12, 5e-4: 1e-12}
 @pytest.mark.parametrize("step", [4e-3, 2e-3, *LONG_STEPS])
 def test_a_block_slides_and_spins_on_four_corners(tmp_path, step):
     """Equal springs at the corners, against a reduced model of three coordinates by DOP853."""
-    run = good(ffsm_mj.run(spinning(tmp_path, step, 0.4)))
+    run = proved(ffsm_mj.run(spinning(tmp_path, step, 0.4)))
     reduced = solve_ivp(of_three_coordinates, (0, 0.4), (0, 0, 0, 0.6, 0.2, 4.0), method="DOP853", rtol=1e-13, atol=1e-14)
     vx, vy, _, _, _, spin = final(run, "v_robot_free")
     found = [*final(run, "q_robot_free")[:2], yaw(run, "q_robot_free"), vx, vy, spin]
@@ -110,7 +111,7 @@ def test_a_block_slides_and_spins_on_four_corners(tmp_path, step):
 )
 def test_a_block_stops_sliding_and_spinning_at_one_instant(tmp_path, step, place, of_heat):
     """Translation and spin end together, at 2.5731523 s; all kinetic energy, 1/3 J, is heat."""
-    run = good(ffsm_mj.run(spinning(tmp_path, step, 2.6)))
+    run = proved(ffsm_mj.run(spinning(tmp_path, step, 2.6)))
     x, y, *_ = final(run, "q_robot_free")
     found = [x, y, yaw(run, "q_robot_free")]
     assert found == pytest.approx(
@@ -143,7 +144,7 @@ def test_a_stop_is_at_rest_whatever_the_direction(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         runs.append(
-            good(
+            proved(
                 ffsm_mj.run(
                     sphere(
                         folder,

@@ -14,15 +14,15 @@ from ffsm_mj.contact_models.persistent.force_check import _direction
 from ffsm_mj.contact_models.persistent.friction.modes import SLIDE, STICK, FrictionModes, sliding
 from ffsm_mj.contact_models.persistent.friction.problem import slip_directions
 from ffsm_mj.replay import replay_log
-from tests.contact_models.persistent.friction.reading import good
 from tests.contact_models.persistent.test_friction_seen import on_floor
+from tests.replays import proved
 
 
 @pytest.fixture(scope="module")
 def slow(tmp_path_factory):
     """A sphere of 1 N on a floor, mu = 0.2, that slides along x at 1e-6 m/s in its first row."""
     path = on_floor(tmp_path_factory.mktemp("slow"), rates=(1e-6, 0.0, 0.0, 0.0, 0.0, 0.0), duration_s=8e-3)
-    return good(ffsm_mj.run(path)).log
+    return proved(ffsm_mj.run(path)).log
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_columns_are_compared_to_the_turn_of_a_slip_by_its_rounding(slow, column
 
 def test_the_forces_of_a_fast_slip_are_known_to_rounding(tmp_path):
     path = on_floor(tmp_path, rates=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0), duration_s=8e-3)
-    log = good(ffsm_mj.run(path)).log
+    log = proved(ffsm_mj.run(path)).log
     rows = np.array(log.rows)
     rows[0, log.header.layout.index["contact.sole_friction_y_N"]] += 1e-9
     assert not replay_log(replace(log, rows=rows)).agrees

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import ffsm_mj
-from tests.contact_models.persistent.friction.reading import final, good, sticks
+from tests.contact_models.persistent.friction.reading import final, sticks
 from tests.contact_models.persistent.friction.scenes import block, load, pulled, sphere
+from tests.replays import proved
 
 PSI = 2.5
 
@@ -39,7 +40,7 @@ def foot(folder, B, speed, *, step, duration, turned=0.0):
 )
 def test_a_slip_turns_to_the_force(tmp_path, B, speed, along, across, error, step, turned):
     """Errors of 1e-12 m/s by the rule of steps, damped since; three times those of 1 ms are allowed."""
-    run = good(ffsm_mj.run(foot(tmp_path, B, speed, step=step, duration=1e-3, turned=turned)))
+    run = proved(ffsm_mj.run(foot(tmp_path, B, speed, step=step, duration=1e-3, turned=turned)))
     velocity = np.array([*final(run, "v_robot_x"), *final(run, "v_robot_y")])
     c, s = math.cos(turned), math.sin(turned)
     assert velocity @ (c, s) == pytest.approx(along, abs=3 * error)
@@ -49,7 +50,7 @@ def test_a_slip_turns_to_the_force(tmp_path, B, speed, along, across, error, ste
 
 def test_a_slip_that_turns_stops(tmp_path):
     """Where r = 0: after r0 (a + cos psi) / (B (a^2 - 1)) = 2.795e-4 s."""
-    run = good(ffsm_mj.run(foot(tmp_path, 2.0, 1e-3, step=1e-3, duration=1e-3)))
+    run = proved(ffsm_mj.run(foot(tmp_path, 2.0, 1e-3, step=1e-3, duration=1e-3)))
     assert sticks(run) == [pytest.approx(2.79542553781e-4, abs=4e-12)]
     assert np.abs([*final(run, "v_robot_x"), *final(run, "v_robot_y")]).max() < 1e-11
 
@@ -59,13 +60,13 @@ def test_a_ball_begins_to_slip_under_spin(tmp_path):
     rates = (-3.71390676e-9, 9.28476691e-9, 0.0)
     push = load("robot/ball", force_N=[[0.5, 0.2, 0.0]])
     scene = sphere(tmp_path, mu=0.1, velocity=rates, spin=(0, 0, 3), step=1e-2, duration=1e-2, loads=[push])
-    velocity = final(good(ffsm_mj.run(scene)), "v_robot_free")[:2]
+    velocity = final(proved(ffsm_mj.run(scene)), "v_robot_free")[:2]
     np.testing.assert_allclose(velocity, (4.0715217013e-3, 1.6286163736e-3), rtol=0, atol=2e-11)
 
 
 def test_a_corner_of_a_sliding_block_that_hardly_slips(tmp_path):
     """Three corners slip at 1 m/s, one at 1e-8 m/s; by order 8 on the whole state."""
     start = (0.4 + 6e-9, -0.8 - 8e-9, 0.0)
-    run = good(ffsm_mj.run(block(tmp_path, mu=0.3, velocity=start, spin=4.0, step=4e-3, duration=4e-3)))
+    run = proved(ffsm_mj.run(block(tmp_path, mu=0.3, velocity=start, spin=4.0, step=4e-3, duration=4e-3)))
     found = final(run, "v_robot_free")[[0, 1, 5]]
     np.testing.assert_allclose(found, (0.39975831707643, -0.79929679214237, 3.9908078978074), rtol=0, atol=3e-12)

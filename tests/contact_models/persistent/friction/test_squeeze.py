@@ -11,10 +11,10 @@ import pytest
 from ruamel.yaml import YAML
 
 import ffsm_mj
-from ffsm_mj.analysis.run_models import all_checks
 from ffsm_mj.scenario.shipped import scenarios_dir
-from tests.contact_models.persistent.friction.reading import good, slips
+from tests.contact_models.persistent.friction.reading import slips
 from tests.contact_models.persistent.friction.scenes import load, loaded
+from tests.replays import assert_passes, proved
 from tests.scenes import ball, compile_paths
 
 MU, GRIP_N, CUBE_KG = 0.3, 15.0, 5.0
@@ -58,7 +58,7 @@ def pulled_away(folder, rate):
 
 def test_the_grip_slips_where_the_load_exceeds_the_friction_of_both_pads(tmp_path):
     """Without rotation the cube of 5 kg needs 5 kg times 35 t m/s^2 of 2 mu N = 9 N: until 9 / 175 s, inside a step."""
-    run = good(ffsm_mj.run(pulled_away(tmp_path, 35.0)), records=False)
+    run = proved(ffsm_mj.run(pulled_away(tmp_path, 35.0)), records=False)
     assert slips(run) == [pytest.approx(2 * MU * GRIP_N / (CUBE_KG * 35.0), rel=1e-6)] * 2
 
 
@@ -110,8 +110,7 @@ def simpson(values, dt):
 def test_squeeze():
     """The cube comes to rest in the pads, is moved at half of what friction can, and slides off them completely."""
     run = ffsm_mj.run("squeeze")
-    assert run.outcome == "completed", run.message
-    assert [check for check in all_checks(run) if not check.passes] == []
+    assert_passes(run)
     phases = {record.name: record.start_s for record in run.records["phases"]}
     (begins,) = {record.time_s for record in run.records["contact_sticks"]}
     assert phases["grip"] < begins < phases["retract"]

@@ -11,10 +11,11 @@ from ffsm_mj.cli.main import main
 from ffsm_mj.contact_models.persistent import active_set
 from ffsm_mj.replay import explain, replay_log
 from ffsm_mj.replay.truncation import AnalysisLimits, analyze_truncation
-from tests.contact_models.persistent.friction.reading import good, sticks
+from tests.contact_models.persistent.friction.reading import sticks
 from tests.contact_models.persistent.friction.scenes import block, pulled
 from tests.contact_models.persistent.friction.test_random_friction import rubbed
 from tests.contact_models.persistent.random_pushes import LAWS
+from tests.replays import proved
 
 TURNING = [[0.6, 0, 0], [0, 4.0, 0], [-3.0, 0, 0]]
 """A force that breaks the foot away at once, and turns by 2 rad while it slides, N."""
@@ -54,7 +55,7 @@ def test_steps_too_long_for_their_loads_fail_by_truncation_alone(tmp_path, step)
 def test_a_block_that_spins_until_it_stops_does_not(tmp_path, step):
     """Steps are divided while its slip turns, whatever was asked for."""
     spins = block(tmp_path, mu=0.5, velocity=(0.6, 0.2, 0.0), spin=4.0, weight=10.0, step=step, duration=0.16)
-    assert len(sticks(good(ffsm_mj.run(spins)))) == 1
+    assert len(sticks(proved(ffsm_mj.run(spins)))) == 1
 
 
 @pytest.mark.parametrize("seed", [204, pytest.param(292, marks=pytest.mark.long)])
