@@ -85,11 +85,11 @@ class _Start:
         solved = data.qpos.copy()
         if left > self._closed:
             # The given coordinates contradict the rows: how much so, and which values near them do not?
-            self._newton(self._movable({}))
+            fits = self._nearest()
             self._refuse_open(self._left(), self._closed)
             self._refuse_open(float(np.abs(self._loops.errors()).max()), _SILENT)
             if left > _NOTED:
-                raise ScenarioFaults([self._contradiction(named, solved, left)])
+                raise ScenarioFaults([self._contradiction(named, solved, left, fits)])
             if left > _SILENT:
                 changed = self._moved(solved, self._system.joints)
                 notes.append(f"the initial state is off {self._worst(solved)} by {left:.2g}, corrected to {changed}")
@@ -114,6 +114,41 @@ class _Start:
             if tree is self._system.robot or not across[:, tree.base_dofs].any():
                 free[tree.base_dofs] = False
         return free
+
+    def _nearest(self) -> bool:
+        """Go to a state near this one that closes the rows; returns whether it is within the ranges of the joints.
+
+        Joints that would be beyond the end of their range stay there. Where the rows cannot be closed so, ranges do not
+        count.
+        """
+        data, start, held = self._data, self._data.qpos.copy(), dict[str, float]()
+        while True:
+            self._go_to(start)
+            for name, end in held.items():
+                data.qpos[self._system.joints[name].qpos] = end
+            self._go_to(data.qpos.copy())
+            left = self._newton(self._movable(held))
+            beyond = {name: end for name, end in self._beyond().items() if name not in held}
+            if not beyond or left > self._closed:
+                break
+            held |= beyond
+        if left <= self._closed:
+            return True
+        self._go_to(start)
+        self._newton(self._movable({}))
+        return False
+
+    def _beyond(self) -> dict[str, float]:
+        """Hinges and slides in rows that are beyond their range, with its nearer end."""
+        model, found = self._model, dict[str, float]()
+        movable = self._movable({})
+        for name, joint in self._system.joints.items():
+            j = model.joint(name).id
+            if joint.kind in ("hinge", "slide") and model.jnt_limited[j] and movable[joint.dofs].any():
+                value, (low, high) = float(self._data.qpos[joint.qpos.start]), model.jnt_range[j].tolist()
+                if not low - self._closed <= value <= high + self._closed:
+                    found[name] = min(max(value, low), high)
+        return found
 
     def _newton(self, free: BoolArray) -> float:
         """Close the rows by some degrees of freedom as far as possible; returns what is left."""
@@ -232,13 +267,13 @@ class _Start:
         )
         raise ScenarioFaults([Fault(text, ("initial",))])
 
-    def _contradiction(self, named: Mapping[str, str], solved: FloatArray, left: float) -> Fault:
-        """Fault of given coordinates, with the nearest ones that fit."""
+    def _contradiction(self, named: Mapping[str, str], solved: FloatArray, left: float, fits: bool) -> Fault:
+        """Fault of given coordinates, with the nearest ones that fit, within the ranges of joints or, if not, beyond."""
         change = {name: float(np.abs(self._data.qpos[each] - solved[each]).max()) for name, each in self._places(named)}
         path = ("initial", "joints", named[max(change, key=lambda name: change[name])]) if change else ("initial",)
         return Fault(
-            f"the initial state is off {self._worst(solved)} by {left:.2g} m or rad; nearest values that fit: "
-            f"{self._moved(solved, named)}",
+            f"the initial state is off {self._worst(solved)} by {left:.2g} m or rad; nearest values that fit"
+            f"{'' if fits else ', none of which are within the ranges of all joints'}: {self._moved(solved, named)}",
             path,
         )
 

@@ -48,6 +48,8 @@ _OPTIONS = (
 )
 """Fields of mjOption in its order, which is that of the bits of ``MjSpec.authored.option``."""
 _IGNORE = "or write 'limits: ignore' in the scenario"
+BELOW_ZERO = "below zero, which would drive"
+"""Part of the refusal of a friction that is a mistake, and not a kind that is not modelled."""
 _MAY_HAVE_IT = "hinges and slides between links may have it"
 _ALLOWED = "connect, weld, and equality joint or tendon without wrapping geoms are, or use 'strip: [equalities]'"
 _JOINT, _SITE = int(mujoco.mjtWrap.mjWRAP_JOINT), int(mujoco.mjtWrap.mjWRAP_SITE)
@@ -242,7 +244,7 @@ def refusals(model: Any) -> Iterator[Finding]:
         elif model.jnt_type[j] == _BALL:
             where = f"on a ball joint, where limits by axis would depend on the frame; {_MAY_HAVE_IT}"
         elif loss < 0.0:
-            where = "below zero, which would drive the joint"
+            where = f"{BELOW_ZERO} the joint; it must be zero or more"
         if where:
             yield "joint", model.joint(j).name, f" has frictionloss {loss:g} {where}"
     for t in range(model.ntendon):
@@ -251,7 +253,7 @@ def refusals(model: Any) -> Iterator[Finding]:
         if loss and on_world:
             yield "tendon", name, f" has frictionloss {loss:g} and acts on the world; tendons between links may have it"
         elif loss < 0.0:
-            yield "tendon", name, f" has frictionloss {loss:g} below zero, which would drive the tendon"
+            yield "tendon", name, f" has frictionloss {loss:g} {BELOW_ZERO} the tendon; it must be zero or more"
         if limited and on_world:
             what = "limits of a tendon that acts on the world are not supported, as they would be external forces"
             yield "tendon", name, f": {what}; remove its range, {_IGNORE}"

@@ -185,7 +185,11 @@ def _taken_back(robot: Path, *paths: Path) -> Iterator[None]:
 def _of_robot(line: str, robot: Path, starts: Mapping[str, Path]) -> str:
     """A line about a file that is gone again, as one about the robot's file."""
     start = next((start for start in starts if line.startswith(f"{start}:")), None)
-    return line if start is None else f"{robot}: as {starts[start].name}: {line[len(start) + 1 :].lstrip()}"
+    if start is None:
+        return line
+    text = re.sub(r"^(\d+:)*\s*", "", line[len(start) + 1 :])  # a place in a file that nobody can look at
+    pose = "; the pose is that of its first keyframe, if it has one" if text.startswith("initial.joints.") else ""
+    return f"{robot}: as {starts[start].name}, which is not written: {text}{pose}"
 
 
 def _start(files: ModelFiles, ball: Path, wanted: str) -> Start:

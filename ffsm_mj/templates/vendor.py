@@ -12,6 +12,7 @@ from warnings import catch_warnings
 import mujoco
 
 from ffsm_mj.errors import InputError, unknown_name
+from ffsm_mj.model.audit import BELOW_ZERO
 from ffsm_mj.model.composition import compile_system
 from ffsm_mj.model.files import ModelFiles, read_model
 from ffsm_mj.model.mujoco_process import collected_warnings
@@ -76,22 +77,35 @@ def read_vendor(path: Path, packages: Sequence[Path], wanted: str = "") -> Vendo
 
 
 def needed_strips(files: ModelFiles) -> list[str]:
-    """What must be taken out of a model so that a conservative scenario takes it; nothing where that would not help."""
+    """What must be taken out of a model so that a conservative scenario takes it; nothing where that would not help.
+
+    Raises:
+        InputError: The model has a friction below zero: a mistake, which is not taken out.
+    """
     needed = list(_STRIPS)
     if _is_taken(files, ()) or not _is_taken(files, needed):
         return []
     for word in _STRIPS:
         less = [each for each in needed if each != word]
         needed = less if _is_taken(files, less) else needed
+    if "frictionloss" in needed:
+        refused = _refused(files, [each for each in needed if each != "frictionloss"])
+        if mistakes := [line for line in refused if BELOW_ZERO in line]:
+            raise InputError(mistakes)
     return needed
 
 
 def _is_taken(files: ModelFiles, strip_words: Sequence[str]) -> bool:
+    return not _refused(files, strip_words)
+
+
+def _refused(files: ModelFiles, strip_words: Sequence[str]) -> Sequence[str]:
+    """Why a conservative scenario does not take a model without some elements; empty if it does."""
     try:
         compile_system(replace(files, strip=tuple(strip_words)), {}, time_step_s=_TIME_STEP_S)
-    except InputError:
-        return False
-    return True
+    except InputError as error:
+        return error.lines
+    return ()
 
 
 def _root(spec: Any, place: str, wanted: str) -> Any:

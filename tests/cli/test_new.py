@@ -387,7 +387,8 @@ def test_a_robot_from_which_no_run_can_start(tmp_path, capfd, far, axis):
     assert main(["new", "q", "--robot", str(robot), "--out", str(tmp_path / "o")]) == 2
     captured = capfd.readouterr()
     assert captured.out == ""
-    assert re.fullmatch(rf"{robot}: as q\.xml: in its starting pose the mass matrix is .+\n", captured.err)
+    start = rf"{robot}: as q\.xml, which is not written: in its starting pose"
+    assert re.fullmatch(rf"{start} the mass matrix is .+\n", captured.err)
     assert list((tmp_path / "o").iterdir()) == []
 
 
@@ -446,3 +447,36 @@ def test_a_robot_of_menagerie_is_copied(vendor, tmp_path, monkeypatch, capfd):
     assert prepare("my.yaml").scenario.robot.asset_folders == ()
     assert "exists; nothing is written over it; --robot vendor/arm.xml uses" in refused(capfd, "it", "--menagerie", "vendor")
     assert "give the robot by --robot FILE or by --menagerie NAME" in refused(capfd, "it")
+
+
+def test_a_keyframe_that_contradicts_a_coupling_is_refused(tmp_path, capfd):
+    """Nothing names a file or a line that nobody can look at."""
+    robot = tmp_path / "arm.xml"
+    robot.write_text("""<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size=".1" mass="5"/>
+      <body name="l1" pos=".1 0 0"><joint name="j1" axis="0 0 1" range="-1 1"/><geom size=".03" pos=".1 0 0" mass="1"/>
+      <body name="l2" pos=".3 0 0"><joint name="j2" axis="0 0 1" range="-1 1"/><geom size=".03" pos=".1 0 0" mass="1"/>
+      </body></body></body></worldbody>
+      <equality><joint name="twice" joint1="j2" joint2="j1" polycoef="0 2 0 0 0"/></equality>
+      <keyframe><key qpos="0.9 0.3"/></keyframe></mujoco>""")
+    assert main(["new", "q", "--robot", str(robot), "--out", str(tmp_path)]) == 2
+    assert capfd.readouterr().err == (
+        f"{robot}: as q.yaml, which is not written: initial.joints.j2: the initial state is off {robot}:5: equality 'twice' "
+        "by 1.5 m or rad; nearest values that fit: robot/j1 0.5, robot/j2 1; the pose is that of its first keyframe, if it "
+        "has one\n"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.xml"]
+
+
+@pytest.mark.parametrize("option", ["robot", "scene"])
+def test_a_friction_below_zero_is_refused_and_not_stripped(tmp_path, capfd, option):
+    """It is a mistake of the file, and no kind of friction that is not modelled."""
+    file, out = tmp_path / "arm.xml", tmp_path / "out"
+    file.write_text("""<mujoco><worldbody><body name="arm"><freejoint/><geom size=".1"/><body pos="1 0 0">
+      <joint name="elbow" frictionloss="-3"/><geom size=".1"/></body></body></worldbody></mujoco>""")
+    asked = ["--robot", str(file)] if option == "robot" else ["--scene", str(file), "--robot", "arm"]
+    assert main(["new", "q", *asked, "--out", str(out)]) == 2
+    captured = capfd.readouterr()
+    assert captured.err.strip() == (
+        f"{file}:2: joint 'elbow' has frictionloss -3 below zero, which would drive the joint; it must be zero or more"
+    )
+    assert [*out.iterdir()] == []

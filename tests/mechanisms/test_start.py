@@ -160,3 +160,18 @@ def test_check_lists_rows_rank_and_mobility(tmp_path, capfd):
     path = mechanism(tmp_path, parallelogram(), {"bar0": 1e-5}, {})
     assert main(["check", str(path)]) == 0
     assert "the equality constraints are nearly singular at the initial state" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("polycoef", "expected"),
+    [
+        ("0 2 0 0 0", "nearest values that fit: robot/A 0.5, robot/B 1"),
+        ("3 2 0 0 0", "nearest values that fit: robot/A -1, robot/B 1"),
+        ("4 2 0 0 0", "nearest values that fit, none of which are within the ranges of all joints: robot/A -"),
+    ],
+)
+def test_the_nearest_values_are_within_the_ranges_of_the_joints(tmp_path, polycoef, expected):
+    """B = a0 + 2 A, both within 1 rad: the nearest values of all are beyond."""
+    robot = geared('range="-1 1"', gear="2").replace('"0 2 0 0 0"', f'"{polycoef}"')
+    robot = robot.replace('<joint name="A"', '<joint name="A" range="-1 1"')
+    assert expected in refused(tmp_path, robot, {"A": 0.9, "B": 0.3}, {})
