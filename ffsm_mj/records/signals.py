@@ -47,8 +47,6 @@ OVERLAP = "deepest_overlap_m"
 """Signal of the deepest penetration."""
 LIMIT_OVERRUN = {"rad": "joint_limit_overrun_rad", "m": "joint_limit_overrun_m"}
 """Signals of the largest travel past a joint limit, by the unit of the joint's coordinate."""
-FORCE_RESIDUAL = "contact_force_residual_N"
-"""Signal of the residual of the complementarity conditions of contact forces."""
 PROJECTED = "projected_{}_J"
 """Signals of the energy that projections of the state change, of closed contacts and of closed loops."""
 OBJECTS_WORK = "objects_work_J"

@@ -57,7 +57,7 @@ def replay_log(
         for block in log.blocks():
             kept.rows(before_loss(log, block))
             again = replay.take(block, sampling.ticks(block[:, log.header.layout.time]))
-            seen.rows(again)
+            seen.rows(again, forces_apart=replay.forces_apart)
             if rows is not None:
                 rows(again)
             if report is not None:

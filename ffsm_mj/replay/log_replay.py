@@ -53,6 +53,7 @@ class LogReplay:
 
     Attributes:
         found: Agreement so far, since the last part of the log that is lost.
+        forces_apart: Differences of the logged contact forces of the last :meth:`take` from independent checks, N, (n,).
         whole: The time of the first row after the first part of the log that is lost, s, and the agreement before that part,
             once the replay is past it: an event that is lost may have closed a contact or a grasp, of which later rows do
             not say enough to recompute them.
@@ -69,7 +70,7 @@ class LogReplay:
         self._period_s, self._told_above_N_s = self._step_s * self._steps, scenario.told_above_N_s
         self._system_motion = self._plant.integrator.motion
         self._command = Command.off(int(self._plant.system.mj.nu))
-        self.found = Agreements()
+        self.found, self.forces_apart = Agreements(), np.zeros(0)
         self._check = EventCheck(self._plant.integrator.event_sources, self.found.impacts)
         self._events = LoggedEvents(self._plant.system, log, self._step_s, self.found.impacts, self._check.fault_of)
         self._rows = ReplayedRows(self._plant, log.header.layout)
@@ -99,12 +100,14 @@ class LogReplay:
         """
         times, edges = block[:, self._time], {*range(0, len(block), BLOCK_ROWS), len(block)}
         edges |= {*np.searchsorted(times, self._lost_from, side="right").tolist()}
-        parts = []
+        parts, apart = [], []
         for first, end in pairwise(sorted(edges)):
             self._pass_lost(float(times[first]))
             again = self._take(block[first:end], ticks[first:end])
             parts.append(again if self.whole is None else block[first:end])
+            apart.append(self._rows.forces_apart[: end - first] if self.whole is None else np.zeros(end - first))
             self._last_s = float(times[end - 1])
+        self.forces_apart = np.concatenate(apart) if apart else np.zeros(0)
         return np.concatenate(parts) if parts else block.copy()
 
     def _pass_lost(self, time_s: float) -> None:

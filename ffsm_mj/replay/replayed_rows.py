@@ -13,7 +13,7 @@ from ffsm_mj.dynamics.rigid_body import with_signs_of
 from ffsm_mj.errors import InputError
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.records.columns import Columns, Row, same_names
-from ffsm_mj.records.signals import FORCE_RESIDUAL, Layout, coordinate_keys, rate_keys
+from ffsm_mj.records.signals import Layout, coordinate_keys, rate_keys
 from ffsm_mj.simulation.plant import Plant
 from ffsm_mj.simulation.rows import RowWriter
 from ffsm_mj.verification.agreement import Agreement, scales
@@ -90,8 +90,7 @@ class ReplayedRows:
         checks = (contact_model.force_check(layout) for contact_model in plant.integrator.replayable)
         self._force_checks = [check for check in checks if check is not None]
         self.forces = np.concatenate([np.zeros(0, dtype=np.intp), *(check.places for check in self._force_checks)])
-        self._residual, self._energy = layout.index[f"balance.{FORCE_RESIDUAL}"], layout.index["energy.total_J"]
-        self._mass = float(model.body_mass.sum())
+        self._energy, self._mass = layout.index["energy.total_J"], float(model.body_mass.sum())
         self._completed = 0
 
     def begin(self, block: FloatArray) -> LoggedRows:
@@ -161,7 +160,6 @@ class ReplayedRows:
         measured = scales(self._layout, self._known, again, momentum)
         accuracy = self.accuracy[:count, self._known]
         columns.rows(self._layout, self._known, block, again[:, self._known], measured, accuracy)
-        again[:, self._residual] = self.forces_apart[:count]  # the check uses the recomputed differences
         return again
 
 

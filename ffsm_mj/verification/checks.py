@@ -31,7 +31,6 @@ from ffsm_mj.records.load_columns import logged_load_columns
 from ffsm_mj.records.metadata import free_components, is_conservative
 from ffsm_mj.records.run_log import RunLog
 from ffsm_mj.records.signals import (
-    FORCE_RESIDUAL,
     LIMIT_FORCES,
     LIMIT_OVERRUN,
     OVERLAP,
@@ -75,13 +74,13 @@ CHECK_NAMES = (
     STACK_MOMENTUM,
 )
 """All checks. ``no penetration``, with a tolerance in m, if the log has the depth; ``no joint past its limit``, in rad or m,
-in runs with joint limits; ``contact complementarity`` with persistent contact; ``energy of projections`` where a state was
-projected; then the independent checks, in runs with what they check; the last one where the scenario asks."""
+in runs with joint limits; ``contact complementarity`` of a replay, with persistent contact; ``energy of projections`` where
+a state was projected; then the independent checks, in runs with what they check; the last one where the scenario asks."""
 
 Tolerance = float | Mapping[str, float]
 """One tolerance for all relative checks, or tolerances by check; other checks keep the default."""
 
-_OVERLAP, _RESIDUAL = f"balance.{OVERLAP}", f"balance.{FORCE_RESIDUAL}"
+_OVERLAP = f"balance.{OVERLAP}"
 _OVERRUN = {unit: f"balance.{name}" for unit, name in LIMIT_OVERRUN.items()}
 _OWN = {
     "no penetration": DEEPEST_M,
@@ -123,7 +122,7 @@ class CheckAccumulator:
         self._free, self._two_ways = free_components(metadata, "robot"), Peak()
         self._overlap, self._deepest = layout.index.get(_OVERLAP), Peak()
         self._overruns, self._past = [layout.index[key] for key in _OVERRUN.values() if key in layout.index], Peak()
-        self._residual, self._complementarity = layout.index.get(_RESIDUAL), Peak()
+        self._complementarity = Peak()
         of_pairs = [key.removesuffix("_mode") + "_force_N" for key in layout.keys if key.endswith("_mode")]
         of_limits = [key for key in layout.keys if key.endswith(LIMIT_FORCES) and key.startswith("contact.")]
         self._forces = layout.places((*of_pairs, *of_limits))
@@ -134,13 +133,15 @@ class CheckAccumulator:
         self._grasps = [layout.index[each.closed] for each in logged_load_columns(layout)]
         self._time, self.samples = layout.time, 0
 
-    def rows(self, block: FloatArray, added: FloatArray | None = None) -> None:
+    def rows(self, block: FloatArray, added: FloatArray | None = None, forces_apart: FloatArray | None = None) -> None:
         """Process the next rows.
 
         Args:
             block: Rows, (n, columns).
             added: To the residuals of energy, P and L of each subsystem in these rows, then to that of the heat of
                 sliding, (n, 22).
+            forces_apart: Differences of the logged contact forces from those that a replay finds, N, (n,); None: they are
+                not known, and ``contact complementarity`` is not checked.
         """
         given = np.zeros((len(block), 7 * len(SUBSYSTEMS) + 1)) if added is None else added
         more = given[:, :-1].reshape(len(block), len(SUBSYSTEMS), 7)
@@ -163,9 +164,8 @@ class CheckAccumulator:
             self._deepest.add(times, block[:, [self._overlap]], np.zeros(len(block)))
         if self._overruns:
             self._past.add(times, block[:, self._overruns].max(axis=1, keepdims=True), np.zeros(len(block)))
-        if self._residual is not None and len(self._forces):
-            forces = np.abs(block[:, self._forces]).max(axis=1)
-            self._complementarity.add(times, block[:, [self._residual]], forces)
+        if forces_apart is not None and len(self._forces):
+            self._complementarity.add(times, forces_apart[:, None], np.abs(block[:, self._forces]).max(axis=1))
         if self._projections:
             self._projected.add(times, block[:, self._projections].max(axis=1, keepdims=True), scales["total"][:, 0])
         self._heat.rows(block, given[:, -1])

@@ -49,16 +49,12 @@ from ffsm_mj.dynamics.motion import Motion
 from ffsm_mj.records.columns import Columns
 from ffsm_mj.records.contact_forces import ActiveContact, Wrench
 from ffsm_mj.records.kinds import RecordKind
-from ffsm_mj.records.signals import FORCE_RESIDUAL, Signal, identifier, limit_force_name
+from ffsm_mj.records.signals import Signal, identifier, limit_force_name
 from ffsm_mj.state import Stateful
 
 _FREE, _TOUCHING, _PRESSED = 0.0, 1.0, 2.0
 """Magnitude of the state of a joint's limits in the log; its sign is negative at the lower limit."""
 _STATES = {_FREE: "free", _TOUCHING: "touching", _PRESSED: "pressed"}
-_RESIDUAL = (
-    "zero; ffsm analyze finds the largest difference between the logged resultant force of a pair and that which it "
-    "recomputes from the states in the log, with other functions"
-)
 
 
 def state_key(limit: JointLimit) -> str:
@@ -258,11 +254,7 @@ class ContactReport(_ForceTable):
         self.friction = FrictionReport(with_friction)
         friction = self.friction
         closed.steady.report_to(RuleTables(self._values, self._rules, friction.values, friction.rules, friction.work_J))
-        self.columns = (
-            self._columns(signals),
-            Columns((Signal("balance", FORCE_RESIDUAL, "N", _RESIDUAL),), live=np.zeros(1)),
-            *(self.friction.columns if with_friction else ()),
-        )
+        self.columns = (self._columns(signals), *(self.friction.columns if with_friction else ()))
 
     def closed_rules(self) -> frozenset[str]:
         """Rules with a closed pair according to the columns."""
