@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.log.run_folder import BEFORE
@@ -19,6 +20,8 @@ from ffsm_mj.records.signals import TIME
 
 _TOGETHER = 8
 """Number of signals compared in one pass over two logs."""
+_LATEST_NS = 2.0**63
+"""Times of which whole nanoseconds are no 64-bit integer are those of damaged rows."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +113,9 @@ class Comparison:
 def compare_logs(a: RunLog, b: RunLog) -> Comparison:
     """Compare two runs at their common times."""
     layouts = a.header.layout, b.header.layout
-    times_a, times_b = (np.round(log.column(TIME) * 1e9).astype(np.int64) for log in (a, b))
+    (times_a, rows_a), (times_b, rows_b) = map(_times_ns, (a, b))
     _, of_a, of_b = np.intersect1d(times_a, times_b, assume_unique=True, return_indices=True)
+    of_a, of_b = rows_a[of_a], rows_b[of_b]
     both = [key for key in layouts[0].keys if key in layouts[1].index and key != TIME]
     return Comparison(
         scenario=tuple(_differences(scenario_data(a), scenario_data(b))),
@@ -124,6 +128,14 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
         samples=len(of_a),
         end_s=float(a.column(TIME)[of_a[-1]]) if len(of_a) else 0.0,
     )
+
+
+def _times_ns(log: RunLog) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
+    """Times of a log in whole nanoseconds, once each, and the first row of each: a damaged log may repeat a time or lack it."""
+    times = np.round(log.column(TIME) * 1e9)
+    known = np.flatnonzero(np.abs(times) < _LATEST_NS)
+    each, first = np.unique(times[known].astype(np.int64), return_index=True)
+    return each, known[first]
 
 
 def _records(a: RunLog, b: RunLog) -> Iterator[RecordsDifference]:

@@ -106,6 +106,19 @@ def test_a_run_is_the_same_as_itself(hit):
     assert found.first_s is None
 
 
+def test_comparison_pairs_rows_of_one_time(hit):
+    """Where a damaged log repeats a sample, or has one without a time."""
+    rows = np.array(hit.log.rows)
+    repeated = np.insert(rows, 100, rows[100], axis=0)
+    repeated[[0, 1], hit.log.header.layout.time] = np.inf, np.nan
+    found = ffsm_mj.compare(hit, Run(replace(hit.log, rows=repeated)))
+    assert (found.samples, found.same) == (499, True)
+    repeated[201] += 1e-3 * np.arange(rows.shape[1])  # the sample at 0.2 s, but for its time
+    found = ffsm_mj.compare(hit, Run(replace(hit.log, rows=repeated)))
+    assert {each.time_s for each in found.signals} == {0.2}
+    assert len(found.signals) == np.isfinite(rows[200]).sum() - 1
+
+
 def test_comparison_finds_what_differs_and_when(hit, tmp_path):
     """Half the restitution: equal up to the impact, then v = 0.2 and 0.4 m/s faster or slower by the closed form."""
     other = ffsm_mj.run(two_balls(tmp_path, duration_s=0.4, restitution=0.5))
