@@ -19,9 +19,11 @@ from ffsm_mj.dynamics.loops.equalities import equalities_of
 from ffsm_mj.dynamics.loops.latch import LatchedBodies
 from ffsm_mj.dynamics.rigid_body import mass_matrix
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
+from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.model.mujoco_process import collected_warnings
 from ffsm_mj.model.system import Joint, System
 from ffsm_mj.scenario.scenario import JointValue, ScenarioConfig
+from ffsm_mj.simulation.orbit import start_in_world
 from ffsm_mj.tolerances import MECHANISM_RANK
 
 _CLOSED = 1e-12
@@ -321,6 +323,9 @@ def initial_state(scenario: ScenarioConfig, system: System) -> InitialState:
                 with faults.below("initial", key, name):
                     if fault := _set_joint(system.joint(name), key, value, target):
                         faults.add(fault, "initial", key, name)
+    around = scenario.environment
+    if scenario.initial.frame == "lvlh" and around is not None and around.orbit is not None:
+        start_in_world(Orbit.of(around.orbit, around.world_axes), system, data)
     if fault := fault_of_start(system, data):
         raise ScenarioFaults([Fault(fault, ("initial",))])
     return InitialState(data, close_loops(system, data, scenario.initial.joints, scenario.initial.rates))

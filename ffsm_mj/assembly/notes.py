@@ -18,6 +18,7 @@ from ffsm_mj.assembly.assemble import Assembly
 from ffsm_mj.assembly.contact_rules import ContactRule, Contacts
 from ffsm_mj.assembly.control_laws import undriven_actuators
 from ffsm_mj.assembly.grasps import grasps_of
+from ffsm_mj.assembly.orbit_notes import orbit_lines, orbit_notes
 from ffsm_mj.assembly.plant import rounded_down, spring_lines
 from ffsm_mj.contact.joint_limit import JointLimit
 from ffsm_mj.contact.mesh_hull import hull_offset
@@ -434,6 +435,7 @@ def notes(assembly: Assembly) -> list[str]:
         *disarmed_pairs(assembly),
         *loop_notes(assembly),
         *friction_notes(assembly),
+        *orbit_notes(assembly),
         *never_armed(assembly.scenario),
     ]
 
@@ -457,17 +459,11 @@ def describe(assembly: Assembly) -> list[str]:
         f"  {scenario.ticks} control ticks of {scenario.control_period_s:g} s, steps of {scenario.time_step_s:g} s",
         *initial_lines(assembly),
     ]
-    outside = [*filter(None, [gravity_line(gravity_metadata(system.mj.opt.gravity))]), *_fields(scenario)]
+    outside = [*filter(None, [gravity_line(gravity_metadata(system.mj.opt.gravity))]), *orbit_lines(assembly)]
     lines += [f"breaks conservation: {fault}" for fault in system.faults] or [
         *(outside or ["conservative: nothing in the models breaks it"])
     ]
     return lines + [f"note: {note}" for note in (*notes(assembly), *mesh_notes(assembly.contacts, system))]
-
-
-def _fields(scenario: ScenarioConfig) -> list[str]:
-    """Line on the external fields."""
-    kinds = [each.kind for each in scenario.environment.fields] if scenario.environment is not None else []
-    return [f"external fields ({', '.join(kinds)}): their impulse and work enter the balance"] if kinds else []
 
 
 def _phases(scenario: ScenarioConfig) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,22 +27,27 @@ from ffsm_mj.contact_models.persistent.record import FRICTION_KINDS, LIMIT_KINDS
 from ffsm_mj.contact_models.registry import contact_model_of, record_kinds_of
 from ffsm_mj.controller_protocol import Task
 from ffsm_mj.dynamics.motion import Motion, actuator_power
+from ffsm_mj.dynamics.rigid_body import free_components
 from ffsm_mj.dynamics.springs import FastestMode, JointSprings
 from ffsm_mj.dynamics.stiff_actuators import StiffActuators
 from ffsm_mj.errors import Fault, Faults, ScenarioFaults
 from ffsm_mj.fields.interface import Field, field_of
+from ffsm_mj.fields.orbit import Orbit
 from ffsm_mj.log.recorder import BLOCK_ROWS
 from ffsm_mj.model.actuators import has_servos
 from ffsm_mj.model.inputs import controller_of, further_inputs
 from ffsm_mj.model.system import System
 from ffsm_mj.records.events import RunEnded
+from ffsm_mj.records.metadata import orbit_metadata
 from ffsm_mj.records.run_kinds import EFFORT_CHANGE
+from ffsm_mj.scenario.environment import EnvironmentConfig
 from ffsm_mj.scenario.scenario import ScenarioConfig
 from ffsm_mj.sensing.sampler import SensorSampler
 from ffsm_mj.sensing.sensor import sensors_of
 from ffsm_mj.simulation.control_timing import ControlTiming, DelayedControl, command_delays_s
 from ffsm_mj.simulation.fields import ExternalFields, bodies_of
 from ffsm_mj.simulation.integrator import EventDrivenIntegrator
+from ffsm_mj.simulation.orbit import OrbitSamples
 from ffsm_mj.simulation.plant import Plant, StateSignals
 from ffsm_mj.simulation.step_control import MOST_PARTS, StepControl
 from ffsm_mj.tolerances import DAMPER_STEP, EPSILON, MODE_STEP, RESOLVED_STEP, STIFF_STEP
@@ -238,20 +243,57 @@ def _declared(scenario: ScenarioConfig, scene: Scene) -> tuple[ContactModel, ...
 
 
 def external_fields(scenario: ScenarioConfig, scene: Scene) -> ExternalFields | None:
-    """The external fields of a scenario; None: there are none.
+    """The external fields of a scenario, with the columns of its orbit; None: there are none.
 
     Raises:
-        ScenarioFaults: A field cannot be created from its configuration.
+        ScenarioFaults: A field cannot be created from its configuration, or the models do not fit an orbit.
     """
     around, made = scenario.environment, list[Field]()
-    if around is None or not around.fields:
+    if around is None or (not around.fields and around.orbit is None):
         return None
     bodies = bodies_of(scene.system)
     with Faults() as faults:
         for i, config in enumerate(around.fields):
             with faults.below("environment", "fields", i):
                 made.append(field_of(config.kind)(config, bodies))
-    return ExternalFields(scene, made)
+        if around.orbit is not None:
+            for text in _unfit_for_orbit(scene.system, around):
+                faults.add(text, "environment", "orbit")
+    if around.orbit is None:
+        return ExternalFields(scene, made)
+    orbit = Orbit.of(around.orbit, around.world_axes)
+    field = orbit.field()
+    fields = ExternalFields(scene, made, field)
+    fields.columns = (OrbitSamples(orbit, field, fields, BLOCK_ROWS).columns,)
+    return fields
+
+
+def environment_metadata(around: EnvironmentConfig | None) -> dict[str, str]:
+    """Metadata of the orbit of a scenario."""
+    if around is None:
+        return {}
+    orbit = Orbit.of(around.orbit, around.world_axes) if around.orbit is not None else None
+    alone = orbit is not None and orbit.is_circular and not around.fields
+    return orbit_metadata(orbit.spin.tolist() if orbit is not None and alone else None, around.epoch)
+
+
+_IN_PLANE = (True, True, False, False, False, True)
+"""Components of (P, L) that joints of a base leave free in the plane x-y."""
+
+
+def _unfit_for_orbit(system: System, around: EnvironmentConfig) -> Iterator[str]:
+    """Why the models of a scene cannot be in orbit."""
+    if np.any(system.mj.opt.gravity):
+        yield "the models have a uniform gravity beside it; set it to 0 in the files, or write 'conservative: true'"
+    oblate = around.orbit is not None and around.orbit.j2
+    for tree in system.trees:
+        free = tuple(map(bool, free_components(system, tree)))
+        planar = free == _IN_PLANE and around.world_axes == "hill" and not oblate
+        if not all(free) and not planar:
+            yield (
+                f"the field moves the base of {tree.name!r} out of its joints: give it a free joint, or with "
+                "'world_axes: hill' and without J2 joints in the plane x-y"
+            )
 
 
 def record_kinds(

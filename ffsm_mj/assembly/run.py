@@ -18,7 +18,7 @@ from ffsm_mj.analysis.effort import Effort
 from ffsm_mj.analysis.run import ModelResults, Run
 from ffsm_mj.analysis.run_models import summary
 from ffsm_mj.assembly.assemble import Assembly, refuse_without_room
-from ffsm_mj.assembly.plant import record_kinds
+from ffsm_mj.assembly.plant import environment_metadata, record_kinds
 from ffsm_mj.assembly.process import noted, one_blas_thread, source_date
 from ffsm_mj.assembly.recorded_files import RecordedFiles, resolved_data
 from ffsm_mj.contact.watch import ContactWatch
@@ -213,7 +213,7 @@ def _metadata(assembly: Assembly) -> dict[str, str]:
         metadata |= phase_graph_metadata(ways)
     metadata |= conservative_metadata(assembly.system.faults) | free_metadata(assembly.plant.balance.free)
     metadata |= gravity_metadata(assembly.system.mj.opt.gravity)
-    metadata |= model_metadata(assembly.compiled.changes)
+    metadata |= environment_metadata(config.environment) | model_metadata(assembly.compiled.changes)
     if config.task is not None:
         metadata |= task_metadata(config.task.axes, config.task.target_m)
     if config.terminal is not None:

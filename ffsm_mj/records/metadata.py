@@ -140,6 +140,23 @@ def gravity_metadata(gravity: Iterable[float]) -> dict[str, str]:
     return {"gravity_m_s2": " ".join(texts)} if any(float(g) for g in texts) else {}
 
 
+def orbit_metadata(rate_rad_s: Sequence[float] | None, epoch: str | None) -> dict[str, str]:
+    """Metadata of an orbit.
+
+    Args:
+        rate_rad_s: Angular velocity of a circular orbit that is the only field, world axes, (3,); None: another orbit.
+        epoch: Date and time of t = 0 in UTC; None: not stated.
+    """
+    rate = {} if rate_rad_s is None else {"orbit_rate_rad_s": " ".join(repr(float(x)) for x in rate_rad_s)}
+    return rate | ({} if epoch is None else {"epoch_utc": epoch})
+
+
+def orbit_rate(metadata: Mapping[str, str]) -> FloatArray | None:
+    """Angular velocity of a circular orbit that is the only field, world axes, rad/s, (3,); None: there is none."""
+    text = metadata.get("orbit_rate_rad_s")
+    return None if text is None else np.array([float(x) for x in text.split()])
+
+
 def gravity_line(metadata: Mapping[str, str]) -> str:
     """Line of a report on gravity; empty without gravity."""
     if "gravity_m_s2" not in metadata:

@@ -22,6 +22,7 @@ GROUPS = {
     "energy": "kinetic energy; elastic energy of joint springs, if there are any",
     "momentum": "linear momentum P and angular momentum L about the world origin",
     "balance": "accumulated work and impulses since t = 0, and residuals of energy and momenta",
+    "orbit": "the reference orbit, and the bases of robot and objects in LVLH axes",
     "contact": "telemetry of the contact models",
     "actuators": "commanded and applied efforts, and their bounds",
     "sensor": "measurements as the control law is shown them, with their true values",
@@ -35,6 +36,8 @@ SUBSYSTEMS = ("total", "robot", "objects")
 # Components of a momentum or wrench about the world origin, with units.
 COMPONENTS = ("P_x_N_s", "P_y_N_s", "P_z_N_s", "L_x_N_m_s", "L_y_N_m_s", "L_z_N_m_s")
 
+POTENTIAL = "potential_J"
+"""Signal of the potential of an orbit's field."""
 TIME = "state.time_s"
 """Column of the simulation time."""
 TIP = ("state.tip_x_m", "state.tip_y_m", "state.tip_z_m")

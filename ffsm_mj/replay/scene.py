@@ -11,7 +11,7 @@ from ffsm_mj.assembly.control_laws import task_of
 from ffsm_mj.assembly.grasps import held_systems
 from ffsm_mj.assembly.initial_state import initial_state
 from ffsm_mj.assembly.joint_limits import joint_limits
-from ffsm_mj.assembly.plant import build_plant
+from ffsm_mj.assembly.plant import build_plant, environment_metadata
 from ffsm_mj.errors import InputError, ScenarioFaults
 from ffsm_mj.log.scenario import compile_log, scenario_data
 from ffsm_mj.records.metadata import conservative_metadata, free_metadata, gravity_metadata
@@ -80,5 +80,5 @@ def state_metadata(scene: LogScene) -> dict[str, str]:
     """Metadata of a run derived from its models."""
     system = scene.plant.system
     metadata = free_metadata(scene.plant.balance.free) | conservative_metadata(system.faults)
-    metadata |= gravity_metadata(system.mj.opt.gravity)
+    metadata |= gravity_metadata(system.mj.opt.gravity) | environment_metadata(scene.scenario.environment)
     return metadata | {"time_step_s": repr(scene.scenario.time_step_s)}

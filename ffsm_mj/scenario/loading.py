@@ -27,6 +27,7 @@ from ffsm_mj.fields.interface import PLUGINS as FIELDS
 from ffsm_mj.model.inline import inline_model
 from ffsm_mj.plugins import Plugins
 from ffsm_mj.records.signals import identifier
+from ffsm_mj.scenario.environment import environment_faults
 from ffsm_mj.scenario.faults import KindNames, plain_faults
 from ffsm_mj.scenario.models import with_scene
 from ffsm_mj.scenario.phases import PhaseConfig, graph_faults, is_branching
@@ -377,6 +378,11 @@ def _other_faults(scenario: ScenarioConfig) -> list[Fault]:
     frames = min(scenario.duration_s / scenario.control_period_s, scenario.duration_s * scenario.log.view_rate_hz)
     if frames > _MOST_FRAMES and not faults.found:
         faults.add(f"gives {frames:.3g} frames for viewers; at most {_MOST_FRAMES:g}", "log", "view_rate_hz")
+    around = scenario.environment
+    if around is not None:
+        faults.found += environment_faults(around)
+    if scenario.initial.frame != "world" and (around is None or around.orbit is None):
+        faults.add("needs 'environment.orbit': LVLH are axes on an orbit", "initial", "frame")
     if scenario.extends is not None:
         faults.add("can only stand in a scenario file", "extends")
     for reserved in {"robot", "world"} & set(scenario.objects):

@@ -186,6 +186,9 @@ class InitialConfig(StrictModel):
     """Rates by joint, rad/s or m/s; for a free joint velocity in world axes and angular velocity in body axes."""
     activations: dict[Name, float | list[float]] = {}
     """Activation of servos that have one, by actuator; left out: that at which the servo exerts no force."""
+    frame: Literal["world", "lvlh"] = "world"
+    """Axes of free joints: ``world``, with rates as an inertial observer sees them, or with an orbit ``lvlh`` at t = 0 (x
+    along V-bar, y along -H-bar, z along R-bar), with rates relative to these rotating axes: at rest is station-keeping."""
     from_: Annotated[Name | None, Field(alias="from")] = None
     """Folder of a run from which this one goes on, relative to this file; see docs/stepping.md."""
     at_s: PositiveFloat | None = None
@@ -294,7 +297,7 @@ class ScenarioConfig(StrictModel):
     contact_models: tuple[Annotated[Any, OF_PLUGIN], ...] = ()
     """Contact models in addition to impacts, each with its ``kind``; see docs/contact-models.md."""
     environment: EnvironmentConfig | None = None
-    """External fields; left out: none."""
+    """An orbit, and other external fields; left out: none."""
     log: LogConfig = LogConfig()
     uncertainties: dict[Name, PositiveFloat] = {}
     """Standard deviations of numbers of the scenario by dotted key, in their units: a run is repeated at plus and minus each

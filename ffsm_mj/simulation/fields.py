@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsm_mj._core.fields import Bodies, FieldForces
+from ffsm_mj._core.fields import Bodies, CompiledField, FieldForces
 from ffsm_mj.arrays import FloatArray
 from ffsm_mj.contact_models.interface import ForceSource, Scene
 from ffsm_mj.dynamics.motion import Motion
@@ -43,10 +43,11 @@ class ExternalFields(ForceSource):
     active = True
     is_external = True
 
-    def __init__(self, scene: Scene, fields: Sequence[Field]) -> None:
-        """Act on the bodies of a scene."""
+    def __init__(self, scene: Scene, fields: Sequence[Field], *compiled: CompiledField) -> None:
+        """Act on the bodies of a scene; the fields of the core are without memory."""
         super().__init__(scene)
-        self._fields, self.done = tuple(fields), np.zeros((len(scene.system.trees), 7))
+        self._fields: tuple[Field | CompiledField, ...] = (*compiled, *fields)
+        self.done = np.zeros((len(scene.system.trees), 7))
         self._stateful = {
             f"{each.kind} {i}": with_state(each, f"the external field {each.kind!r}") for i, each in enumerate(fields)
         }

@@ -43,7 +43,7 @@ from ffsm_mj.tolerances import CHECK_TOLERANCE, CONTACT_GAP_M
 from ffsm_mj.verification.check_result import Check
 from ffsm_mj.verification.impact_checks import FrictionCheck, impact_checks
 from ffsm_mj.verification.independent.finding import TOLERANCES as INDEPENDENT_TOLERANCES
-from ffsm_mj.verification.residuals import BalanceColumns, HeatCheck, Peak, ResidualDrift, stretch_s
+from ffsm_mj.verification.residuals import BalanceColumns, HeatCheck, JacobiCheck, Peak, ResidualDrift, stretch_s
 
 DEFAULT_TOLERANCE = CHECK_TOLERANCE
 """A check passes if its residual is at most this times (1 + scale), in SI units."""
@@ -63,10 +63,10 @@ STACK_MOMENTUM = "stack momentum at the end"
 """Name of the check that robot and grasped object have no angular momentum except in the wheels."""
 RELATIVE_CHECKS = (
     *("energy", "linear momentum", "angular momentum", "momentum two ways"),
-    *("impact energy", "impact restitution", "heat of sliding"),
+    *("impact energy", "impact restitution", "heat of sliding", "Jacobi integral"),
 )
-"""Checks with a tolerance relative to a scale; those of impacts only in runs with impacts, the last one with friction in
-persistent contact."""
+"""Checks with a tolerance relative to a scale; those of impacts only in runs with impacts, the heat with friction in
+persistent contact, the last one in a circular orbit."""
 CHECK_NAMES = (
     *RELATIVE_CHECKS,
     *("no penetration", "no joint past its limit", "contact complementarity", "energy of projections"),
@@ -101,6 +101,7 @@ _MEASURES = {
     "contact complementarity": ("N", ("force",)),
     "energy of projections": ("J", ("T",)),
     "heat of sliding": ("J", ("work", "fall")),
+    "Jacobi integral": ("J", ("J",)),
 }
 
 
@@ -129,7 +130,7 @@ class CheckAccumulator:
         of_projections = [f"balance.{PROJECTED.format(what)}" for what in ("contacts", "loops")]
         self._projections = [layout.index[key] for key in of_projections if key in layout.index]
         self._projected = Peak()
-        self._heat = HeatCheck(layout, stretch_s(metadata))
+        self._heat, self._jacobi = HeatCheck(layout, stretch_s(metadata)), JacobiCheck(layout, metadata)
         self._grasps = [layout.index[each.closed] for each in logged_load_columns(layout)]
         self._time, self.samples = layout.time, 0
 
@@ -169,6 +170,7 @@ class CheckAccumulator:
         if self._projections:
             self._projected.add(times, block[:, self._projections].max(axis=1, keepdims=True), scales["total"][:, 0])
         self._heat.rows(block, given[:, -1])
+        self._jacobi.rows(block)
 
     def checks(
         self,
@@ -205,6 +207,8 @@ class CheckAccumulator:
             checks.append(_check("energy of projections", "total", self._projected, allowed))
         if (heat := self._heat.worst) is not None:
             checks.append(_check("heat of sliding", "total", heat, allowed, self._heat.drift))
+        if (jacobi := self._jacobi.worst) is not None:
+            checks.append(_check("Jacobi integral", "total", jacobi[0], allowed, jacobi[1]))
         return (*checks, *impact_checks(impacts, allowed, friction))
 
 

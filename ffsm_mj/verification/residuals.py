@@ -13,13 +13,14 @@ import numpy as np
 
 from ffsm_mj.arrays import FloatArray, IntArray
 from ffsm_mj.balance.subsystems import energy_balance_residual, momentum_balance_residual
-from ffsm_mj.records.metadata import free_components
+from ffsm_mj.records.metadata import free_components, orbit_rate
 from ffsm_mj.records.signals import (
     COMPONENTS,
     CONTACT_WORK,
     DAMPER_HEAT,
     ELASTIC,
     OBJECTS_WORK,
+    POTENTIAL,
     SLIDING_HEAT,
     SPRING_TRUNCATION,
     SUBSYSTEMS,
@@ -238,6 +239,39 @@ class ResidualDrift:
     def worst(self) -> Peak:
         """Peak of the stretch whose peak is largest relative to the scale up to its end."""
         return self._here if self._done is None or self._here.rank > self._done.rank else self._done
+
+
+class JacobiCheck:
+    """Residuals of the Jacobi integral of a circular orbit from blocks of rows.
+
+    With n the rate of the orbit, T - n.L + U is constant but for what is not the field's. So are, by the balances of T and
+    L, the work of the field less n times its angular impulse, plus its potential U: two ways to the same field, of which the
+    potential is a function of the state alone.
+    """
+
+    def __init__(self, layout: Layout, metadata: Mapping[str, str]) -> None:
+        """Find the columns; there are none without a circular orbit that is the only field."""
+        self._rate, self._time, self._drift = orbit_rate(metadata), layout.time, ResidualDrift(stretch_s(metadata))
+        self._potential = layout.index.get(f"orbit.{POTENTIAL}") if self._rate is not None else None
+        if self._potential is not None:
+            self._work = layout.index["balance.total_field_work_J"]
+            self._moments = [
+                layout.places(f"balance.field_on_{of}_{component}" for component in COMPONENTS[3:]) for of in SUBSYSTEMS[1:]
+            ]
+
+    def rows(self, block: FloatArray) -> None:
+        """Process the next rows, (n, columns)."""
+        if self._potential is None or self._rate is None:
+            return
+        potential, work = block[:, self._potential], block[:, self._work]
+        moment = (block[:, self._moments[0]] + block[:, self._moments[1]]) @ self._rate
+        residual = potential + work - moment
+        self._drift.add(block[:, self._time], residual[:, None], np.abs(np.stack((potential, work, moment))).max(axis=0))
+
+    @property
+    def worst(self) -> tuple[Peak, float] | None:
+        """The worst residual and the largest since the first row, J; None without such an orbit."""
+        return (self._drift.worst, self._drift.drift) if self._potential is not None else None
 
 
 class HeatCheck:
