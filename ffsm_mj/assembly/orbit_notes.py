@@ -67,14 +67,14 @@ def orbit_notes(assembly: Assembly) -> Iterator[str]:
     far = float(np.linalg.norm(data.xipos[ids], axis=1).max())
     if far > _FAR_M:
         yield (
-            f"bodies are {far / 1e3:.4g} km from the origin of the orbit: gaps are rounded to {EPSILON * far:.1g} m, and what "
-            "is left out of the field, such as higher harmonics, grows with the distance; put the origin near what meets"
+            f"bodies are {far / 1e3:.4g} km from the origin of the orbit: gaps are rounded to {EPSILON * far:.1g} m, and "
+            "what is left out of the field, such as higher harmonics, grows with it; put the origin near what meets"
         )
     if system.fixed:
         names = ", ".join(each.name for each in system.fixed)
         yield (
             f"{names}: fixed objects keep their attitude in the world axes, which do not rotate, and are held against the "
-            f"tide; they turn by {math.degrees(orbit.rate_rad_s):.3g} deg/s relative to LVLH; a station is a heavy floating body"
+            f"tide; they turn by {math.degrees(orbit.rate_rad_s):.3g} deg/s relative to LVLH; let a station float"
         )
     speeds = [np.linalg.norm(data.qvel[each.dofs][:3]) for each in system.joints.values() if each.kind == "free"]
     if max(speeds, default=0.0) > _FAST_M_S:

@@ -51,7 +51,7 @@ def faults(*overrides, path=BASELINE):
         ("duration_s=1.0005", "must be a multiple of control_period_s (0.001 s)"),
         (
             "initial={form: run, at_s: 1}",
-            "initial.form: unknown key (did you mean 'from'?); allowed: activations, at_s, from, joints, rates",
+            "initial.form: unknown key (did you mean 'from'?); allowed: activations, at_s, frame, from, joints, rates",
         ),
         ("initial.joints.joint_9=1", "unknown joint 'joint_9' (did you mean 'robot/joint_3'?); allowed: object/x"),
         ("initial.joints.base_x=[1, 2]", "slide joint robot/base_x takes 1 number, got 2"),
