@@ -1,14 +1,7 @@
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from ffsm_mj.arrays import FloatArray, IntArray
-
-class BaseJoints(Protocol):
-    base: tuple[FloatArray, FloatArray, FloatArray]
-    free: bool
-    reading: Any
-    def pose(self, position: FloatArray, quaternion: FloatArray) -> None: ...
-    def rates(self, twist: FloatArray) -> None: ...
+from ffsm_mj.arrays import FloatArray
 
 class JointRow:
     count: int
@@ -42,14 +35,3 @@ class LoopStage:
     def drift(self) -> tuple[float, float]: ...
     def generalised(self, force: FloatArray) -> FloatArray: ...
     def push(self) -> None: ...
-
-class StateTransfer:
-    def __init__(
-        self,
-        logged: tuple[Any, Any, FloatArray],
-        moving: tuple[Any, Any, int],
-        shared: tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]],
-        placing: BaseJoints,
-    ) -> None: ...
-    def state(self) -> None: ...
-    def step(self) -> None: ...

@@ -19,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ffsm_mj._core.loops import StateTransfer
+from ffsm_mj._core.state_transfer import StateTransfer
 from ffsm_mj._core.steppers import WHOLE_STATE
 from ffsm_mj.arrays import FloatArray, numbers
 from ffsm_mj.contact_models.grasp.latch_joints import LatchJoints

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ffsm_mj._core.loops import StateTransfer
+from ffsm_mj._core.state_transfer import StateTransfer
 from ffsm_mj.contact_models.grasp.grasped_motion import GraspedMotion, check_grasped_system
 from ffsm_mj.contact_models.grasp.latch_joints import relative_twist_rows
 from ffsm_mj.contact_models.grasp.load import InterfaceLoad
