@@ -131,7 +131,7 @@ def compare_logs(a: RunLog, b: RunLog) -> Comparison:
 
 
 def _times_ns(log: RunLog) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.intp]]:
-    """Times of a log in whole nanoseconds, once each, and the first row of each: a damaged log may repeat a time or lack it."""
+    """Times of a log in whole nanoseconds, once each, and the first row of each: a damaged log may repeat or lack some."""
     times = np.round(log.column(TIME) * 1e9)
     known = np.flatnonzero(np.abs(times) < _LATEST_NS)
     each, first = np.unique(times[known].astype(np.int64), return_index=True)

@@ -173,8 +173,8 @@ class ImpactRecord:
     )
     theta: float = declared(THETA, after="status", default=1.0)
     tangential_impulse_N_s: Values = declared(
-        "Friction impulse on b in world axes, tangential. Without friction it is zero, as are all fields below "
-        "except the normal work, which is then that of the impulse alone.",
+        "Friction impulse on b in world axes, tangential. Without friction it is zero, as are ``slip_before_m_s``, "
+        "``slip_after_m_s``, ``friction_work_J`` and ``compression_work_J``; ``path`` is empty.",
         column="friction impulse on b, world frame",
         components="xyz",
         after="mu",

@@ -19,16 +19,17 @@ from ffsm_mj.records.events import ControllerReport
 from ffsm_mj.records.record import ONE_VALUE, columns_of, lengths_of, meanings
 from ffsm_mj.records.signals import Layout
 
-_TAKEN = frozenset(
+SUMMARY_KEYS = frozenset(
     (
-        *("samples", "contacts", "grasps", "checks", "plumes"),  # tables and topics of every run
-        *("schema_version", "scenario", "outcome", "message", "duration_s", "steps", "wall_s", "real_time_factor"),
-        *("effort", "base_rotation", "angular_momentum", "sensitivity", "law_wall_s_per_tick"),
-        *("sub_steps", "smallest_step_s", "conservative", "tip", "controller", "conservation"),
-        *("checks", "versions"),  # keys of summary.json
+        *("schema_version", "scenario", "outcome", "message", "start_s", "duration_s", "steps", "sub_steps"),
+        *("smallest_step_s", "wall_s", "real_time_factor", "law_wall_s_per_tick", "conservative", "contacts", "grasps"),
+        *("tip", "controller", "conservation", "model", "controller_model", "versions"),
+        *("effort", "base_rotation", "angular_momentum", "checks", "sensitivity"),
     )
 )
-"""Plurals that have another meaning."""
+"""Keys of ``summary.json`` that are not plurals of kinds; some runs lack some of them."""
+_TAKEN = SUMMARY_KEYS | {"samples", "plumes"}
+"""Plurals that have another meaning: in the summary, as a table or as a topic."""
 _LETTERS = re.compile(r"_\{(\w+)\}")
 _KNOWN: dict[str, RecordKind] = {}
 

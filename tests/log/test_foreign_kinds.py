@@ -113,6 +113,16 @@ def test_a_log_of_another_format_is_refused_by_its_version(plain_run, tmp_path, 
         ffsm_mj.load_run(tmp_path / "x.mcap")
 
 
+def test_a_log_with_two_channels_of_a_topic_is_refused(plain_run, tmp_path):
+    """As of merged files: the schema of one would be taken for the samples of the other."""
+    recorded(plain_run, tmp_path / "out", kinds=())
+    found = list(records((tmp_path / "out" / "run.mcap").read_bytes()))
+    at = next(i for i, each in enumerate(found) if isinstance(each, Channel) and each.topic == "/ffsm/sample")
+    (tmp_path / "x.mcap").write_bytes(log([*found[:at], found[at], replace(found[at], id=999), *found[at + 1 :]]))
+    with pytest.raises(LogError, match=r"two channels of /ffsm/sample: a log has one of each topic$"):
+        ffsm_mj.load_run(tmp_path / "x.mcap")
+
+
 @pytest.mark.usefixtures("grips")
 def test_an_inconsistent_record_is_refused(plain_run, tmp_path):
     """Wrong lengths of vectors, a missing second geom, a missing entry that the marks need."""

@@ -16,18 +16,21 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 import ffsm_mj
+from ffsm_mj.analysis.run import Run
 from ffsm_mj.cli.main import main
+from ffsm_mj.contact_models.grasp.records import GRASP
 from ffsm_mj.log.markers import declared_arrows
 from ffsm_mj.log.recorder import MemorySink
 from ffsm_mj.log.rerun.sink import write_recording
 from ffsm_mj.records import kinds as register_of_kinds
-from ffsm_mj.records.kinds import Mark, kinds, register
+from ffsm_mj.records.kinds import SUMMARY_KEYS, Mark, kinds, register
 from ffsm_mj.report.page import scene as page_scene
 from ffsm_mj.report.page.scene import poses
 from ffsm_mj.report.pictures import _arrows, pictures
 from ffsm_mj.report.plots import comparison, figures
 from ffsm_mj.report.plots.silhouette import Plane
 from ffsm_mj.report.plots.subject import Subject
+from ffsm_mj.report.verification_report import SENSITIVITY_KEY
 from tests.log.grips import FIRST, GRIP, LAST, arrows, recorded
 from tests.log.markers import scale_of
 from tests.log.test_recording import read as read_recording
@@ -217,7 +220,11 @@ def test_a_record_that_the_header_does_not_name_is_refused(plain_run):
 @pytest.mark.usefixtures("grips")
 def test_keys_of_the_summary_and_names_of_tables_are_reserved(plain_run):
     """A kind could otherwise replace an entry of every run."""
-    words = {*plain_run.summary(), "samples", "checks"} - {kind.plural for kind in kinds()}
-    for word in words:
+    header = plain_run.log.header
+    facts = dict(header.metadata) | {"start_s": "0.1", "model": "{}", "controller_model": "{}"}
+    every = Run(replace(plain_run.log, header=replace(header, metadata=facts, kinds=(*header.kinds, GRASP.name))))
+    words = {*ffsm_mj.summary(every), SENSITIVITY_KEY} - {kind.plural for kind in kinds()}
+    assert words == SUMMARY_KEYS
+    for word in words | {"samples", "plumes"}:
         with pytest.raises(ValueError, match="the name is reserved"):
             register(replace(GRIP, name=f"{word}_of_mine", plural=word, record=Mark))

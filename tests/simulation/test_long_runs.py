@@ -83,6 +83,9 @@ def test_rows_on_disk_are_indexed_like_an_array(tmp_path_factory, key):
     whole = rows.copy()
     assert rows.shape == whole.shape == (4001, whole.shape[1])
     np.testing.assert_array_equal(rows[key], whole[key])
+    for beyond in (rows.shape[1], -rows.shape[1] - 1):
+        with pytest.raises(IndexError, match="out of range"):
+            rows[:, beyond]
 
 
 @pytest.mark.usefixtures("large")

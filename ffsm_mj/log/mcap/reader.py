@@ -1,6 +1,7 @@
-"""Reader of ``run.mcap`` and ``run.mcap.partial``, complete, incomplete or damaged, in one pass.
+"""Reader of ``run.mcap`` and ``run.mcap.partial``, complete, incomplete or damaged.
 
-Rows of a long run are read on demand: it is never completely in memory.
+Its records are read in one pass; of a complete file a second one computes the checksum of all its bytes. Rows of a long run
+are read on demand: it is never completely in memory.
 """
 
 from __future__ import annotations
@@ -70,15 +71,15 @@ def stored_states(path: Path) -> list[bytes]:
     """
     with opened(path) as file:
         found = _Contents(path, file)
-        channels = [each for each in found.channels.values() if each.topic == form.STATE_TOPIC]
-        return [message for channel in channels for message in found.messages(channel)]
+        channel = found.topics.get(form.STATE_TOPIC)
+        return list(found.messages(channel)) if channel is not None else []
 
 
 class _Contents:
     """Content of a log, within limits far above those of any run.
 
     Attributes:
-        channels: Channels by their ids.
+        topics: Channels by their topics, in the order of the file.
         samples: Positions of the samples.
     """
 
@@ -86,10 +87,10 @@ class _Contents:
         """Read all records but the messages, of which the positions are kept.
 
         Raises:
-            LogError: There are too many records, or they are too large.
+            LogError: There are too many records, they are too large, or two channels have one topic.
         """
         self._path, self._file = path, file
-        self.channels: dict[int, Channel] = {}
+        channels: dict[int, Channel] = {}
         self._schemas: dict[int, bytes] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         self._attachments: dict[str, bytes] = {}
@@ -103,7 +104,7 @@ class _Contents:
             elif isinstance(record, Schema):
                 self._schemas.setdefault(record.id, record.data)
             elif isinstance(record, Channel):
-                self.channels.setdefault(record.id, record)
+                channels.setdefault(record.id, record)
             elif isinstance(record, Metadata):
                 self._metadata[record.name] = record.metadata
             elif isinstance(record, Attachment):
@@ -111,8 +112,14 @@ class _Contents:
                 if attached > limits.ATTACHED_BYTES:
                     raise LogError(path, f"more than {limits.ATTACHED_BYTES >> 30} GiB of attachments")
                 self._attachments[record.name] = record.data
-        number = next((channel.id for channel in self.channels.values() if channel.topic == form.SAMPLE_TOPIC), 0)
-        self.samples = self._batches.get(number, [])
+        self.topics: dict[str, Channel] = {}
+        for channel in channels.values():
+            if self.topics.setdefault(channel.topic, channel) is not channel and channel.topic.startswith("/ffsm/"):
+                raise LogError(
+                    path, f"two channels of {one_line(channel.topic[:_LONGEST_TOPIC])}: a log has one of each topic"
+                )
+        samples = self.topics.get(form.SAMPLE_TOPIC)
+        self.samples = self._batches.get(samples.id, []) if samples is not None else []
 
     def messages(self, channel: Channel) -> Iterator[bytes]:
         """Messages of a channel, in order."""
@@ -141,8 +148,7 @@ class _Contents:
         Raises:
             LogError: The content is not that of a run.
         """
-        path, metadata = self._path, self._metadata
-        channels = {channel.topic: channel for channel in self.channels.values()}
+        path, metadata, channels = self._path, self._metadata, self.topics
         channel = channels.get(form.SAMPLE_TOPIC)
         if channel is None or channel.schema_id not in self._schemas:
             if form.RUN_METADATA in metadata:
@@ -184,7 +190,7 @@ class _Contents:
 
     def _lost(self) -> tuple[tuple[float, float], ...]:
         """Times between which a part of the file is lost; see :class:`ffsm_mj.records.run_log.RunLog`."""
-        ours = {channel.id for channel in self.channels.values() if channel.topic.startswith("/ffsm/")}
+        ours = [channel.id for topic, channel in self.topics.items() if topic.startswith("/ffsm/")]
         batches = [batch for number in ours for batch in self._batches.get(number, [])]
         batches.sort(key=lambda batch: batch.chunk)
         times = np.array([batch.times_ns for batch in batches], dtype=np.float64).reshape(-1, 2)
@@ -316,7 +322,7 @@ class StoredRows:
             return self._all[key]
         rows, columns = key if isinstance(key, tuple) else (key, slice(None))
         if isinstance(columns, int | np.integer):
-            return self._column(int(columns) % self._width)[rows]
+            return self._column(range(self._width)[columns])[rows]
         chosen = np.arange(self._width)[columns]
         if isinstance(rows, int | np.integer):
             row = int(np.arange(self._count)[rows])

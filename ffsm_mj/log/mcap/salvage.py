@@ -84,7 +84,7 @@ def opened(path: Path) -> Iterator[LogFile]:
 
 
 class LogFile:
-    """One pass over the records of a file, up to its length at opening, and the content of its chunks.
+    """The records of a file in one pass, up to its length at opening, and the content of its chunks.
 
     Attributes:
         size: Length of the file, bytes.
@@ -192,7 +192,7 @@ class LogFile:
         return None
 
     def _summary(self, data_end: int, start: int) -> Iterator[Any]:
-        """Schemas and channels of the summary section, if its checksum matches."""
+        """Schemas and channels of the summary section, if its checksum matches; all bytes are read again for checksums."""
         stated = int.from_bytes(self._take(data_end + _RECORD.size, start), "little")
         self.data_match = stated in {0, self._checksum(0, data_end)}
         checksum = self.size - len(MAGIC) - 4

@@ -119,7 +119,8 @@ class McapSink(Sink):
     def open(self, header: RunHeader) -> None:
         """Write metadata, signals, scenario and models, which every readable log needs.
 
-        They are collected in memory and written at once: a kill leaves no file, or a readable one.
+        They are collected in memory and written at once: a kill leaves no file, or one with all of them but the channels,
+        which are in the first chunk. From its first flushed samples on it is readable.
         """
         self._viewer.open(header)
         self._codec = form.SampleCodec(header.layout)
